@@ -99,6 +99,12 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[{inner!r}]; a "
                 f"component is needed, as in {kind.title()}[Body]"
             )
+        if kind in ("read", "write", "add") and not inner.columns:
+            rows = "" if issubclass(inner, Singleton) else f"; Rows[{inner.__name__}] are the entities that have it"
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}"
+                f"[{inner.__name__}], which has no columns{rows}"
+            )
         if kind == "add" and issubclass(inner, Event):
             raise DeclarationError(
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "

@@ -122,7 +122,10 @@ def table_type(cls: type["Component"]) -> Any:
 
 
 class Component:
-    """State of an entity: one row in every world for each row of the archetypes that have it."""
+    """State of an entity: one row in every world for each row of the archetypes that have it.
+
+    One without columns is a marker: Rows[Burning] are the entities of the archetypes that have it.
+    """
 
     columns: ClassVar[dict[str, Column]] = {}
     requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this has those, too
@@ -140,8 +143,9 @@ class Component:
                 f"{cls.__name__} extends {base}, which has columns: a component has its own columns only; "
                 "let entities have both"
             )
-        if not columns:
-            return  # a base such as Singleton
+        if not columns:  # a base such as Singleton, or a marker
+            cls.Table = table_type(cls)
+            return
         for name, value in columns.items():
             if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
@@ -178,6 +182,11 @@ class Component:
 
 class Singleton(Component):
     """State of a world as a whole. A column without dimensions has shape (worlds, 1)."""
+
+    def __init__(self, **fills: Any) -> None:
+        if not self.columns:
+            raise DeclarationError(f'{type(self).__name__} has no columns: declare one, as in x: Array = column("f4")')
+        super().__init__(**fills)
 
     @classmethod
     def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 from .given import GIVEN, ONCE, WORD
 from .jit import kernel
 from .random import integer, stream_number, words
-from .varied import VariedNumber, encode, patches
+from .varied import VariedNumber, encode
 
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
@@ -46,7 +46,7 @@ class Plan:
 
 
 def plan(layout: Any) -> Plan:
-    """The arrays for `draw`, for an ecs.layout.Layout. Raises what `patches` raises."""
+    """The arrays for `draw`, for an ecs.layout.Layout. Raises what `varied.patches` raises."""
     numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
     for number in numbers:
         values = number.distribution.values if number.distribution.kind in (CHOICE, FREE) else ()
@@ -70,7 +70,7 @@ def plan(layout: Any) -> Plan:
         ends=np.array(ends, np.float64).reshape(-1, 2),
         choices=np.array(choices or [0], np.int32),
         options=np.array(options, np.int32).reshape(-1, 2),
-        patches=np.array(patches(layout), np.int32).reshape(-1, 3),
+        patches=np.array(layout.varied_patches, np.int32).reshape(-1, 3),
         absences=np.array(absences, np.int32).reshape(-1, 3),
     )
 

@@ -65,6 +65,7 @@ class EntityView:
         alive = "alive" if self[Entity].alive else "not in the world"
         lines = [f"{self._name}, {alive}"]
         for component in self._tables:
+            lines += [f"  {component.__name__}"] if not component.columns else []
             for k, (column, value) in enumerate(self[component]._asdict().items()):
                 lines.append(f"  {'' if k else component.__name__:<12} {column:<18} {_text(value)}")
         return "\n".join(lines)

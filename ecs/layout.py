@@ -28,7 +28,7 @@ from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, place, replaced
+from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, patches, place, replaced
 
 
 class Layout:
@@ -146,6 +146,11 @@ class Layout:
     def agent_patches(self) -> list[tuple[int, int, int]]:
         """Where numbers of agents are prefab values: a word, where it goes in the state, and how many bytes it has."""
         return all_patches(self)
+
+    @functools.cached_property
+    def varied_patches(self) -> list[tuple[int, int, int]]:
+        """Likewise the varied numbers of a world. Raises what `varied.patches` raises."""
+        return patches(self)
 
     @property
     def keyed(self) -> bool:
@@ -322,7 +327,7 @@ class Layout:
 
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
         """Table of a packed component over `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
-        return component.Table(*(place.view(block) for place in self._places_of[component]))
+        return component.Table(*(place.view(block) for place in self._places_of.get(component, ())))
 
     @functools.cached_property
     def _places_of(self) -> dict[type[Component], list[Place]]:

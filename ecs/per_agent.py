@@ -24,7 +24,7 @@ from .made_once import differences, is_read, reasons
 from .numbers import owners, rule_of
 from .random import integer, stream_number
 from .roles import ANYONE, NEVER, Roles, spread
-from .varied import check_kind, encode
+from .varied import Varied, check_kind, encode
 
 AGENT = "agent"  # the archetype that has roles
 ROLES, ROWS, WORDS = "roles", "role rows", "role words"  # dimensions
@@ -175,12 +175,15 @@ def all_patches(layout: Any) -> list[tuple[int, int, int]]:
 
 
 def initial_image(worlds: Any, w: int) -> Array:
-    """uint8 (world_bytes,): what the episode of world `w` began with, with the prefab values of its agents."""
-    image: Array = worlds.layout.initial_image.copy()
-    if worlds.layout.per_agent and worlds[Clock].episode[w, 0]:
-        words = worlds[AgentNumbers].words[w].view(np.uint8)
-        for word, offset, width in worlds.layout.agent_patches:
-            image[offset : offset + width] = words[4 * word : 4 * word + width]
+    """uint8 (world_bytes,): what the episode of world `w` began with, with the values of its own and of its agents."""
+    layout = worlds.layout
+    image: Array = layout.initial_image.copy()
+    if worlds[Clock].episode[w, 0]:
+        own = [(Varied, layout.varied_patches)] if layout.varied else []
+        for component, patches in own + ([(AgentNumbers, layout.agent_patches)] if layout.per_agent else []):
+            words = worlds[component].words[w].view(np.uint8)
+            for word, offset, width in patches:
+                image[offset : offset + width] = words[4 * word : 4 * word + width]
     return image
 
 

@@ -339,7 +339,10 @@ class Worlds:
             for component, name in self.layout.actions
         }
         if len(kinds) > 1:
-            found = ", ".join(f"{dtype} {shape}" for dtype, shape in sorted(kinds, key=str))
+            found = ", ".join(
+                f"{component.__name__}.{name} {component.columns[name].dtype} {component.row_shape(name, self.dims)}"
+                for component, name in self.layout.actions
+            )
             raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
         dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
         return np.zeros((len(self.layout.actions), self.count, *shape), dtype)

@@ -75,12 +75,12 @@ def _seed(value: Any) -> np.uint64:
     return np.uint64(int(value))
 
 
-def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
+def reset_mask(options: Any, count: int) -> Array:
     """options["reset_mask"], bool (count,); all if there is none.
 
     Other keys are a ValueError: a typo in this one would reset everything.
     """
-    if set(options or ()) - {"reset_mask"}:
+    if not isinstance(options, dict | None) or {*(options or ())} - {"reset_mask"}:
         raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
     return world_mask("reset_mask", (options or {}).get("reset_mask"), count)
 

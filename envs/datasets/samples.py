@@ -16,6 +16,7 @@ from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
 from ..core.agents import alive, counts_vary, present
 from ..core.spaces import published
+from ..errors import RecordingError
 from ..recording import Recording, Replay
 from ..scenarios.fingerprint import fingerprint
 
@@ -100,23 +101,33 @@ def concatenate(parts: list[Samples]) -> Samples:
 
 
 def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
-    """The samples of a recording, tick by tick; ticks without any are left out. Raises ReplayError, RecordingError."""
+    """The samples of a recording, tick by tick; ticks without any are left out.
+
+    Raises:
+        RecordingError: There are none at all, or the file is damaged.
+        ReplayError: A replay is not what was recorded.
+    """
     worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
     buffers = {key: getattr(worlds[c], name) for key, c, name, _ in published(worlds, Observation)}
     selected = np.zeros(worlds.count, bool)
     selected[list(selection.worlds)] = True
     before: dict[str, Array] = {}
-    living = np.zeros(0, bool)
+    living, found = np.zeros(0, bool), False
     for number in replay.ticks(selection.verify, last=selection.last):
         rows = np.flatnonzero(selected & (worlds.mode == STEP))
         if number >= selection.first and rows.size:
-            last = np.isin(rows, last_steps.get(number, ()))
+            found, last = True, np.isin(rows, last_steps.get(number, ()))
             observations = {key: before[key][rows] for key in buffers}
             final = {key: buffer[rows[last]] for key, buffer in buffers.items()}
             yield Samples(_columns(replay, rows, living[rows], last), observations, final)
         selection.progress(number)
         before = {key: buffer.copy() for key, buffer in buffers.items()}
         living = alive(worlds)
+    if not found:
+        raise RecordingError(
+            f"{replay.recording.path}: none of the worlds asked for takes a step in the ticks {selection.first} to "
+            f"{selection.last}, so there is no sample; tick 0 resets all worlds"
+        )
 
 
 def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[str, Array]:

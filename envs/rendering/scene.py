@@ -70,7 +70,7 @@ class Scene:
 
     def prefab(self, component: type[Component]) -> Any:
         """The table as it is at the start of an episode."""
-        if self.worlds.layout.per_agent:
+        if self.worlds.layout.per_agent or self.worlds.layout.varied:
             return _table(self.worlds.layout, component, initial_image(self.worlds, self.w))
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 

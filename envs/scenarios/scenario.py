@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
-from outlast.ecs.identity import full_name
 from outlast.ecs.per_agent import checked_roles
 from outlast.ecs.roles import NEVER
 from outlast.ecs.varied import place
@@ -21,12 +20,10 @@ from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
 from .changes import as_file_name, by_full_name, following, leaders, numbers, titles
-from .differing import plain, restored
+from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
-from .mechanics import rebuilt_mechanics
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
-VERSION = 1  # of the form of to_json
 LOGGER = logging.getLogger("outlast")
 
 
@@ -64,6 +61,7 @@ class Scenario:
     added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "modules", tuple(self.modules))
         check_together(self.name, self.modules)
         for chain in self.order:
             if len(chain) < 2 or not all(isinstance(name, str) for name in chain):
@@ -86,7 +84,7 @@ class Scenario:
         return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
-        """The same with more mechanics; one of a kind that is there already is replaced.
+        """The same with more mechanics; one of a kind that is there already is replaced, and its numbers vary no more.
 
         Args:
             *modules: Instances, such as Melee(damage=20).
@@ -96,7 +94,8 @@ class Scenario:
         """
         check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
-        made = self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+        varied = tuple(entry for entry in self.varied if entry[0] not in numbers(modules))
+        made = self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules), varied=varied)
         now = made.numbers()
         more = {name: (now[name], now[leader]) for name, leader in leaders(modules).items() if leader in now}
         object.__setattr__(made, "added", {**self.added, **more})
@@ -203,7 +202,8 @@ class Scenario:
             NumberError: No roles, a number that is unknown, the same for all agents, or out of its range.
         """
         named = []
-        for name, each in roles.items():
+        options: dict[str, Any] = {"drawn": drawn, "observed": observed}
+        for name, each in (roles | {name: each for name, each in options.items() if isinstance(each, Role)}).items():
             if not isinstance(each, Role):
                 raise NumberError(f"{name} = {each!r:.60}: a role is needed, as in {name}=outlast.role(1)")
             numbers = by_full_name(self.find_number, dict(each.numbers))
@@ -266,10 +266,8 @@ class Scenario:
         return numbers(self.modules)
 
     def to_json(self) -> str:
-        """All of it but its origin, as JSON: mechanics by the full names of their classes."""
-        classes = [full_name(type(module)) for module in self.modules]
-        form = {"version": VERSION, "name": self.name, "about": self.about, "modules": classes}
-        return json.dumps(form | {"numbers": self.numbers(), "order": self.order} | plain(self), indent=1) + "\n"
+        """All of it as JSON: mechanics by the full names of their classes."""
+        return json.dumps(as_form(self), indent=1) + "\n"
 
     @classmethod
     def from_json(cls, text: str) -> "Scenario":
@@ -280,17 +278,17 @@ class Scenario:
             NumberError: A number is out of its range.
         """
         try:
-            form = json.loads(text)
-            if form["version"] != VERSION:
-                raise ScenarioError(f"version {form['version']!r:.20} of the format: {VERSION} is needed")
-            name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
-            texts = [name, about, *names, *(label for chain in order for label in chain)]
-            if not all(isinstance(each, str) and each.isprintable() for each in texts):
-                raise ScenarioError("its names cannot be")
-            modules = rebuilt_mechanics(names, dict(form["numbers"].items()))
-            return cls(name, modules, about, tuple(map(tuple, order)), **restored(modules, form))
+            return cls._from_form(json.loads(text))
         except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
+
+    @classmethod
+    def _from_form(cls, form: dict[str, Any]) -> "Scenario":
+        made = cls(**arguments(form))
+        if "origin" in form:
+            object.__setattr__(made, "origin", cls._from_form(form["origin"]))
+        object.__setattr__(made, "added", added(form, made.modules))
+        return made
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_json` to a file, whole or not at all; what was there before is replaced.

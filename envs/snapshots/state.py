@@ -125,6 +125,8 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
 
     Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
     """
+    if not isinstance(state, State):
+        raise StateError(f"{state!r:.60} is no State, which get_state() returns and State.load() reads")
     if other := difference(state.scenario, fingerprint(scenario)):
         raise StateError(f"the state is of another scenario {other}")
     rows = _rows(worlds, where)
@@ -140,6 +142,8 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
             raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
         if len(given) != len(state):
             raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
+    if not len(state):
+        return
     validation.check(worlds.layout, {name: ours[name] for name in arrays})
     validation.check_events(worlds.layout, *(ours[name] for name in _events(worlds)))
     for name, array in arrays.items():
@@ -147,8 +151,14 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
 
 
 def _rows(worlds: Worlds, where: Any) -> Array:
-    """The numbers of the worlds `where`."""
-    return np.atleast_1d(np.arange(worlds.count)[where])
+    """The numbers of the worlds `where`. Raises StateError if it is neither mask, indices nor slice."""
+    try:
+        rows = np.atleast_1d(np.arange(worlds.count)[where])
+    except IndexError as error:
+        raise StateError(f"where = {where!r:.60} of {worlds.count} worlds: {error}") from None
+    if rows.ndim > 1:
+        raise StateError(f"where = {where!r:.60}: a mask, indices or a slice of worlds are needed")
+    return rows
 
 
 def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:

@@ -153,6 +153,8 @@ RESETS: dict[str, tuple[Any, ...]] = {
     "good mask and bad seed": ({"seed": -9, **masked([True] * 3)}, "seed = -9", "0 to 2**64 - 1"),
     "an unknown option": ({"options": {"mask": [True] * 3}}, "mask", "reset_mask"),
     "options a list": ({"options": [True] * 3}, "options", "reset_mask"),
+    "options a list of keys": ({"options": ["reset_mask"]}, "options", "reset_mask"),
+    "options a number": ({"options": 5}, "options = 5", "a dict"),
 }
 
 

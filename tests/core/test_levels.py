@@ -393,6 +393,9 @@ def test_a_number_is_drawn_in_one_way() -> None:
 def test_deriving_goes_on_as_expected() -> None:
     assert "melee_damage" not in dict(TEAMS.replace(melee_damage=7).varied)
     assert "boxes_count" not in dict(TEAMS.without("boxes").varied)
+    given = TEAMS.with_(outlast.systems.Melee(damage=50))
+    assert "melee_damage" not in dict(given.varied)
+    assert given["melee"].damage == 50  # type: ignore[attr-defined]
     assert TEAMS.vary(melee_damage=integers(1, 2)).without("heals").observe_numbers().observed == tuple(
         name for name, _ in TEAMS.without("heals").varied
     )

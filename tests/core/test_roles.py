@@ -275,6 +275,9 @@ def test_unknown_numbers_get_a_hint() -> None:
         variant("ffa_1").roles(a=outlast.role(melee_damge=3))
     with pytest.raises(NumberError, match=r"a = 3: a role is needed, as in a=outlast\.role\(1\)"):
         variant("ffa_1").roles(a=3)  # type: ignore[arg-type]
+    for option in ("observed", "drawn"):
+        with pytest.raises(NumberError, match=f"a role cannot be called '{option}', which is an option"):
+            variant("ffa_1").roles(**{"a": outlast.role(1), option: outlast.role()})  # type: ignore[arg-type]
     with pytest.raises(NumberError, match=r"role b: mortality\.limit = 50: agents begin with 80"):
         make_vec(variant("ffa_1").replace(mortality_limit=50, agents_health=10).roles(
             a=outlast.role(1), b=outlast.role(agents_health=80)), 1)  # fmt: skip

@@ -66,10 +66,23 @@ def test_json_holds_what_differs_between_worlds_and_agents(tmp_path: Path) -> No
         assert rebuilt(json.loads(json.dumps(fingerprint(scenario))), classes(scenario)).varied == scenario.varied
         again = loaded.replace(melee_reach=3.0)
         assert (again.varied, again.by_role) == (scenario.varied, scenario.by_role)
-        assert again.name == f"{scenario.name}-melee_reach=3"
+        assert again.name == scenario.replace(melee_reach=3.0).name
         env = outlast.make_vec(loaded, 2, seed=0)
         env.reset()
         env.close()
+
+
+def test_json_holds_which_numbers_follow_others_and_which_were_set_by_hand() -> None:
+    by_hand = variant("ffa_1").replace(room_size=40.0, safe_zone_radii=(20.0, 9.0, 3.0))
+    added = variant("ffa_1").without("safe_zone").with_(variant("ffa_1")["safe_zone"])
+    for scenario in (by_hand, added, variant("ffa_1"), variant("ffa_1").replace(room_size=30.0)):
+        loaded = Scenario.from_json(scenario.to_json())
+        kept, again = scenario.replace(room_size=60.0), loaded.replace(room_size=60.0)
+        assert (again, again.name, again.about) == (kept, kept.name, kept.about)
+        assert fingerprint(loaded) == fingerprint(scenario)
+        assert Scenario.from_json(loaded.to_json()).to_json() == loaded.to_json() == scenario.to_json()
+    assert by_hand.replace(room_size=60.0)["safe_zone"].radii == (20.0, 9.0, 3.0)
+    assert added.replace(room_size=60.0)["safe_zone"].radii != added["safe_zone"].radii
 
 
 def test_nothing_that_json_names_is_imported(tag: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,6 +128,13 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"observed": [[]]}, "does not hold a scenario"),
         (lambda form: form | {"roles": {"drawn": "never"}}, "roles: .* is not"),
         (lambda form: form | {"roles": ROOM_ROLE}, "role a: the number room_size is the same for all agents"),
+        (lambda form: form | {"origin": []}, "does not hold a scenario"),
+        (lambda form: form | {"origin": form | {"name": 3}}, "its names cannot be"),
+        (lambda form: form | {"added": ["safe_zone_radii"]}, "does not hold a scenario"),
+        (lambda form: form | {"added": {"melee_damage": [1, 2]}}, "added melee_damage = .* the one that it follows"),
+        (lambda form: form | {"added": {"safe_zone_radii": [[1, "a"], 2]}}, "added safe_zone_radii = "),
+        (lambda form: form | {"added": {"safe_zone_radii": [[1, 2], 0]}}, "added safe_zone_radii = "),
+        (lambda form: form | {"added": {"safe_zone_radii": 3}}, "added safe_zone_radii = 3 is not"),
         (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
         (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),
         (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": -1}}, "melee.damage = -1: must be >= 0"),

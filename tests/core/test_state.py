@@ -119,7 +119,33 @@ def test_states_can_be_chosen_from() -> None:
     assert env.worlds.block.any()
 
 
+def test_no_world_is_as_good_as_some() -> None:
+    env = make()
+    before, none = digest(env.worlds), np.zeros(WORLDS, bool)
+    state = env.get_state(none)
+    assert len(state) == 0
+    env.set_state(state, none)
+    env.set_state(env.get_state(0), none)
+    assert digest(env.worlds) == before
+
+
 # ---- what is refused
+
+
+@pytest.mark.parametrize("where", [None, np.ones(WORLDS + 1, bool), WORLDS, [[0, 1]], 1.5])
+def test_worlds_that_cannot_be_are_refused(where: Any) -> None:
+    env = make()
+    state, before = env.get_state(), digest(env.worlds)
+    for refused in (lambda: env.get_state(where), lambda: env.set_state(state, where)):
+        with pytest.raises(StateError, match="where = "):
+            refused()
+    assert digest(env.worlds) == before
+
+
+def test_what_is_no_state_is_refused() -> None:
+    env = make()
+    with pytest.raises(StateError, match="is no State, which get_state"):
+        env.set_state(env.get_state().arrays)  # type: ignore[arg-type]
 
 
 def test_states_of_other_scenarios_are_refused() -> None:

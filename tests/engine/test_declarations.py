@@ -410,6 +410,59 @@ def test_other_annotations_are_refused() -> None:
     assert Wrong.registered == []
 
 
+def test_a_component_without_columns_marks_entities() -> None:
+    """A marker has rows, and no table."""
+
+    class Late(Component):
+        pass
+
+    class Marks(Toy):
+        def archetypes(self) -> list[Archetype]:
+            return [Archetype("walker", (Late(),))]
+
+    @Marks.system(Phase.MOVE)
+    def hurry(energy: Write[Energy], late: Rows[Late]) -> None:
+        for e in late:
+            energy.left[e] += 100
+
+    worlds = Worlds([Walkers(), Marks()], 1)
+    run(worlds, toy_game.STEP)
+    assert worlds.layout.rows(Late).tolist() == worlds.layout.rows(Energy).tolist() != []
+    assert (worlds[Energy].left[0, worlds.layout.rows(Late)] > 100).all()
+    assert len(worlds[Late]) == 0
+    assert "\n  Late\n" in repr(worlds.entity(int(worlds.layout.rows(Late)[0]))) + "\n"
+    for hint in (Read[Late], Write[Late]):
+        with pytest.raises(DeclarationError, match=r"Late\], which has no columns; Rows\[Late\] are the entities"):
+            Marks.system(Phase.MOVE)(_asking(hint))
+
+
+def _asking(hint: Any) -> Any:
+    def system(late: Any) -> None: ...
+
+    system.__annotations__["late"] = hint
+    return system
+
+
+def test_a_singleton_without_columns_is_refused() -> None:
+    class Empty(Singleton):
+        pass
+
+    with pytest.raises(DeclarationError, match="Empty has no columns: declare one"):
+        Empty()
+
+
+def test_columns_of_actions_that_differ_are_named() -> None:
+    class Jump(Action):
+        jump: Any = column("i2", "walkers", low=0, high=1)
+
+    class Jumps(Toy):
+        def singletons(self) -> list[Singleton]:
+            return [Jump()]
+
+    with pytest.raises(DeclarationError, match=r"there are: Pace\.pace int8 \(3,\), Jump\.jump int16 \(3,\)"):
+        Worlds([*toy_game.GAME, Jumps()], 1)
+
+
 def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
     class Asks(Toy):
         pass

@@ -30,8 +30,9 @@ from outlast.envs.datasets.samples import Selection
 from outlast.envs.errors import FilmError, PageError, PlayError, RecordingError
 from outlast.envs.inspect.events import events
 from outlast.envs.recording import Recording, Replay
+from outlast.envs.rendering.scene import Scene
 from outlast.envs.web.play.game import Game
-from outlast.systems import Record
+from outlast.systems import Agents, Record
 
 # ---- mechanics of one's own
 
@@ -158,6 +159,29 @@ def test_ticks_of_a_page_are_whole_numbers(tmp_path: Path) -> None:
     path = recorded(tmp_path / "a.rec", "ffa_1")
     with pytest.raises(RecordingError, match=r"tick 2\.5: whole numbers are needed"):
         outlast.replay_page(path, tmp_path / "a.html", last=2.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "folder", "minari:outlast/none-v0"])
+def test_a_dataset_has_samples(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = recorded(tmp_path / "a.rec", "ffa_1")
+    if name.startswith("minari"):
+        pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    target = name if name.startswith("minari") else str(tmp_path / name)
+    with pytest.raises(RecordingError, match=r"none of the worlds .* ticks 0 to 0, so there is no sample"):
+        export_dataset(target, Replay(Recording.open(path)), Selection([0], 0, 0))
+    assert not [each for each in tmp_path.rglob("*") if each.is_file() and each != path]
+
+
+def test_worlds_begin_with_hit_points_of_their_own() -> None:
+    drawn = {"agents_health": outlast.integers(20, 90), "ending_limit": outlast.integers(2, 4)}
+    env = outlast.make_vec(outlast.variant("ffa_1").vary(**drawn), 3, seed=0)
+    env.reset()
+    for _ in range(6):
+        whole = [Scene(env.worlds, w).prefab(Health).points[0] for w in range(3)]
+        assert whole == [Scene(env.worlds, w).mechanic(Agents).health for w in range(3)]
+        assert len({*whole}) > 1
+        env.step(env.action_space.sample() * 0 + env.noop)
 
 
 def test_who_plays_needs_the_record_of_an_episode() -> None:

@@ -198,6 +198,14 @@ def test_another_policy_is_found(first: Result, results: Path) -> None:
     assert "policy.zip did not play it" in found
 
 
+@pytest.mark.parametrize(
+    ("what", "said", "by_file"), [("steps", 9, 512), ("of_task", False, True), ("met", ["healer"], [])]
+)
+def test_what_is_said_of_a_policy_is_what_its_file_says(first: Result, what: str, said: Any, by_file: Any) -> None:
+    first.content["policy"][what] = said
+    assert wrong(first) == [f"{what} of policy.zip is {said} in the result, and {by_file} by the file"]
+
+
 def test_another_opponent_or_game_is_found(first: Result) -> None:
     first.against["trained", "steps_0000000512"]["opponent"] = "0" * 64
     assert "another steps_0000000512 than that of the suite" in wrong(first, ("trained", "steps_0000000512"))[0]
@@ -222,6 +230,15 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
 
+def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
+    folder = results / str(BUDGET) / NAME
+    entries = {each.name: each for each in result.find(folder) if each.name != "mine/1"}
+    found = {each.what: (each.wrong, each.missing) for each in verify_cross(folder, entries)}
+    assert found["quick-v1 fast/0 against fast/1"] == ("", "")
+    for one in ("fast/0", "fast/1"):
+        assert found[f"quick-v1 {one} against mine/1"] == ("", "the entry mine/1 is not here")
+
+
 # ---- what is read of others
 
 
@@ -232,6 +249,8 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
         (lambda content: content.update(agent="../../etc"), "its agent cannot be '../../etc'"),
         (lambda content: content.pop("matches"), "KeyError: 'matches'"),
         (lambda content: content.update(matches={"a": 1}), "its matches cannot be"),
+        (lambda content: content.update(policy=None), "it has matches, but no policy that played them"),
+        (lambda content: content["policy"].update(steps=None), "its policy cannot be"),
         (lambda content: content["matches"][0].update(won=400), "not all games"),
         (lambda content: content["matches"][0].update(games=2, won=2, drawn=0, lost=0), "a match of 2 games: 4 are"),
         (lambda content: content["matches"][0].update(won=-1), "numbers of games that cannot be"),
@@ -271,6 +290,24 @@ def test_a_result_in_the_wrong_folder_is_refused(first: Result) -> None:
 def test_what_the_command_cannot_do_is_refused(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["benchmark", *words.split()]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_task_is_in_one_folder(first: Result) -> None:
+    places = first.folder.parents[3]
+    shutil.copytree(first.folder.parents[1], places / "other" / str(BUDGET) / NAME)
+    with pytest.raises(TrainingError, match=f"both hold results of {NAME}: move them into one folder"):
+        scores.scores(places)
+
+
+def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) -> None:
+    program = tmp_path / "ours.py"
+    program.write_text(MINE)
+    chosen = f"ours={program}:make"
+    EntryRun(entry(tmp_path, chosen))._enter()
+    EntryRun(entry(tmp_path, chosen))._enter()
+    program.write_text(MINE.replace("[2, 1,", "[1, 1,"))
+    with pytest.raises(TrainingError, match="the policy is another one than that which has played 0 matches there"):
+        EntryRun(entry(tmp_path, chosen))._enter()
 
 
 def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:

@@ -206,6 +206,16 @@ def test_a_finger_drags_the_timeline(look: Any) -> None:
     touch("touchEnd")
 
 
+def test_what_is_counted_from_within_an_episode_says_so(look: Any, tmp_path: Path) -> None:
+    outlast.rollout("ffa_3", "scripted", steps=300, worlds=1, seed=3, record=tmp_path / "a.rec")
+    for first, words in ((0, ""), (150, " since step 150")):
+        screen = look(outlast.replay_page(tmp_path / "a.rec", tmp_path / "a.html", first=first))
+        screen.key("End")
+        done = [text for text in screen.page.locator(".agent .tally").all_inner_texts() if text]
+        assert done
+        assert all(text.endswith(words) and ("since" in text) == bool(words) for text in done)
+
+
 def test_one_world_of_one_episode_offers_no_choice(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_1", 1, seed=0)
     write_page(tmp_path / "one.html", env.worlds, ticks(env, 20), [0], title="one")

@@ -14,26 +14,25 @@ from typing import Any
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.storage.atomic_write import is_temporary, remove
 
-from .. import checkpoint, log_file, run_header
-from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
+from .. import checkpoint, log_file
+from ..config import FAST, OPPONENTS, TrainingConfig
 from ..config import SELF as OWN
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..files import write_files
 from ..paper.results import policy_only
-from ..presets import preset
 from ..run import TrainingRun
 from ..workload import Workload
 from . import result
 from .agents import FUNCTION, PRESET, Agent, Made
+from .described import STEPS, described
 from .matches import digest, play
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
-from .suite import STYLES, suite
+from .suite import suite
 from .tasks import Game, Task, check_training_seed, response_steps
 
 RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps in a second of a core
 TRAINED = "trained"  # the folder of a run
-STEPS = "steps"
 Progress = Callable[[int, str], None]  # agent-steps of training that are done, or as much work; and what is being done
 
 
@@ -184,14 +183,7 @@ class EntryRun:
         """Copy a policy without what only training needs; what is said of it in the result."""
         kept = self.entry.folder / name
         write_files({kept: policy_only(path)})
-        header, _ = run_header.read_checkpoint(kept, (), (STEPS, "scenario", "preset"))
-        plan = header.get("plan", {})
-        check_training_seed(plan.get("seed", 0))
-        of_task = not preset(header["preset"]).difference(header["scenario"], self.entry.task.scenario)
-        opponents = parse_mixture(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
-        teacher, _ = parse_warm_start(plan.get("warm_start", ""))
-        met = [name for name in STYLES if name in (*opponents, teacher)]
-        return {"digest": digest(kept), STEPS: header[STEPS], "of_task": of_task, "met": met}
+        return described(kept, self.entry.task)
 
     def _train(self, config: TrainingConfig, name: str) -> Path:
         """Train, or go on; the newest checkpoint."""

@@ -12,6 +12,7 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from . import crossplay
+from .described import described
 from .matches import ROUNDING, digest, repeat
 from .result import BEST, POLICY, RESPONSE, SELF, Content, Result
 from .suite import Member, suite
@@ -58,6 +59,9 @@ def verify_cross(folder: Path, entries: Mapping[str, Result]) -> Iterator[Findin
     """Verify the cross-play of a task; folder: of the task. entries: all of the task, by name."""
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
+        if gone := [name for name in (one, other) if name not in entries]:
+            yield Finding(what, missing=f"the entry {gone[0]} is not here")
+            continue
         yield _found(what, path, partial(_wrong_with_cross, match, path, entries))
 
 
@@ -79,8 +83,13 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
             return f"its game '{game.name}' is another one than that of {task.name} {other}"
     for key, name in (("policy", POLICY), ("response", RESPONSE)):
         path, given = entry.folder / name, content[key]
-        if path.exists() and (given is None or digest(path) != given["digest"]):
+        if not path.exists():
+            continue
+        if given is None or digest(path) != given["digest"]:
             return f"{name} is another file than the one that was tested"
+        for what, found in described(path, task).items():
+            if given[what] != found:
+                return f"{what} of {name} is {given[what]} in the result, and {found} by the file"
     return ""
 
 
@@ -103,8 +112,6 @@ def _wrong_with_match(entry: Result, match: Content, task: Task, members: Mappin
 
 
 def _wrong_with_cross(match: Content, path: Path, entries: Mapping[str, Result]) -> str:
-    if gone := [name for name in (match["one"], match["other"]) if name not in entries]:
-        return f"there is no entry {gone[0]}"
     one, other = (entries[match[key]] for key in ("one", "other"))
     if not crossplay.is_of(match, one, other):
         return "it was played by other policies than those of the entries"

@@ -30,7 +30,7 @@ class StepCounterLayer(Layer):
 
 @dataclass(frozen=True)
 class KillFeedLayer(Layer):
-    """The last deaths of the episode, the latest on the left, as many as fit; they fade out with age.
+    """The last deaths of those who are dead, the latest on the left, as many as fit; they fade out with age.
 
     A disc in the colour of the dead agent, its number, and the side that killed it, or else the damage type. All of it
     is state, as events are those of one tick: `Died` keeps damage type and source, `Health` the tick in which the

@@ -44,9 +44,9 @@ const Events = (() => {
     element.style.setProperty("--on-side", sides[agents[i].side].ink);
   }
 
-  // What every agent has done until row k: {status, kills, heals, placed, broken}.
-  function tallies({ description, events, start }, k) {
-    const all = description.agents.map(() => ({ status: "", kills: 0, heals: 0, placed: 0, broken: 0 }));
+  // What every agent has done until row k: {since, status, kills, heals, placed, broken}; since: see Episode.
+  function tallies({ description, events, start, since }, k) {
+    const all = description.agents.map(() => ({ since, status: "", kills: 0, heals: 0, placed: 0, broken: 0 }));
     for (const event of events) {
       if (event.at > k) break;
       const { kind, agent, by, cause } = event, me = all[agent];

@@ -42,7 +42,7 @@ const Mind = (() => {
     const paid = episode.description.rewards;
     reward.closest("div").hidden = sum.closest("div").hidden = !paid;
     if (paid) write(reward, rounded(episode.history("agent.reward", i)[k]));
-    if (paid) write(sum, rounded(episode.returns()[i][k]));
+    if (paid) write(sum, rounded(episode.returns()[i][k]) + episode.since);
     value.closest("div").hidden = !thought || Number.isNaN(thought.value);
     if (thought) write(value, rounded(thought.value));
   }

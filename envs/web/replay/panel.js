@@ -18,7 +18,7 @@ const Panel = (() => {
   }
 
   // Fills `root` with cards; onFollow(i) is called when one is chosen. Returns update(snapshot, follow, tallies), where
-  // tallies (may be missing) holds for each agent {status, kills, heals, placed, broken}.
+  // tallies (may be missing) holds for each agent {since, status, kills, heals, placed, broken}.
   function build(root, description, onFollow) {
     root.replaceChildren();
     const teams = description.teams ? description.sides.map((_, s) => addTeam(root, description, s)) : [];
@@ -94,10 +94,11 @@ const Panel = (() => {
     });
   }
 
-  function summary({ kills, heals, placed, broken }) {
+  function summary({ since, kills, heals, placed, broken }) {
     const parts = [[kills, "kill"], [heals, "heal"], [placed, "placed"], [broken, "broken"]];
     const plural = (count, word) => `${count} ${word}${count > 1 && "kill heal".includes(word) ? "s" : ""}`;
-    return parts.filter(([count]) => count).map(([count, word]) => plural(count, word)).join(" · ");
+    const done = parts.filter(([count]) => count).map(([count, word]) => plural(count, word)).join(" · ");
+    return done && done + since;
   }
 
   return { build, named };

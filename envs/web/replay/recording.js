@@ -48,6 +48,9 @@ const Recording = (() => {
       return this.tables[name];
     }
 
+    // What sums and counts are followed by where the page begins within the episode.
+    get since() { return this.start ? ` since step ${this.start}` : ""; }
+
     forget() { this.tables = this.returned = null; }
 
     // What each agent was paid from the first row to each row: a Float64Array over all ticks for each agent.

@@ -89,7 +89,7 @@ const Timeline = (() => {
       episode.description.agents.forEach((_, i) => curve(pen, i, 1.5, follow < 0 || follow === i ? 0.9 : 0.35));
       if (follow >= 0 && follow < episode.description.agents.length) curve(pen, follow, 2.5, 1);
       pen.globalAlpha = 0.6;
-      write(pen, `return, ${short(scale.low)} to ${short(scale.high)}`, LEFT + 5, curves() + 8, "left", colors.ink, 400);
+      write(pen, `return${episode.since}, ${short(scale.low)} to ${short(scale.high)}`, LEFT + 5, curves() + 8, "left", colors.ink, 400);
       pen.globalAlpha = 1;
     }
 

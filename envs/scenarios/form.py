@@ -1,0 +1,79 @@
+"""A scenario as JSON has it: the form of the files that `Scenario.save` writes."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from outlast.ecs import Module
+from outlast.ecs.identity import full_name
+
+from ..errors import ScenarioError
+from .changes import leaders
+from .differing import plain, restored
+from .mechanics import rebuilt_mechanics
+
+VERSION = 1
+
+
+def as_form(scenario: Any) -> dict[str, Any]:
+    """All of a scenario: its mechanics by the full names of their classes.
+
+    What it was derived from is there, too ("origin"), and what "added" mechanics began with: which numbers follow
+    others, and what a derived one is called, depend on them.
+    """
+    form = {
+        "version": VERSION,
+        "name": scenario.name,
+        "about": scenario.about,
+        "modules": [full_name(type(module)) for module in scenario.modules],
+        "numbers": scenario.numbers(),
+        "order": scenario.order,
+    }
+    if scenario.origin:
+        form["origin"] = as_form(scenario.origin)
+    if scenario.added:
+        form["added"] = dict(scenario.added)
+    return form | plain(scenario)
+
+
+def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of `Scenario`, of what `as_form` made.
+
+    Raises:
+        ScenarioError, NumberError: It cannot be one.
+        KeyError, TypeError, AttributeError: It is something else.
+    """
+    if form["version"] != VERSION:
+        raise ScenarioError(f"version {form['version']!r:.20} of the format: {VERSION} is needed")
+    name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
+    texts = [name, about, *names, *(label for chain in order for label in chain)]
+    if not all(isinstance(each, str) and each.isprintable() for each in texts):
+        raise ScenarioError("its names cannot be")
+    modules = rebuilt_mechanics(names, dict(form["numbers"].items()))
+    return {
+        "name": name,
+        "about": about,
+        "modules": modules,
+        "order": tuple(map(tuple, order)),
+        **restored(modules, form),
+    }
+
+
+def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple[Any, Any]]:
+    """What "added" mechanics began with: by name the number that follows another one, and that one.
+
+    Raises:
+        ScenarioError: Such a number does not follow another one, or cannot be scaled.
+    """
+    found, following = {}, leaders(modules)
+    for name, pair in form.get("added", {}).items():
+        value, leader = pair if isinstance(pair, list) and len(pair) == 2 else (pair, 0)
+        values = tuple(value) if isinstance(value, list) else (value,)
+        if name not in following or not leader or not all(map(_is_finite, (leader, *values))):
+            raise ScenarioError(f"added {name} = {pair!r:.60} is not a number and the one that it follows")
+        found[name] = (values if isinstance(value, list) else value), leader
+    return found
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
