@@ -25,11 +25,11 @@ WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one
 # They are ignored as folders, because markers would make those runs import every library first (a minute).
 WITHOUT_KERNELS = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
 KERNELS_ONLY = tuple(f"--ignore=tests/{folder}" for folder in WITHOUT_KERNELS)
-# By day, plain Python runs the engine, what compares it with compiled kernels, digests and naive forms, and what has
-# kernels that no variant has; the rest repeats, a hundred times slower, what they say.
+# By day, plain Python runs what has kernels of its own, what compares it with compiled kernels, and digests and naive
+# forms; the rest repeats, a hundred times slower, what they say.
 PLAIN_BY_DAY = (
-    *("tests/engine", "tests/physics"),
-    *(f"tests/core/test_{name}.py" for name in ("determinism", "digests", "state")),
+    *(f"tests/engine/test_{name}.py" for name in ("columns", "event_lists", "per_agent", "random", "varied", "worlds")),
+    *(f"tests/core/test_{name}.py" for name in ("determinism", "digests")),
     *(f"tests/mechanics/test_{name}.py" for name in ("ablations", "edges", "fidelity_rules", "lidar", "reference")),
 )
 NO_TESTS = 5  # pytest's exit code where nothing was selected

@@ -53,6 +53,7 @@ def test_held_out_levels_are_in_files(tmp_path):
     assert len({level.numbers["walls_layout"] for level in plans}) == 4
 
 
+@pytest.mark.nightly
 def test_both_ways_of_training_are_measured_and_drawn(tmp_path):
     main(["--steps", "1000", "--worlds", "4", "--runs", str(tmp_path / "runs"), "--out", str(tmp_path)])
     with (tmp_path / "curriculum.csv").open() as file:

@@ -9,6 +9,7 @@ import outlast
 pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="worlds without compiled systems take minutes")
 
 
+@pytest.mark.nightly
 def test_levels_lead_to_the_behaviour_that_they_are_kept_for():
     elites = fill(0, worlds=16)
     assert 1 < len(elites) <= 16

@@ -152,8 +152,9 @@ def test_both_modes_of_make_vec() -> None:
         slow.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize("name", few_by_day(["ffa_3", ALL], (ALL,)))
+@pytest.mark.parametrize("name", ["ffa_3", ALL])
 def test_processes_of_gymnasium(name: str) -> None:
     env = SurvivalLearnerVectorEnv(2, short(name))
     oracle = AsyncVectorEnv([single(name)] * 2)

@@ -10,7 +10,7 @@ import pytest
 import outlast
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.agents import present
-from tests.conftest import few_by_day, scaled
+from tests.conftest import scaled
 from tests.helpers import execution_modes
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -211,8 +211,9 @@ def test_ppo_learns_on_a_batch_of_worlds(workers):
     assert np.mean(returns[-30:]) > np.mean(returns[10:40]) + 40
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
-@pytest.mark.parametrize("name", few_by_day(["teams_3", execution_modes.ALL], (execution_modes.ALL,)))
+@pytest.mark.parametrize("name", ["teams_3", execution_modes.ALL])
 def test_ppo_trains(workers, name):
     """One iteration of the new API stack, with one policy for all."""
     from ray.rllib.algorithms.ppo import PPOConfig

@@ -279,7 +279,7 @@ def test_json_of_another_version_or_shape_is_refused(kind: str, tmp_path: Path) 
         path.write_text(json.dumps(content | {"version": 99}))
         with pytest.raises(ScenarioError, match="version 99"):
             read(path)
-    for key in content.keys() - {"about", "varied", "observed", "width", "height"}:
+    for key in content.keys() - {"about", "varied", "observed", "origin", "added", "width", "height"}:
         path.write_text(json.dumps({name: value for name, value in content.items() if name != key}))
         if kind == "scenario" and key == "roles":
             continue  # one without roles

@@ -29,7 +29,8 @@ QUICK = ("teams_4",)  # variants of the fast tests
 
 @pytest.mark.parametrize("name", QUICK)
 def test_the_same_bits_however_worlds_are_run(name: str) -> None:
-    lockstep(short(name), scaled(100, least=8))
+    """By night with machine code for one layout, too, which would be compiled for this test."""
+    lockstep(short(name), scaled(100, least=8), specialize=False)
 
 
 @pytest.mark.nightly
@@ -159,6 +160,7 @@ def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_pa
         assert {key: array.tobytes() for key, array in here.items()} == {k: a.tobytes() for k, a in there.items()}
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
 def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path: Path) -> None:
     """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""

@@ -217,6 +217,7 @@ def test_importing_everything_leaves_no_second_copy() -> None:
     assert not TOP_LEVEL & set(json.loads(done.stdout.splitlines()[-1]))
 
 
+@pytest.mark.nightly
 def test_our_folders_are_imported_as_parts_of_outlast() -> None:
     strays = {
         path: module

@@ -113,6 +113,7 @@ def test_both_are_timed_in_one_run(run, checkout: Path, tmp_path: Path, monkeypa
     assert episodes[0][-1] != episodes[1][-1]
 
 
+@pytest.mark.nightly
 def test_without_the_original_nothing_is_compared(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
     out = run("--save", "here")

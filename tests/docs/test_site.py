@@ -125,6 +125,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "html"
 
 
+@pytest.mark.nightly
 @once
 def test_the_site_has_all_that_there_is(site: Path) -> None:
     def words_of(page: str) -> set[str]:

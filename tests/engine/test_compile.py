@@ -34,7 +34,7 @@ from outlast.ecs import (
     kernel,
 )
 from outlast.ecs.random import uniform
-from tests.conftest import COMPILED, digest, few_by_day
+from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
 from tests.helpers.toy_game import STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
 
@@ -346,8 +346,15 @@ def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) ->
     assert (first[1], second[:2]) == ("True", ["0", "True"])
     assert first[2] == second[2]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == files
-    assert in_process(tmp_path, NUMBA_BOUNDSCHECK="1") == first  # compiled anew: its flags are part of the key
-    assert len(list(tmp_path.iterdir())) == 2 * len(files)
+
+
+@pytest.mark.nightly
+@compiled_only
+def test_numbas_flags_are_part_of_the_key(tmp_path: Path) -> None:
+    first = in_process(tmp_path)
+    files = len(list(tmp_path.iterdir()))
+    assert in_process(tmp_path, NUMBA_BOUNDSCHECK="1") == first  # compiled anew
+    assert len(list(tmp_path.iterdir())) == 2 * files
 
 
 REFERENCES = {  # how a kernel refers to a number in another file: that file, the import and the expression
@@ -388,8 +395,9 @@ def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
     return file
 
 
+@pytest.mark.nightly
 @compiled_only
-@pytest.mark.parametrize("kind", few_by_day(REFERENCES, ("a member of a module in a package",)))
+@pytest.mark.parametrize("kind", REFERENCES)
 def test_an_edited_game_is_compiled_anew(tmp_path: Path, kind: str) -> None:
     """Also where the edit is in another file than the systems', which numba's own key misses."""
     game, cache = tmp_path / "game", tmp_path / "cache"

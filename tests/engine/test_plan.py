@@ -82,6 +82,7 @@ def test_nothing_that_changes_is_shared() -> None:
     assert np.array_equal(outlast.make_vec("ffa_3", 2).observation_space["own"].high, bound)
 
 
+@pytest.mark.nightly
 def test_games_of_before_are_let_go() -> None:
     scenario = outlast.variant("teams_4").roles(strong=outlast.role(1, melee_damage=9), other=outlast.role())
     layouts = []

@@ -263,6 +263,10 @@ def test_threads_give_the_same_bits(threads: int) -> None:
     worlds.close()
 
 
+def test_machine_code_for_one_layout_gives_the_same_bits() -> None:
+    assert digest(walked(make(specialize=True), 20)) == digest(walked(make(), 20))
+
+
 @threaded
 def test_scratch_memory_belongs_to_one_thread() -> None:
     """The toy's Weather counts in it the ticks of its thread: together, each world's once."""

@@ -141,11 +141,12 @@ def shuffled(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, modules=tuple(scenario.modules[k] for k in order))
 
 
-def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
-    """All modes by name, on worlds of a batch of BATCH."""
+def execution_modes(scenario: Scenario, specialize: bool) -> dict[str, ExecutionMode]:
+    """All modes by name, on worlds of a batch of BATCH. specialize: also that with machine code of its own."""
     few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
     portable = scenario.replace(physics_backend="portable")
-    return {
+    alone = {"compiled for it alone": ExecutionMode(scenario, few, specialize=True)} if specialize else {}
+    return alone | {
         "the first world alone": ExecutionMode(scenario, [0]),
         "a world alone": ExecutionMode(scenario, [BATCH // 2 + 1]),
         "the last world alone": ExecutionMode(scenario, [BATCH - 1]),
@@ -153,7 +154,6 @@ def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
         "two threads": ExecutionMode(scenario, few, threads=2),
         "three threads": ExecutionMode(scenario, middle, threads=3),
         "five threads": ExecutionMode(scenario, few, threads=5),
-        "compiled for it alone": ExecutionMode(scenario, few, specialize=True),
         "modules in another order": ExecutionMode(shuffled(scenario), few),
         "the portable backend": ExecutionMode(portable, few),
         "after other episodes": AfterOtherEpisodes(scenario, few),
@@ -163,9 +163,9 @@ def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
     }
 
 
-def lockstep(scenario: Scenario, ticks: int) -> None:
+def lockstep(scenario: Scenario, ticks: int, specialize: bool = True) -> None:
     """Run all modes beside one large batch; after each tick they are equal to the bit."""
-    batch, runs = ExecutionMode(scenario, range(BATCH)), execution_modes(scenario)
+    batch, runs = ExecutionMode(scenario, range(BATCH)), execution_modes(scenario, specialize)
     for tick in range(ticks):
         if tick:
             actions = numbered_actions(batch.env, tick)

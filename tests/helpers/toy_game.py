@@ -211,9 +211,11 @@ def system_of(function: Any, **options: Any) -> Module:
     return Local()
 
 
-def make(*modules: Module, count: int = 4, threads: int = 1, seed: int = 0, first: int = 0) -> Worlds:
+def make(
+    *modules: Module, count: int = 4, threads: int = 1, seed: int = 0, first: int = 0, specialize: bool = False
+) -> Worlds:
     """Worlds of `modules` (all of them by default), seeded and reset."""
-    worlds = Worlds(modules or GAME, count, threads)
+    worlds = Worlds(modules or GAME, count, threads, specialize=specialize)
     worlds.seed(np.full(count, seed), first + np.arange(count))
     run(worlds, RESET)
     return worlds

@@ -40,6 +40,7 @@ def killed(path: Path, after: float) -> tuple[int, int]:
     return len(found), path.stat().st_size
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
 def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
     """Of 2000 bytes of tick records here: what is missing is no more than that."""

@@ -117,8 +117,8 @@ def test_a_recording_is_not_replaced(capsys: Any, path: Path, option: str) -> No
     assert path.read_bytes() == before
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("option", ["--data", "--html"])
-@pytest.mark.by_day(1)
 def test_paths_need_not_be_utf_8(path: Path, tmp_path: Path, option: str) -> None:
     folder = tmp_path / os.fsdecode(b"d\xff")
     folder.mkdir()

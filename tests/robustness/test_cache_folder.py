@@ -33,6 +33,7 @@ CompiledUnits._compile_one = counted
 """
 
 
+@pytest.mark.nightly
 def test_processes_that_begin_together_compile_each_unit_once(tmp_path: Path) -> None:
     """Three agree, and leave code that a fourth one loads."""
     cache, log = tmp_path / "cache", tmp_path / "log"

@@ -35,7 +35,8 @@ def plain() -> memory.Report:
     return memory.run(KNOWN["plain"], 20)
 
 
-@pytest.mark.parametrize("name", ["perturbed", pytest.param("asan", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["perturbed", "asan"])
 def test_the_backend_is_clean_under(name: str, plain: memory.Report) -> None:
     checked = memory.run(installed(name), 20)
     assert plain.errors == checked.errors == []

@@ -229,6 +229,7 @@ def test_python_does_in_one_call_each_what_commands_do(folder: Path) -> None:
     assert run(folder, "calls.py").endswith("2 episodes, film.apng, page.html, bog-fast-7, 2 policies, drawn\n")
 
 
+@pytest.mark.nightly
 def test_a_package_offers_it(folder: Path, tmp_path: Path) -> None:
     """Installed where nothing else is: listed, in every command, and in the registries."""
     project, target = tmp_path / "project", tmp_path / "site"

@@ -82,6 +82,7 @@ def objects() -> list[int]:
     return counts
 
 
+@pytest.mark.nightly
 def test_environments_leave_no_objects_behind() -> None:
     """In a process of its own, as tests before this one leave some that go when they like."""
     with get_context("spawn").Pool(1) as pool:

@@ -221,6 +221,7 @@ def tasks():
     return train, fail, leave
 
 
+@pytest.mark.nightly
 def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
     import torch
 

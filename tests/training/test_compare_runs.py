@@ -202,6 +202,7 @@ def test_a_curve_that_only_some_runs_have_is_drawn_for_those(tmp_path: Path) -> 
     assert "|  |" in str(compare([tmp_path], curves=("length", "wins/scripted")))
 
 
+@pytest.mark.nightly
 def test_the_same_runs_make_the_same_file(tmp_path: Path) -> None:
     for form in ("png", "svg"):
         files = [plot(KEPT, tmp_path / str(k), form=form).files[0].read_bytes() for k in range(2)]

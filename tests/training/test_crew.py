@@ -158,6 +158,7 @@ def stopped(run: TrainingRun) -> bool:
     return not any(process.is_alive() for process in run.crew._others.processes)  # type: ignore[attr-defined]
 
 
+@pytest.mark.nightly
 def test_a_process_that_is_killed_ends_the_run_which_can_be_resumed(
     alone: tuple[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:

@@ -248,6 +248,7 @@ def test_a_taken_port_is_reported(folder: Path) -> None:
     assert not any(thread.name.endswith("(record)") for thread in threading.enumerate())
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
 def test_ctrl_c_ends_it_cleanly(folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)

@@ -65,6 +65,7 @@ def pixel(screen: Screen, x: float, y: float) -> tuple[int, ...]:
     return tuple(image[int(height / 2 - y * scale), int(width / 2 + x * scale)].tolist())
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_ground_has_the_colours_of_the_pictures(look: Any, scheme: str) -> None:
     screen = look(color_scheme=scheme)

@@ -17,7 +17,6 @@ from outlast.ecs import Archetype, Module
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.web.replay import write_page
 from outlast.systems import Rooms
-from tests.conftest import few_by_day
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.web.browser import Screen, ticks
 
@@ -47,7 +46,8 @@ SCENARIOS = {
 }
 
 
-@pytest.mark.parametrize("name", few_by_day(SCENARIOS, ("a kite",)))
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name: str) -> None:
     """What lies in the cone that is painted is what the engine says is seen, and nothing else."""
     env = outlast.make_vec(SCENARIOS[name], 6, seed=3)

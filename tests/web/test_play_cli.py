@@ -65,6 +65,7 @@ def test_without_websockets_the_cure_is_reported():
     assert result.stderr == "outlast: outlast play needs websockets: pip install 'outlast[play]' (websockets>=14)\n"
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
 def test_ctrl_c_ends_it_cleanly_and_the_recording_is_whole(tmp_path):
     from outlast.envs.recording import Recording, Replay

@@ -254,6 +254,7 @@ def test_at_the_end_of_an_episode_the_newest_one_is_played(opened: Any, run: Run
     assert page.get_attribute("[data-view=cones]", "aria-pressed") == "false"
 
 
+@pytest.mark.nightly
 def test_without_another_episode_it_is_played_again(opened: Any, run: Run) -> None:
     run.make(1, 1024, length=20)
     page = opened()
