@@ -1,5 +1,6 @@
 """Who plays against the learners: their present and past selves, policies by name, saved files; with ratings."""
 
+import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -67,6 +68,12 @@ class Opponent:
     def past(self) -> bool:
         """Whether it is a past self."""
         return is_past(self.name)
+
+    @property
+    def weights(self) -> str:
+        """Hash of the weights of its policies."""
+        tensors = (each for policy in self.policies for each in policy.state_dict().values())
+        return hashlib.sha256(b"".join(each.cpu().numpy().tobytes() for each in tensors)).hexdigest()
 
     @property
     def wins(self) -> float:
@@ -198,7 +205,7 @@ class Opponents:
         return tags
 
     def state(self) -> dict[str, Any]:
-        """Ratings of all, and the past selves."""
+        """Ratings of all, the past selves, and which policies those of files are."""
         figures = {
             k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64)
             for k, one in self.all.items()
@@ -208,7 +215,8 @@ class Opponents:
             for k, one in self.all.items()
             if one.past
         }
-        return {"figures": figures, "past": past, "dropped": self.dropped}
+        saved = {k: one.weights for k, one in self.all.items() if one.policies and not one.past}
+        return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[ActorCritic]) -> None:
         """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else."""
@@ -216,6 +224,15 @@ class Opponents:
         if not isinstance(past, dict):
             raise TrainingError(WRONG)
         pool = {number: one for number, one in self.all.items() if not one.past}
+        saved = given.get("saved", {})  # checkpoints of 0.1.0 have none
+        if not isinstance(saved, dict) or not saved.keys() <= pool.keys():
+            raise TrainingError(WRONG)
+        for number, weights in saved.items():
+            if pool[number].weights != weights:
+                raise TrainingError(
+                    f"{pool[number].name} is another policy than the one that the run has played against: put that one "
+                    "there to go on, or begin another run"
+                )
         for number, kept in past.items():
             if type(number) is not int or number in pool or number < 0 or not isinstance(kept, dict):
                 raise TrainingError(WRONG)

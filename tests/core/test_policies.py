@@ -47,6 +47,7 @@ def test_the_script_beats_chance(variant):
     assert lead.mean() > 5 * lead.std() / np.sqrt(WORLDS)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
 @variants
 def test_worlds_of_the_script_outlast_worlds_of_chance(variant):

@@ -37,6 +37,7 @@ def shown(page: Path) -> list[list[str]]:
 
 @pytest.mark.skipif(not COMPILED, reason="the commands are the same in every mode")
 @pytest.mark.parametrize("page", [page for page in PAGES if shown(page)], ids=lambda page: page.stem)
+@pytest.mark.by_day(8)
 def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("docs").mkdir()

@@ -122,6 +122,7 @@ def wheel(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFi
     return zipfile.ZipFile(path)
 
 
+@pytest.mark.nightly
 def test_the_source_archive_holds_what_git_has(tree: Path, tmp_path: Path) -> None:
     """So that its tests run, with the data and documents that they read; see .ci/package, which runs them."""
     command = [sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", tmp_path, tree]

@@ -141,6 +141,7 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")
 
 
+@pytest.mark.nightly
 @once
 @pytest.mark.parametrize("name", ["", ".errors", ".ecs", ".components", ".systems"])
 def test_the_reference_has_every_public_name(site: Path, name: str) -> None:
@@ -227,7 +228,7 @@ def test_pictures_are_small_and_shown() -> None:
 
 @once
 @pytest.mark.parametrize("name", pictures())
-@pytest.mark.by_day(4)
+@pytest.mark.by_day(2)
 def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update them: python docs/pictures.py"""
     if name in PLAYED and (sys.platform, platform.machine()) != ("linux", "x86_64"):

@@ -205,6 +205,7 @@ def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: 
 
 @pytest.mark.skipif(not COMPILED, reason="about machine code")
 @pytest.mark.parametrize(("value", "checks"), [("0", "False"), ("1", "True"), (None, "True")])
+@pytest.mark.by_day(1)
 def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks: str) -> None:
     variables = {key: text for key, text in os.environ.items() if key != "OUTLAST_BOUNDSCHECK"}
     variables |= {"OUTLAST_BOUNDSCHECK": value} if value else {}

@@ -46,7 +46,7 @@ def scheduled(*left_out: str) -> list[str]:
     return [system.label for system in Worlds(modules, 1).schedule.systems]
 
 
-@pytest.mark.parametrize("name", few_by_day(sorted({*OPTIONAL} - FIRST), ("Boxes", "GiveLast", "Motors", "Physics")))
+@pytest.mark.parametrize("name", few_by_day(sorted({*OPTIONAL} - FIRST), ("Boxes", "Motors")))
 def test_the_rest_imports_and_schedules_without_the_file(name: str, tmp_path: Path) -> None:
     """In a package whose folder of mechanics lacks that file, and whose list of mechanics lacks its two lines."""
     package = tmp_path / "outlast"

@@ -72,6 +72,7 @@ def test_motion_is_the_references_to_the_bit() -> None:
         assert compare(episode).drift == 0
 
 
+@pytest.mark.nightly
 def test_the_reference_feels_what_the_engine_does_otherwise() -> None:
     """Guards the tests above: one item, one hit point, one tick of the zone, or a push, and they fail."""
     (episode,) = record(variant("teams_4").replace(**QUICK), 1, 1, held)

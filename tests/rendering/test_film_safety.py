@@ -152,7 +152,7 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, suffix: str)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-@pytest.mark.parametrize("suffix", few_by_day(SUFFIXES, (".webm", "")))
+@pytest.mark.parametrize("suffix", few_by_day(SUFFIXES, (".webm",)))
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_a_stopped_command_leaves_no_partial_film(tmp_path: Path, suffix: str, how: signal.Signals) -> None:
     """After Ctrl-C nothing is left; after kill -9 something may be, but not under the film's name."""

@@ -23,7 +23,7 @@ LOADERS = [
 
 
 @pytest.mark.parametrize("loader", LOADERS)
-@pytest.mark.by_day(4)
+@pytest.mark.by_day(2)
 def test_a_few_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) -> None:
     """In this process; the first files of seed 1."""
     task, path = fuzz.Task(loader, scaled(FILES[loader], 2), 1, 0), tmp_path / "file"

@@ -227,6 +227,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
 
 
 @pytest.mark.parametrize("what", RESTS)
+@pytest.mark.by_day(20)
 def test_a_run_does_not_go_on_with_what_cannot_be(trainer: Trainer, files: Files, what: str) -> None:
     before = [weight.clone() for weight in trainer.policies[0].parameters()], trainer.learners[0].generator.get_state()
     (change, reason), whole = RESTS[what], what in ("nothing", "a list")

@@ -124,6 +124,7 @@ def test_a_fork_does_not_wait_for_a_step_that_it_did_not_send() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.by_day(1)
 def test_what_makes_an_environment_can_be_pickled(method: str) -> None:
     """A variant by its name, or a scenario; and the state to continue from."""
     env = used()
@@ -145,6 +146,7 @@ def test_an_environment_itself_cannot(way: Callable[[Any], Any]) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.by_day(1)
 def test_gymnasium_spreads_single_environments_over_processes(method: str) -> None:
     spec = pickle.loads(pickle.dumps(gymnasium.spec("outlast/FreeForAll1-v1")))
     spec = gymnasium.envs.registration.EnvSpec.from_json(spec.to_json())

@@ -141,6 +141,7 @@ def others(name: str) -> Iterator[tuple[Any, Scenario]]:
 
 
 @pytest.mark.parametrize("name", variant("teams_4").numbers())
+@pytest.mark.by_day(20)
 def test_set_changes_any_number(name: str) -> None:
     changed = [(value, expected) for value, expected in others(name) if expected != variant("teams_4")]
     assert changed

@@ -99,6 +99,7 @@ def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):
         cluster.rollout_on_cluster(never, 1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("how", ["exit", "kill"])
 def test_a_lost_worker_loses_no_episode_and_repeats_none(workers, monkeypatch, tmp_path, how):
     """The worker of the second batch is lost in mid-rollout, the first time; every start leaves a file."""

@@ -17,6 +17,7 @@ from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.training.checkpoint import write_checkpoint  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.lane import NOBODY  # noqa: E402
@@ -250,16 +251,13 @@ def test_every_learner_trains_on_its_own_agents(policies: str, count: int) -> No
 
 
 def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
-    from outlast import load_policy
-    from outlast.training.checkpoint import write_checkpoint
-
     trainer = make(policies="side", opponents={"self": 1.0})
     for policy, value in zip(trainer.policies, (0, 2), strict=True):  # one always moves back, one always ahead
         with torch.no_grad():
             policy.actor.last.weight.zero_()
             policy.actor.last.bias[value] = 50
     write_checkpoint(tmp_path / "a.zip", capture(trainer, trainer.config.header()))
-    actions = load_policy(tmp_path / "a.zip")(trainer.env.observe())
+    actions = outlast.load_policy(tmp_path / "a.zip")(trainer.env.observe())
     assert (actions[:, :2, 0] == 0).all()
     assert (actions[:, 2:, 0] == 2).all()
 
@@ -300,6 +298,24 @@ def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
         assert whole.report() == again.report()
         assert whole.update(one) == again.update(two)
     assert whole.opponents.all.keys() == again.opponents.all.keys()
+
+
+def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -> None:
+    """A file may have been replaced since; one that was saved again with the same weights is the same policy."""
+    path = tmp_path / "rival.zip"
+    first, second = (make(seed=seed) for seed in (1, 2))
+    versions = [each.policy_files(each.config.header()) for each in (first, second)]
+    write_checkpoint(path, versions[0])
+    opponents = {"self": 1.0, str(path): 1.0}
+    trainer = make(opponents=opponents)
+    kept = capture(trainer, trainer.config.header())
+    path.unlink()
+    write_checkpoint(path, versions[0])
+    restore(make(opponents=opponents), kept)
+    path.unlink()
+    write_checkpoint(path, versions[1])
+    with pytest.raises(TrainingError, match=r"rival\.zip is another policy than the one that the run has played"):
+        restore(make(opponents=opponents), kept)
 
 
 def test_a_world_is_played_the_same_in_any_batch() -> None:

@@ -147,6 +147,7 @@ def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rol
 
 
 @pytest.mark.parametrize(("memory", "learned"), [(WIDTH, True), (0, False)])
+@pytest.mark.by_day(1)
 def test_what_only_a_memory_can_know_is_learned(memory: int, learned: bool) -> None:
     own, rng = policy(memory=memory), np.random.default_rng(0)
     torch.nn.init.normal_(own.actor.last.weight, std=0.01)

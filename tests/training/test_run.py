@@ -168,7 +168,7 @@ def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
-@pytest.mark.by_day(2)
+@pytest.mark.by_day(1)
 def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) -> None:
     run = TrainingRun(config(6 * EACH), tmp_path / "parts")
     if not updates:

@@ -106,7 +106,7 @@ def test_the_start_card_has_a_button(page, game):
         (" ", (1, 1, 1, 1, 0, 0)),
     ],
 )
-@pytest.mark.by_day(3)
+@pytest.mark.by_day(1)
 def test_keys_are_held_until_they_are_let_go(page, game, key, action):
     page.keyboard.down(key)
     shows(page, 2)
@@ -193,6 +193,7 @@ def test_letting_go_elsewhere_is_letting_go(page, game):
     assert tuple(game.action()) == (1, 1, 1, 0, 0, 0)
 
 
+@pytest.mark.nightly
 def test_a_second_page_watches(page, game, browser):
     with browser.new_context() as context:
         other = context.new_page()
