@@ -11,7 +11,7 @@ from .errors import DeclarationError, EngineError, ScheduleError
 from .system import System
 
 AS_PYTHON = "interpret=(label,), or NUMBA_DISABLE_JIT=1 for all, runs systems as Python, where print and debuggers work"
-PLACE = re.compile(r'^File "(.+)", line (\d+):', re.MULTILINE)
+PLACE = re.compile(r'^(?:File "|During: lowering ".*" at )(.+?)(?:", line | \()(\d+)(?::|\)$)', re.MULTILINE)
 GENERATED = "<outlast unit "  # see ecs.tick.Unit
 
 

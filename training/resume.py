@@ -52,6 +52,12 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
     }
 
 
+def knows_opponents(files: dict[str, bytes]) -> bool:
+    """Whether a checkpoint says which policies the files of opponents held; then `restore` compares them."""
+    rest = load_tensors(files, "rest.pt")
+    return isinstance(rest, dict) and isinstance(opponents := rest.get("opponents"), dict) and "saved" in opponents
+
+
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     """Make a new trainer of the same config go on from a checkpoint.
 

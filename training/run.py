@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import json
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import torch
 
 from outlast.envs.errors import install
+from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
@@ -21,10 +23,11 @@ from .errors import TrainingError
 from .film import film_checkpoint
 from .logs import RunLog
 from .presets import preset
-from .resume import capture, restore
+from .resume import capture, knows_opponents, restore
 from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
+FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # in the opponents of a plan
 Progress = Callable[["TrainingRun"], None]
 
 
@@ -99,7 +102,7 @@ class TrainingRun:
         self.config, self.folder, self.film = config, folder, film
         files = self._find_checkpoint(resume)
         if files is not None:
-            self._check_plan(checkpoint.header_of(files))
+            self._check_plan(checkpoint.header_of(files), moved=knows_opponents(files))
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
         else:
@@ -248,12 +251,17 @@ class TrainingRun:
                 cure = "make room there, and go on with --resume"
             raise TrainingError(f"{wrong}; {cure}") from error
 
-    def _check_plan(self, header: run_header.Header) -> None:
-        """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual."""
+    def _check_plan(self, header: run_header.Header, moved: bool = False) -> None:
+        """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual.
+
+        moved: whether the files of opponents may lie elsewhere than they did.
+        """
         usual = TrainingConfig(self.config.scenario, self.config.preset)
         plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
+        if moved and FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
+            differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
             raise TrainingError(f"the run in {self.folder} was begun with {others}")

@@ -269,7 +269,7 @@ def test_maskable_ppo_draws_what_the_masks_leave() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
-@pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 200_000), ("maskable", 200_000), ("recurrent", 800_000)])
+@pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 400_000), ("maskable", 400_000), ("recurrent", 800_000)])
 def test_ppo_learns(algorithm: str, steps: int) -> None:
     """The example of the documents: a trained agent lives far longer, and by many standard errors."""
     pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[contrib]'")

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,25 @@ def makes_a_class(place: Write[Place]) -> None:
         pass
 
     place.x[0] = Empty is None
+
+
+class Gait(IntEnum):
+    SLOW = 3
+
+
+def casts(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] = Gait.SLOW
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+def test_an_error_beyond_types_has_its_line() -> None:
+    """Of "native lowering", which says where in another form."""
+    line = casts.__code__.co_firstlineno + 2
+    with pytest.raises(
+        DeclarationError, match=rf"local\.casts \({HOME}, line {line}\) cannot be .*: Cannot cast IntEnum"
+    ):
+        run(Worlds([Walkers(), system_of(casts)], 1), RESET)
 
 
 @pytest.mark.skipif(not COMPILED, reason="about machine code")

@@ -5,6 +5,7 @@ import inspect
 import io
 import json
 import lzma
+import shutil
 import signal
 import subprocess
 import sys
@@ -208,6 +209,27 @@ def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
 
 
 # ---- killed early: see also tests.killing
+
+
+def test_a_run_goes_on_where_the_files_of_its_opponents_lie_elsewhere(tmp_path: Path) -> None:
+    for name, seed in (("rival", 1), ("stranger", 2)):
+        TrainingRun(config(EACH, seed=seed), tmp_path / name).train()
+    rival, stranger = (checkpoint.newest(tmp_path / name) for name in ("rival", "stranger"))
+    TrainingRun(config(EACH, opponents={str(rival): 1.0}), tmp_path / "run").train()
+    shutil.move(rival, tmp_path / "moved.zip")
+
+    def resumed(**opponents: float) -> TrainingRun:
+        return TrainingRun(config(2 * EACH, opponents=opponents), tmp_path / "run", resume=True)
+
+    with pytest.raises(
+        TrainingError, match=r"stranger.*is another policy than the one that the run has"
+    ):
+        resumed(**{str(stranger): 1.0})
+    with pytest.raises(TrainingError, match=r"was begun with opponents = .*:1, not self:1,.*moved\.zip:1"):
+        resumed(**{"self": 1.0, str(tmp_path / "moved.zip"): 1.0})
+    run = resumed(**{str(tmp_path / "moved.zip"): 1.0})
+    run.train()
+    assert run.trainer.steps == 2 * EACH
 
 
 def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path: Path) -> None:
