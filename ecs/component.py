@@ -135,6 +135,9 @@ class Component:
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
+        needed: Any = cls.requires
+        if not isinstance(needed, tuple) or not all(isinstance(c, type) and issubclass(c, Component) for c in needed):
+            raise DeclarationError(f"{cls.__name__}.requires = {needed!r:.80}: a tuple is needed, as in (Health,)")
         if packed is not None:
             cls.packed = packed
         if cls.columns:

@@ -65,11 +65,16 @@ class Distribution:
         return (min(self.values), max(self.values)) if plain else self.values
 
     def probes(self) -> tuple[Any, ...]:
-        """Values that stand for all: the ends and one between them; of a choice, all; of a free number, one."""
+        """Values that stand for all: the ends and two between them; of a choice, all; of a free number, one.
+
+        One of the two is crooked, so that it is not what rounding leaves as it is.
+        """
         if self.kind in (CHOICE, FREE):
             return self.values
         low, high = self.values
-        return (low, high, (low + high) // 2 if self.kind == INTEGERS else low + (high - low) / 2)
+        if self.kind == INTEGERS:
+            return (low, high, (low + high) // 2, low + (high - low) * 37 // 97)
+        return (low, high, low + (high - low) / 2, low + (high - low) * 0.381966)
 
 
 def uniform(low: float, high: float) -> Distribution:

@@ -67,6 +67,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
         raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
     if item.metadata.get("per_agent") and kind not in (int, float):
         raise DeclarationError(f"{name} is {text} and per_agent: roles can differ in an int or a float only")
+    if item.metadata.get("scales_with") and kind not in (float, tuple):
+        raise DeclarationError(f"{name} is {text} and scales with another number: only a float or a tuple can")
     if item.metadata.get("free") and kind is not tuple:
         raise DeclarationError(f"{name} is {text} and free: only a tuple can be; others have distributions")
     return kind

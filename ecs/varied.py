@@ -271,7 +271,7 @@ def _with_room(layout: Any, fewer: Any) -> Array:
 def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]]:
     """Those of one number."""
     probes, k = number.distribution.probes(), number.module
-    by_agent = rule_of(layout.modules[k], number.number)["per_agent"]
+    by_agent = rule_of(layout.modules[k], number.number).get("per_agent", False)
     if shared := [name for name in number.archetypes if layout.archetypes[name].count > max(probes)]:
         raise NumberError(f"{number.name} cannot vary: it is not the only count of the entities {shared[0]!r}")
     images, found = [layout.initial_image], list[tuple[int, int, int]]()

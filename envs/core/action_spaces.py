@@ -17,6 +17,7 @@ from .validation import Array, as_array, check_choice, checked_actions
 
 KINDS = ("multi", "joint")
 MOST = 1 << 16  # joint actions: learners have an output for each
+MASKED = 20  # actions: there is a mask for each set of them
 
 
 class ActionSpace:
@@ -142,7 +143,9 @@ class ActionSpace:
 
     @cached_property
     def _by_idle(self) -> Array:
-        """The mask for each set of actions that do nothing: bool (sets, mask_size)."""
+        """The mask for each set of actions that do nothing: bool (sets, mask_size). DeclarationError for too many."""
+        if len(self.keys) > MASKED:
+            raise DeclarationError(f"masks of {len(self.keys)} actions: at most {MASKED} are possible; leave masks out")
         sets = np.arange(1 << len(self.keys))[:, None] >> np.arange(len(self.keys)) & 1  # (sets, actions)
         allowed = [(sets[:, [k]] == 0) | (np.arange(size) == self.zeros[k]) for k, size in enumerate(self.sizes)]
         if self._table is None:

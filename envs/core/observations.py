@@ -117,6 +117,5 @@ def each(observations: Any, change: Any) -> Any:
 def _names(key: str, row: Array, fields: Mapping[str, Field]) -> list[str]:
     """Of the numbers of an agent's entry of a key, in order."""
     columns = column_names(fields) or [str(k) for k in range(row.shape[-1])]
-    if row.ndim == 1:
-        return [f"{key}.{column}" for column in columns]
-    return [f"{key}.{k}.{column}" for k in range(len(row)) for column in columns]
+    rows = [".".join(map(str, (key, *index))) for index in np.ndindex(row.shape[:-1])]
+    return [f"{one}.{column}" for one in rows for column in columns]

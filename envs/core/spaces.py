@@ -31,6 +31,9 @@ def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Com
     return sorted(found, key=lambda entry: entry[0])
 
 
+INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # what infos have beside statistics
+
+
 def check_published(worlds: Worlds) -> None:
     """DeclarationError if a column that learners see or set has no row an agent, or two statistics have one name."""
     for base in (Observation, Action):
@@ -40,7 +43,12 @@ def check_published(worlds: Worlds) -> None:
                     f"{component.__qualname__}.{name}: the {base.__name__.lower()} '{key}' has the dimensions "
                     f'{column.dims}: the first one is "agents", as each agent has a row of its own'
                 )
-    names = ["alive"]  # what info has beside the statistics
+            if base is Observation and len(column.dims) < 2:
+                raise DeclarationError(
+                    f"{component.__qualname__}.{name}: the observation '{key}' is a number for each agent; make it "
+                    'a row of one, as in column("f4", "agents", 1)'
+                )
+    names = [*INFO, *worlds.layout.varied]
     for key, _, _, column in published(worlds, Statistic):
         names += _reported(worlds, key, column)
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -57,6 +57,26 @@ def numbers(modules: Iterable[Module]) -> dict[str, Any]:
     return {f"{m.name}_{item.name}": getattr(m, item.name) for m in ordered for item in dataclasses.fields(m)}
 
 
+def all_replaced(modules: Iterable[Module], given: Mapping[tuple[str, str], Any]) -> tuple[Module, ...]:
+    """Copies with other numbers, by names of mechanic and number."""
+    return tuple(
+        _replaced(module, {name: value for (own, name), value in given.items() if own == module.name})
+        for module in modules
+    )
+
+
+def _replaced(module: Module, given: dict[str, Any]) -> Module:
+    """Its copy with other numbers; a count of 0 is refused with the way to get none."""
+    try:
+        return module.replace(**given)
+    except NumberError as error:
+        count = given.get("count")
+        if isinstance(count, int) and count == 0 and module.name != "agents":
+            cure = f"--without {module.name}, or Scenario.without({module.name!r})"
+            raise NumberError(f"{error}; for none, leave it out: {cure}") from None
+        raise
+
+
 def titles(origin: Any, made: Any) -> tuple[str, str]:
     """The name and the sentence of a scenario that was derived from another one."""
     changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
@@ -145,7 +165,8 @@ def following(
 ) -> dict[str, tuple[str, Any]]:
     """The numbers that change with those that are given, as they were declared to: see ecs.number's `scales_with`.
 
-    A number follows only while it is what the scenario began with, in proportion; not once it was set by hand.
+    A number follows only while it is what the scenario began with, in proportion; not once it was set by hand, and not
+    one that began as 0. Others may follow it in turn.
 
     Args:
         modules: With the numbers of now.
@@ -156,11 +177,12 @@ def following(
     Returns:
         By full name, the number that it follows, and its new value.
     """
-    now, found = numbers(modules), {}
-    for module in modules:
-        for item in dataclasses.fields(module):
-            name, leader = f"{module.name}_{item.name}", item.metadata.get("scales_with", "")
-            if leader not in given or name in given or leader not in now:
+    now, values = numbers(modules), dict(given)
+    found, known = dict[str, tuple[str, Any]](), 0
+    while len(values) > known:
+        known = len(values)
+        for name, leader in leaders(modules).items():
+            if leader not in values or name in values or leader not in now:
                 continue
             if {name, leader} <= origin.keys():
                 first = origin[name], origin[leader]
@@ -168,8 +190,9 @@ def following(
                 first = added[name]
             else:
                 continue
-            if now[name] == _scaled(*first, now[leader]):
-                found[name] = leader, _scaled(*first, given[leader])
+            if first[1] and now[name] == _scaled(*first, now[leader]):
+                values[name] = _scaled(*first, values[leader])
+                found[name] = leader, values[name]
     return found
 
 

@@ -1,6 +1,5 @@
 """A scenario as JSON has it: the form of the files that `Scenario.save` writes."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
 VERSION = 1
+MOST = 2.0**128  # more than any number is
 
 
 def as_form(scenario: Any) -> dict[str, Any]:
@@ -67,13 +67,13 @@ def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple
     """
     found, following = {}, leaders(modules)
     for name, pair in form.get("added", {}).items():
-        value, leader = pair if isinstance(pair, list) and len(pair) == 2 else (pair, 0)
+        value, leader = pair if isinstance(pair, list) and len(pair) == 2 else (pair, None)
         values = tuple(value) if isinstance(value, list) else (value,)
-        if name not in following or not leader or not all(map(_is_finite, (leader, *values))):
+        if name not in following or not all(map(_is_finite, (leader, *values))):
             raise ScenarioError(f"added {name} = {pair!r:.60} is not a number and the one that it follows")
         found[name] = (values if isinstance(value, list) else value), leader
     return found
 
 
 def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+    return isinstance(value, int | float) and abs(value) < MOST

@@ -5,7 +5,7 @@ import difflib
 import json
 import logging
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import as_file_name, by_full_name, following, leaders, numbers, titles
+from .changes import all_replaced, as_file_name, by_full_name, following, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
@@ -86,6 +86,8 @@ class Scenario:
     def with_(self, *modules: Module) -> "Scenario":
         """The same with more mechanics; one of a kind that is there already is replaced, and its numbers vary no more.
 
+        Numbers of others that scale with one of its numbers change as with `replace`.
+
         Args:
             *modules: Instances, such as Melee(damage=20).
 
@@ -93,12 +95,15 @@ class Scenario:
             ScenarioError: What is given is no mechanic.
         """
         check_mechanics(self.name, modules)
-        slots = {module.slot() for module in modules}
-        varied = tuple(entry for entry in self.varied if entry[0] not in numbers(modules))
-        made = self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules), varied=varied)
+        slots, given, before = {module.slot() for module in modules}, numbers(modules), self.numbers()
+        varied = tuple(entry for entry in self.varied if entry[0] not in given)
+        after = (*(m for m in self.modules if m.slot() not in slots), *modules)
+        changed = {name: value for name, value in given.items() if before.get(name, value) != value}
+        gone = before.keys() - numbers(after).keys()
+        made = self._derived(modules=all_replaced(after, self._led(changed, given.keys() | gone)), varied=varied)
         now = made.numbers()
         more = {name: (now[name], now[leader]) for name, leader in leaders(modules).items() if leader in now}
-        object.__setattr__(made, "added", {**self.added, **more})
+        object.__setattr__(made, "added", {**made.added, **more})
         return made
 
     def ordered(self, *systems: str) -> "Scenario":
@@ -131,17 +136,22 @@ class Scenario:
             if "_".join(found) != _full(key):
                 renamed.warn(key, "_".join(found))
             given[found] = value
-        modules = _all_replaced(self.modules, given)  # checks the numbers
+        modules = all_replaced(self.modules, given)  # checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
-        for key, (leader, value) in following(
-            self.modules, (self.origin or self).numbers(), checked, self.added
-        ).items():
-            given[self.find_number(key)] = value
-            about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
-            LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
         fixed = {"_".join(found) for found in given}
         varied = tuple(entry for entry in self.varied if entry[0] not in fixed)
-        return self._derived(modules=_all_replaced(self.modules, given), varied=varied)
+        return self._derived(modules=all_replaced(self.modules, given | self._led(checked)), varied=varied)
+
+    def _led(self, changed: Mapping[str, Any], beside: Container[str] = ()) -> dict[tuple[str, str], Any]:
+        """The numbers that follow those that change, which is logged; none that vary, or that are `beside`."""
+        found, varied = {}, dict(self.varied)
+        led = following(self.modules, (self.origin or self).numbers(), changed, self.added)
+        for key, (leader, value) in led.items():
+            if key not in varied and key not in beside:
+                found[self.find_number(key)] = value
+                about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
+                LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
+        return found
 
     def vary(self, **numbers: Distribution) -> "Scenario":
         """The same with numbers that each world draws anew when an episode begins.
@@ -180,7 +190,7 @@ class Scenario:
         """
         varied = dict(self.varied)
         full = ["_".join(self.find_number(name)) for name in names] or [*varied]
-        if missing := [name for name in full if name not in varied]:
+        if missing := [name for name in full or ["a number"] if name not in varied]:
             raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
         return self._derived(observed=tuple(sorted({*full})))
 
@@ -258,7 +268,8 @@ class Scenario:
         name, about = titles(origin, made)
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
-        object.__setattr__(made, "added", self.added)
+        led = leaders(made.modules)
+        object.__setattr__(made, "added", {name: pair for name, pair in self.added.items() if name in led})
         return made
 
     def numbers(self) -> dict[str, Any]:
@@ -366,26 +377,6 @@ class Scenario:
 def _full(asked: str) -> str:
     """Name of the number that n_NAME stands for; others as they are."""
     return f"{asked[2:]}_count" if asked.startswith("n_") else asked
-
-
-def _all_replaced(modules: Iterable[Module], numbers: Mapping[tuple[str, str], Any]) -> tuple[Module, ...]:
-    """Copies with other numbers, by names of mechanic and number."""
-    return tuple(
-        _replaced(module, {name: value for (own, name), value in numbers.items() if own == module.name})
-        for module in modules
-    )
-
-
-def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
-    """Its copy with other numbers; a count of 0 is refused with the way to get none."""
-    try:
-        return module.replace(**numbers)
-    except NumberError as error:
-        count = numbers.get("count")
-        if isinstance(count, int) and count == 0 and module.name != "agents":
-            cure = f"--without {module.name}, or Scenario.without({module.name!r})"
-            raise NumberError(f"{error}; for none, leave it out: {cure}") from None
-        raise
 
 
 def sorted_(scenario: Scenario) -> Iterator[Module]:

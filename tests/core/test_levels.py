@@ -359,6 +359,11 @@ def test_distributions_that_cannot_be_are_refused(make_one: Any, reason: str) ->
         make_one()
 
 
+def test_without_what_varies_nothing_is_observed() -> None:
+    with pytest.raises(ScenarioError, match="a number does not vary here"):
+        outlast.variant("ffa_1").observe_numbers()
+
+
 def test_what_does_not_vary_is_no_observation() -> None:
     with pytest.raises(ScenarioError, match="melee_reach does not vary here"):
         TEAMS.observe_numbers("melee_reach")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import ALIASES, VARIANTS, Scenario, make_vec, variant
+from outlast import ALIASES, VARIANTS, Scenario, integers, make_vec, variant
 from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Shape, Spawned
 from outlast.components.health import hurt
 from outlast.ecs import (
@@ -389,6 +389,18 @@ class Living(Statistic):
     alive: Any = column("i4")
 
 
+class Damage(Statistic):
+    melee_damage: Any = column("i4")
+
+
+class Mood(Observation):
+    mood: Any = column("f4", "agents")
+
+
+class Image(Observation):
+    image: Any = column("f4", "agents", 2, 3, 4, low=0, high=1)
+
+
 class MyZone(Observation):
     zone: Any = column("f4", "agents", 3)
 
@@ -403,6 +415,8 @@ class Swing(Action, order=9):
         (Plain, "Plain.depth: the observation 'depth' has the dimensions .*first one is \"agents\""),
         (Zones, "two entries of info are called 'deaths_zone'"),
         (Living, "two entries of info are called 'alive'"),
+        (Damage, "two entries of info are called 'melee_damage'"),
+        (Mood, r"Mood.mood: the observation 'mood' is a number for each agent; .* column\(\"f4\", \"agents\", 1\)"),
         (MyZone, "MyZone.zone and outlast.components.zone.ZoneView.zone|ZoneView.zone and .*MyZone.zone"),
         (Swing, "are both the action 'attack'"),
     ],
@@ -410,7 +424,17 @@ class Swing(Action, order=9):
 def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, words: str) -> None:
     brings = type("Brings", (Module,), {"singletons": lambda self: [component()]})
     with pytest.raises(DeclarationError, match=words):
-        make_vec(variant("ffa_1").with_(brings()), 1)
+        make_vec(variant("ffa_1").vary(melee_damage=integers(5, 9)).with_(brings()), 1)
+
+
+def test_numbers_of_an_image_have_names() -> None:
+    brings = type("Brings", (Module,), {"singletons": lambda self: [Image()]})
+    env = make_vec(variant("ffa_1").with_(brings()), 1, observations="flat")
+    assert len(env.flat_names) == env.flat_size == len(set(env.flat_names))
+    assert [name for name in env.flat_names if name.startswith("image.")][:5] == [
+        *(f"image.0.0.{k}" for k in range(4)),
+        "image.0.1.0",
+    ]
 
 
 # ---- kinds are recognised by their components

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 
 import outlast
 from outlast import VARIANTS, Scenario, variant
-from outlast.ecs import EngineError
+from outlast.components import Health, Phase
+from outlast.ecs import EngineError, Module, Read, number
 from outlast.envs.cli import options
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
@@ -19,6 +21,22 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.naming import mechanic, named
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, Maze, Teams
+
+
+@dataclass(frozen=True)
+class Trap(Module):
+    """Numbers that follow: the room's side, each other, and one that is 0."""
+
+    side: float = number(10.0, scales_with="room_size")
+    reach: float = number(1.0, scales_with="trap_side")
+    deep: float = number(0.0)
+    wet: float = number(1.0, scales_with="trap_deep")
+
+
+@Trap.system(Phase.RECORD)
+def set_trap(health: Read[Health], side: float, reach: float, deep: float, wet: float) -> None:
+    pass
+
 
 BARS = outlast.FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
 ROOM_ROLE = {"drawn": "never", "roles": [{"name": "a", "count": None, "numbers": {"room_size": 9}}]}
@@ -85,6 +103,26 @@ def test_json_holds_which_numbers_follow_others_and_which_were_set_by_hand() -> 
     assert added.replace(room_size=60.0)["safe_zone"].radii != added["safe_zone"].radii
 
 
+def test_what_was_added_and_is_gone_is_not_in_json() -> None:
+    added = variant("ffa_1").without("safe_zone").with_(variant("ffa_1")["safe_zone"])
+    for scenario in (added.without("safe_zone"), added.with_(Trap()).without("trap")):
+        assert Scenario.from_json(scenario.to_json()).to_json() == scenario.to_json()
+
+
+def test_numbers_follow_whatever_changes_what_they_follow() -> None:
+    """Also through another one, and where a mechanic is replaced; not one that was 0, nor one that varies."""
+    game: Any = variant("ffa_1").with_(Trap())
+    assert (game.replace(room_size=50.0)["trap"].side, game.replace(room_size=50.0)["trap"].reach) == (20.0, 2.0)
+    assert game.replace(trap_side=20.0)["trap"].reach == 2.0
+    assert game.replace(trap_deep=3.0)["trap"].wet == 1.0
+    room = game["room"].replace(size=50.0)
+    assert game.with_(room)["safe_zone"].radii == game.replace(room_size=50.0)["safe_zone"].radii
+    assert game.with_(room).replace(room_size=100.0)["trap"].side == 40.0
+    assert game.with_(room, game["safe_zone"])["safe_zone"].radii == game["safe_zone"].radii
+    varied = game.vary(trap_side=outlast.uniform(1, 2))
+    assert dict(varied.replace(room_size=50.0).varied).keys() == {"trap_side"}
+
+
 def test_nothing_that_json_names_is_imported(tag: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     text = tag.to_json()
     monkeypatch.delitem(sys.modules, "tag")
@@ -133,7 +171,7 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"added": ["safe_zone_radii"]}, "does not hold a scenario"),
         (lambda form: form | {"added": {"melee_damage": [1, 2]}}, "added melee_damage = .* the one that it follows"),
         (lambda form: form | {"added": {"safe_zone_radii": [[1, "a"], 2]}}, "added safe_zone_radii = "),
-        (lambda form: form | {"added": {"safe_zone_radii": [[1, 2], 0]}}, "added safe_zone_radii = "),
+        (lambda form: form | {"added": {"safe_zone_radii": [[1, 2], 10**400]}}, "added safe_zone_radii = "),
         (lambda form: form | {"added": {"safe_zone_radii": 3}}, "added safe_zone_radii = 3 is not"),
         (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
         (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),

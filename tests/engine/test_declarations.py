@@ -443,6 +443,19 @@ def _asking(hint: Any) -> Any:
     return system
 
 
+@pytest.mark.parametrize("given", [Energy, [Energy], (3,)])
+def test_what_a_component_requires_is_a_tuple(given: Any) -> None:
+    with pytest.raises(DeclarationError, match=r"Bound\.requires = .*: a tuple is needed, as in \(Health,\)"):
+        type("Bound", (Component,), {"requires": given})
+
+
+@pytest.mark.parametrize(("kind", "default"), [("int", 3), ("bool", True)])
+def test_only_real_numbers_scale(kind: str, default: Any) -> None:
+    space = {"__annotations__": {"size": kind}, "size": number(default, scales_with="walkers_count")}
+    with pytest.raises(DeclarationError, match=f"size is {kind} and scales with another number: only a float"):
+        dataclass(frozen=True)(type("Follows", (Toy,), space))()
+
+
 def test_a_singleton_without_columns_is_refused() -> None:
     class Empty(Singleton):
         pass

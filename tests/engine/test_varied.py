@@ -181,6 +181,39 @@ class Others(Module):
         return [Archetype("coin", (), 2)]
 
 
+class Level(Component):
+    height: Array = column("f4")
+    depth: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Rounded(Module):
+    """Prefab values that are the number itself where it is round."""
+
+    high: float = number(2.0)
+    deep: int = number(10)
+    plain: int = 3
+
+    def archetypes(self) -> Any:
+        return [Archetype("agent", (Level(height=float(round(self.high)), depth=self.deep // 10 * 10),))]
+
+
+@Rounded.system(Phase.SPAWN)
+def stand(level: Write[Level], agents: Rows[Side], high: float, deep: int, plain: int) -> None:
+    pass
+
+
+@pytest.mark.parametrize(("name", "drawn"), [("high", uniform(1, 3)), ("deep", integers(0, 100))])
+def test_what_is_rounded_cannot_vary(name: str, drawn: Any) -> None:
+    with pytest.raises(NumberError, match=f"rounded_{name} cannot vary: Level.*is computed from it"):
+        outlast.variant("ffa_1").with_(Rounded()).vary(**{f"rounded_{name}": drawn}).worlds(1)
+
+
+def test_a_number_with_a_plain_default_varies() -> None:
+    drawn = outlast.variant("ffa_1").with_(Rounded()).vary(rounded_plain=integers(1, 4)).worlds(1)
+    assert "rounded_plain" in drawn.layout.varied
+
+
 @pytest.mark.parametrize(
     ("name", "drawn", "reason"),
     [

@@ -221,9 +221,7 @@ def test_a_run_goes_on_where_the_files_of_its_opponents_lie_elsewhere(tmp_path: 
     def resumed(**opponents: float) -> TrainingRun:
         return TrainingRun(config(2 * EACH, opponents=opponents), tmp_path / "run", resume=True)
 
-    with pytest.raises(
-        TrainingError, match=r"stranger.*is another policy than the one that the run has"
-    ):
+    with pytest.raises(TrainingError, match=r"stranger.*is another policy than the one that the run has"):
         resumed(**{str(stranger): 1.0})
     with pytest.raises(TrainingError, match=r"was begun with opponents = .*:1, not self:1,.*moved\.zip:1"):
         resumed(**{"self": 1.0, str(tmp_path / "moved.zip"): 1.0})
