@@ -6,7 +6,7 @@ In it: policy.pt and rest.pt (tensors and numbers only, see safe_torch), worlds.
 
 import io
 import zipfile
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -82,9 +82,14 @@ def load_weights(policy: ActorCritic, weights: Any, where: str = "policy.pt") ->
         raise TrainingError(f"{where} of the checkpoint does not hold the weights of this policy")
     for name, weight in own.items():
         check_like(weights[name], weight, f"{name} in {where}")
-        if not (weights[name].abs() <= HEAVIEST).all():  # NaN, too
-            raise TrainingError(f"{name} in {where} of the checkpoint has numbers beyond {HEAVIEST}, or that are none")
+    if name := wrong_weight(weights):
+        raise TrainingError(f"{name} in {where} of the checkpoint has numbers beyond {HEAVIEST}, or that are none")
     policy.load_state_dict(weights)
+
+
+def wrong_weight(weights: Mapping[str, Tensor]) -> str:
+    """The name of weights that are beyond HEAVIEST, or no numbers; empty if all are as they should be."""
+    return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 
 def check_like(given: Any, own: Tensor, name: str) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from numbers import Integral
 from typing import Any
 
 from outlast.components import Return
@@ -28,6 +29,7 @@ OPPONENTS = (SELF, PAST, *NAMED)
 SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps that gradients flow back through a memory
 MOST = 4096  # numbers of a memory
+LEAST = {"steps": 0, "seed": 0, "worlds": 0, "rollout": 0, "threads": 0, "every": 1, "snapshots": 1}
 Choose = Callable[[Any], Sequence[Level]]  # of a curriculum.TrainingProgress
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
@@ -122,6 +124,11 @@ class TrainingConfig:
             ScenarioError: There is no such preset.
             TrainingError: Another value is not what it can be.
         """
+        for name, least in LEAST.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**62:
+                raise TrainingError(f"{name} = {value!r}: a whole number from {least} is needed")
+            object.__setattr__(self, name, int(value))
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
         if self.dead == "drop" and self._comes_back():
@@ -156,6 +163,9 @@ class TrainingConfig:
         most = self.size[0]
         if not 1 <= self.processes <= most:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
+
+    def check_teacher(self) -> None:
+        """TrainingError if a run cannot begin by imitating the teacher; it can go on from a checkpoint."""
         name, imitated = self.teacher
         if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
             raise TrainingError(

@@ -225,7 +225,7 @@ class Lane:
         if not self.pool.alone:
             self.life += living_sides(env.worlds)
         if done.any():
-            goes_on = np.repeat(truncated, env.num_agents) & (living | (self.dead == "keep"))
+            goes_on = np.repeat(truncated & ~terminated, env.num_agents) & (living | (self.dead == "keep"))
             if goes_on.any():
                 samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
             self.episodes.add(info["statistics"], int(done.sum()))

@@ -25,7 +25,7 @@ def read_log(path: Path) -> Points:
     for number, line in enumerate(lines[1:], 2):
         if line.endswith("\n"):
             try:
-                tag, step, value = line.split(",")
+                tag, step, value = _fields(line)
                 row = (int(step), float(value))
                 if not 0 <= row[0] <= LAST:
                     raise ValueError
@@ -39,11 +39,21 @@ def read_log(path: Path) -> Points:
     return points
 
 
+def _fields(line: str) -> tuple[str, str, str]:
+    """The tag, which may be in quotes, the step and the value of a row. ValueError if there are others."""
+    tag, step, value = line.rsplit(",", 2)
+    if tag[:1] == tag[-1:] == '"':  # as the module csv writes a tag with a comma, such as of a path
+        return tag[1:-1].replace('""', '"'), step, value
+    if "," in tag:
+        raise ValueError(line)
+    return tag, step, value
+
+
 def last_step(path: Path) -> int:
     """The agent-steps of the last whole row of a log that is being written; 0 if there is none."""
     try:
         lines = path.read_text().rpartition("\n")[0].splitlines()
-        return int(lines[-1].split(",")[1]) if len(lines) > 1 else 0
+        return int(_fields(lines[-1])[1]) if len(lines) > 1 else 0
     except (OSError, ValueError, IndexError):
         return 0
 
@@ -55,6 +65,6 @@ def truncate_log(path: Path, steps: int) -> None:
     lines = path.read_text().splitlines(keepends=True)
     if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
-    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
+    kept = [line for line in lines[1:] if line.endswith("\n") and int(_fields(line)[1]) <= steps]
     with atomic_write(path) as place:
         place.write_text("".join([",".join(HEADER) + "\n", *kept]))

@@ -101,7 +101,9 @@ class TrainingRun:
         """
         self.config, self.folder, self.film = config, folder, film
         files = self._find_checkpoint(resume)
-        if files is not None:
+        if files is None:
+            config.check_teacher()
+        else:
             self._check_plan(checkpoint.header_of(files), moved=knows_opponents(files))
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
@@ -188,6 +190,7 @@ class TrainingRun:
         rollout = trainer.collect()
         times.append(time.perf_counter())
         tags = trainer.report() | trainer.update(rollout, left, on_epoch)
+        self._check_weights()
         times.append(time.perf_counter())
         samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[2] - times[1]
         tags |= {
@@ -199,6 +202,16 @@ class TrainingRun:
         self.tags = tags
         with self._disk_errors():
             self.log.write(tags, trainer.steps)
+
+    def _check_weights(self) -> None:
+        """Stop a run that diverged, of which nobody could load another checkpoint."""
+        for policy in self.trainer.policies:
+            if name := checkpoint.wrong_weight(policy.state_dict()):
+                raise TrainingError(
+                    f"training diverged: after {self.trainer.steps} agent-steps {name} has numbers beyond "
+                    f"{checkpoint.HEAVIEST}, or that are none; begin again with a lower learning rate, or in "
+                    "units of smaller rewards"
+                )
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
         with self._disk_errors():  # of a temporary file for the worlds
@@ -231,6 +244,7 @@ class TrainingRun:
 
     def _prepare(self) -> None:
         """Make the folder, remove temporary files of a killed process, and write run.json."""
+        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # what could not be read is not written
         self.folder.mkdir(parents=True, exist_ok=True)
         for path in filter(is_temporary, list(self.folder.iterdir())):
             remove(path)

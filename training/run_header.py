@@ -67,9 +67,9 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Whether it is a number, a truth, nothing, or a text to be shown in a line (in which $ would begin a formula)."""
+    """Whether it is a number, a truth, nothing, or a text to be shown in a line, which may name many files."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
-    return given is None or number or (is_word(given) and "$" not in given)
+    return given is None or number or (isinstance(given, str) and len(given) <= MOST and given.isprintable())
 
 
 def is_plan(given: Any) -> bool:
@@ -125,7 +125,7 @@ def _are_actions(given: Any) -> bool:
 
 
 def _is_team(given: Any) -> bool:
-    return isinstance(given, list) and 0 < len(given) <= FEW and all(map(_is_size, given))
+    return isinstance(given, list) and 0 < len(given) <= MOST and all(map(_is_size, given))
 
 
 VALIDATORS: dict[str, Callable[[Any], bool]] = {

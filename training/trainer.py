@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 import outlast
+from outlast.components import Sides
 from outlast.envs.core.agents import side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -355,11 +356,12 @@ def teams(env: SurvivalVectorEnv, policies: str) -> Array:
 
     Args:
         env: The worlds.
-        policies: "shared": one for all. "side": one for each side. "agent": one for each agent.
+        policies: "shared": one for all. "side": one for each side; without teams, each agent is one. "agent": one for
+            each agent.
     """
-    if policies == "side":
+    if policies == "side" and env.worlds[Sides].teams[0, 0]:
         return side(env.worlds, 0)
-    return np.arange(env.num_agents) if policies == "agent" else np.zeros(env.num_agents, int)
+    return np.zeros(env.num_agents, int) if policies == "shared" else np.arange(env.num_agents)
 
 
 def _device(name: Any) -> torch.device:

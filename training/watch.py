@@ -139,9 +139,12 @@ class RunWatcher:
 def figures(points: log_file.Points) -> list[Json]:
     """The figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
     by_step: dict[int, dict[str, float]] = {}
+    steps = sorted({step for rows in points.values() for step, _ in rows})
+    shown = {*steps[:: max(1, -(-len(steps) // POINTS))], *steps[-1:]}  # of all tags the same
     for tag, rows in points.items():
-        for step, value in (*rows[:: -(-len(rows) // POINTS)], rows[-1]):
-            by_step.setdefault(step, {})[tag] = value
+        for step, value in rows:
+            if step in shown:
+                by_step.setdefault(step, {})[tag] = value
     series: dict[tuple[str, str], list[tuple[int, float]]] = {}
     for step, tags in sorted(by_step.items()):
         for figure in headline(tags):

@@ -167,7 +167,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
                 if info["_statistics"][i]:
                     infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
                 self.reset_infos[i] = begun[i]
-        for each, cut in zip(infos, truncated.tolist(), strict=True):
+        for each, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             each["TimeLimit.truncated"] = cut
         return observations, rewards, done, infos
 

@@ -1,13 +1,15 @@
 """Collecting: advantages against a plain loop over a second batch of worlds, and what rewards are divided by."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from outlast import make_vec
-from outlast.ecs import Entity
+from outlast import make_vec, variant
+from outlast.components import End, Phase
+from outlast.ecs import Clock, Entity, Module, Read, Write
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
@@ -155,3 +157,23 @@ def test_rewards_that_are_all_zero_stay_zero() -> None:
     scale.variance, scale.mean = 1e-300, 0.0
     assert not (nothing / np.float32(first)).any()
     assert not (nothing / np.float32(scale.update(nothing, ends))).any()
+
+
+@dataclass(frozen=True)
+class Goal(Module):
+    """The game is won at tick 10."""
+
+
+@Goal.system(Phase.END, after="ending.end")
+def reach(clock: Read[Clock], end: Write[End]) -> None:
+    if clock.tick[0] >= 10:
+        end.terminated[0] = True
+
+
+def test_an_end_by_the_rule_in_the_last_tick_is_not_cut_off() -> None:
+    """Nothing comes after it, whatever the time limit says."""
+    trainer = make(scenario=variant("ffa_2").replace(ending_limit=10).with_(Goal()))
+    trainer.collect()
+    samples = trainer.lane.samples
+    assert samples.ends.any()
+    assert (samples.later == 0).all()

@@ -119,6 +119,12 @@ def test_what_has_several_sides_is_their_mean_and_kills_their_sum(tmp_path: Path
     np.testing.assert_allclose(curves.values["kills"], 3.0)
     assert [panel.name for panel in chosen(runs, ("rollout/kills1", "length"))] == ["rollout/kills1", "length"]
     np.testing.assert_allclose(hours(runs[0]), np.arange(1, 21) * 1000 / 500 / 3600)
+    values = runs[0].curves.values
+    values["time/imitation"] = np.array([36.0, *[np.nan] * 19])
+    np.testing.assert_allclose(hours(runs[0]), 0.01 + np.arange(1, 21) * 1000 / 500 / 3600)
+    (first, *_) = [tag for tag in panels[0].tags if tag in values]
+    values[first][3] = np.nan  # no episode with that side
+    assert drawn(runs[0], panels).values["return"][3] == np.mean([values[tag][3] for tag in panels[0].tags[1:]])
     with pytest.raises(TrainingError, match=r"no curve 'lenght'; did you mean length\?"):
         chosen(runs, ("lenght",))
 

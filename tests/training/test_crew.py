@@ -138,7 +138,15 @@ def test_more_processes_than_worlds_are_refused() -> None:
 @pytest.mark.parametrize("how", [{"processes": 2}, {"halves": True}], ids=str)
 def test_imitation_of_a_saved_policy_is_that_of_one_process(how: dict[str, Any]) -> None:
     with pytest.raises(TrainingError, match=r"a.zip draws numbers in turn: imitate it with one process and without"):
-        config(1, **how, warm_start="a.zip:1000")
+        config(1, **how, warm_start="a.zip:1000").check_teacher()
+
+
+def test_a_run_that_has_imitated_goes_on_in_halves(alone: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
+    teacher = {"warm_start": f"{checkpoint.newest(alone[0])}:{EACH}"}
+    trained(tmp_path, 1, **teacher)
+    with pytest.raises(TrainingError, match="imitate it with one process and without halves, then resume"):
+        trained(tmp_path / "new", 1, halves=True, **teacher)
+    trained(tmp_path, 2, resume=True, halves=True, **teacher)
 
 
 def test_halves_of_the_worlds_give_the_same_numbers(tmp_path: Path) -> None:

@@ -331,6 +331,17 @@ def test_a_ratio_is_a_mean_with_its_error() -> None:
     assert errors.mean() == pytest.approx(means.std(), rel=0.1)
 
 
+def test_two_policies_are_not_given_one_label() -> None:
+    with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two of them are called lr-1e-3 in files"):
+        contenders({"lr 1e-3": "noop", "lr=1e-3": "scripted"})
+
+
+@pytest.mark.parametrize("given", [{"episodes": 0}, {"worlds": 0}, {"episodes": 1.5}])
+def test_numbers_of_an_evaluation_that_cannot_be_are_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(given))} = .*: an integer >= 1 is needed"):
+        Evaluation(quick("ffa_1"), contenders(["noop"]), **given)
+
+
 def test_labels_are_as_short_as_can_be() -> None:
     assert labels(["random", "runs/a/steps_1.zip", "scripted"]) == ["random", "steps_1", "scripted"]
     assert labels(["runs/a b/steps_1.zip", "runs/c/steps_1.zip"]) == ["a-b-steps_1", "c-steps_1"]

@@ -325,6 +325,14 @@ def test_a_world_is_played_the_same_in_any_batch() -> None:
     assert np.array_equal(one, two[:, : one.shape[1]])
 
 
+def test_without_teams_each_agent_is_a_side_however_many_there_are() -> None:
+    scenario = outlast.variant("ffa_1").vary(n_agents=outlast.integers(2, 5))
+    for seed in range(3):  # the first world may have fewer
+        trainer = make(seed=seed, scenario=scenario, policies="side", opponents={"self": 1.0})
+        assert trainer.team.tolist() == [0, 1, 2, 3, 4]
+        assert len(trainer.learners) == 5
+
+
 @pytest.mark.parametrize(
     ("name", "drawn"), [("agents_count", outlast.integers(2, 4)), ("teams_sizes", outlast.choice((1, 3), (2, 2)))]
 )

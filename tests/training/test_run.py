@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import variant
+from outlast import load_policy, variant
 from outlast.ecs import Module, Singleton, column
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import StateError
@@ -30,7 +30,7 @@ from outlast.training import checkpoint  # noqa: E402
 from outlast.training.cli import train as command  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.log_file import read_log  # noqa: E402
+from outlast.training.log_file import last_step, read_log  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -209,6 +209,49 @@ def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
 
 
 # ---- killed early: see also tests.killing
+
+
+def test_a_run_that_diverges_stops_and_keeps_the_checkpoint_before(tmp_path: Path) -> None:
+    run = TrainingRun(config(20 * EACH, preset="fast", settings={"learning_rate": 1e4}), tmp_path / "run")
+    with pytest.raises(TrainingError, match=r"training diverged: after \d+ agent-steps .* lower learning rate"):
+        run.train()
+    for path in (tmp_path / "run").glob("*.zip"):
+        load_policy(path)
+
+
+def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("outlast.training.run_header.MOST", 1)
+    with pytest.raises(TrainingError, match="does not describe a run"):
+        TrainingRun(config(EACH), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_many_opponents_with_strange_names_can_be_gone_on_with(tmp_path: Path) -> None:
+    """Their names are longer than a line, and tags of the log have commas."""
+    TrainingRun(config(EACH), tmp_path / "rival").train()
+    places = [tmp_path / f"lr=1,{k}$" / ("x" * 40 + ".zip") for k in range(3)]
+    for place in places:
+        place.parent.mkdir()
+        shutil.copy(checkpoint.newest(tmp_path / "rival"), place)
+    given = {"opponents": {str(place): 1.0 for place in places}}
+    TrainingRun(config(EACH, **given), tmp_path / "run").train()
+    TrainingRun(config(2 * EACH, **given), tmp_path / "run", resume=True).train()
+    assert f"wins/{places[0]}" in read_log(tmp_path / "run" / "log.csv")
+    assert last_step(tmp_path / "run" / "log.csv") == 2 * EACH
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1.0}}, {"rollout": -64}, {"seed": 1.5}],
+)
+def test_numbers_that_cannot_be_are_named(given: dict[str, Any]) -> None:
+    with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: a whole number from [01] is needed"):
+        config(**({"steps": EACH} | given))
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    TrainingRun(config(np.int64(EACH), seed=np.int64(1)), tmp_path / "run").train()  # type: ignore[arg-type]
+    assert json.loads((tmp_path / "run/run.json").read_text())["plan"]["seed"] == 1
 
 
 def test_a_run_goes_on_where_the_files_of_its_opponents_lie_elsewhere(tmp_path: Path) -> None:

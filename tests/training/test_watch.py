@@ -178,6 +178,14 @@ def test_figures_come_from_the_log(folder: Path) -> None:
     assert figures({}) == []
 
 
+def test_curves_are_thinned_together(folder: Path) -> None:
+    """Sums over sides are of the same steps, although a rollout lacks a side."""
+    rows = [(f"rollout/kills{side}", k, 1.0) for k in range(1, 301) for side in (0, 1, 2) if (side, k) != (2, 150)]
+    (kills,) = [each for each in figures(read_log(log(folder, *rows))) if each["name"] == "kills"]
+    assert {value for step, value in kills["points"] if step != 150} == {3.0}
+    assert len(kills["points"]) <= watch.POINTS + 2
+
+
 def test_a_log_is_read_again_when_it_has_changed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     watcher, reads = RunWatcher(folder), list[Path]()
     monkeypatch.setattr(watch.log_file, "read_log", lambda path: reads.append(path) or read_log(path))

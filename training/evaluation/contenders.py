@@ -87,7 +87,11 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
     if not given:
         raise TrainingError("no policies are given: name some, as in ('scripted', 'runs/duel')")
     if isinstance(given, Mapping):
-        return [_labelled(label, policy) for label, policy in given.items()]
+        found = [_labelled(label, policy) for label, policy in given.items()]
+        names = [contender.label for contender in found]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise TrainingError(f"{', '.join(given)}: two of them are called {twice[0]} in files; choose other labels")
+        return found
     chosen = [each for policy in given for each in _expanded(policy)]
     named = labels([text for text, _ in chosen])
     return [Contender(label, policy) for label, (_, policy) in zip(named, chosen, strict=True)]

@@ -10,6 +10,7 @@ from outlast.ecs import Statistic
 from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.spaces import published
+from outlast.envs.core.validation import check_count
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
@@ -55,6 +56,8 @@ class Evaluation:
         seed: int = 0,
         threads: int = 1,
     ) -> None:
+        check_count("episodes", episodes, 1)
+        check_count("worlds", worlds, 1)
         players = [contender.player for contender in chosen if contender.player is not None]
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.worlds, self.each = worlds, -(-episodes // worlds)

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -94,15 +95,23 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
     own = [curves.values[tag] for tag in combinable([tag for tag in panel.tags if tag in curves.values])]
     if not any(np.isfinite(each).any() for each in own):
         return None
-    combined: Array = np.sum(own, 0) if panel.name in SUMMED else np.mean(own, 0)
+    if panel.name in SUMMED:
+        combined: Array = np.sum(own, 0)
+    else:
+        with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # where there is none of a rollout
+            combined = np.nanmean(own, 0)  # of the sides that there were
     return combined
 
 
 def hours(run: Run) -> Array | None:
-    """Hours of training after each of the run's points, float64 (points,), from the speed that it logged."""
+    """Hours of training after each of the run's points, float64 (points,): by the speed that it logged.
+
+    Those of imitation, which comes ahead of them, are in it.
+    """
     speed = run.curves.values.get("time/fps")
     if speed is None:
         return None
     taken = np.diff(run.curves.steps, prepend=0) / np.where(speed > 0, speed, np.nan) / 3600
-    elapsed: Array = np.nancumsum(taken)
+    imitation = np.nansum(run.curves.values.get("time/imitation", 0.0)) / 3600
+    elapsed: Array = np.nancumsum(taken) + imitation
     return elapsed
