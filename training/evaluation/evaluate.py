@@ -59,6 +59,7 @@ def evaluate(
         ScenarioError: There is no such scenario.
         NumberError: The scenario has no such number; it may be meant for one of the arguments.
         TrainingError: There is no such policy, it cannot play there, or `out` cannot be written.
+        ValueError: `episodes` or `worlds` is no integer of at least 1.
         ActionError: A function returned actions that are none.
     """
     game = resolve(scenario, numbers, OPTIONS)
