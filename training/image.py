@@ -58,3 +58,8 @@ def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str], colour
         texts.add_text(key, text)
     few = Image.open(pixels).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
     few.save(content, format="png", optimize=True, pnginfo=texts, dpi=(DPI, DPI))
+
+
+def literal(text: str) -> str:
+    """Text in which $ begins no formula."""
+    return text.replace("$", r"\$")

@@ -18,6 +18,7 @@ NAME = "run.json"
 VERSION = 1
 MOST, FEW = 2**16, 256  # numbers of an agent's observations, values of its actions; actions
 LONGEST = 2**20  # bytes
+TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files
 Header = dict[str, Any]
 
 
@@ -67,17 +68,19 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Whether it is a number, a truth, nothing, or a text to be shown in a line, which may name many files."""
+    """Whether it is a number, a truth, nothing, or a text to be shown in a line (in which $ would begin a formula)."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
-    return given is None or number or (isinstance(given, str) and len(given) <= MOST and given.isprintable())
+    return given is None or number or (is_word(given) and "$" not in given)
 
 
 def is_plan(given: Any) -> bool:
     """Whether it could be the `plan` of TrainingConfig.header: plain values by name, and in `settings` once more."""
     if not isinstance(given, dict) or not isinstance(settings := given.get("settings", {}), dict):
         return False
-    own = {key: value for key, value in given.items() if key != "settings"}
-    return all(map(is_plain, (*own, *own.values(), *settings, *settings.values())))
+    own = {key: value for key, value in given.items() if key not in ("settings", *TEXTS)}
+    texts = [given[key] for key in TEXTS if key in given]
+    lines = all(isinstance(text, str) and len(text) <= MOST and text.isprintable() for text in texts)
+    return lines and all(map(is_plain, (*own, *own.values(), *settings, *settings.values())))
 
 
 def _is_size(given: Any) -> bool:

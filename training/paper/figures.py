@@ -16,7 +16,7 @@ from outlast.envs.rendering import style
 
 from ..averages import average, window_size
 from ..curves import Curves, Quantity
-from ..image import GREY, colour, encoded
+from ..image import GREY, colour, encoded, literal
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN
 from .end_values import side_name
 from .results import RunGroup
@@ -100,7 +100,7 @@ def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
     several = "band: from the lowest to the highest seed; faint: the paper's points"
     behind = "faint: all points" if count == 1 else several
     lines = [f"Lines: moving averages over 5 % of the points (of ours {points}); {behind}", *notes]
-    figure.text(0.02, 1 - 0.36 / HEIGHT, "\n".join(lines), fontsize=8, color=GREY, va="top", linespacing=1.35)
+    figure.text(0.02, 1 - 0.36 / HEIGHT, literal("\n".join(lines)), fontsize=8, color=GREY, va="top", linespacing=1.35)
     figure.legend(
         handles=list(_handles(group)),
         loc="upper right",

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from ..averages import average
 from ..curves import Array
-from ..image import GREY, encoded
+from ..image import GREY, encoded, literal
 from .comparison import Comparison
 from .groups import Group
 from .panels import drawn, hours
@@ -49,7 +49,7 @@ def draw(comparison: Comparison) -> Figure:
     figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
     longest, scale, unit = _axis(comparison)
     for axes, panel in zip(grid.flat, panels, strict=False):
-        axes.set_title(_literal(panel.title))
+        axes.set_title(literal(panel.title))
         axes.set_xlim(0, longest)
         for k, group in enumerate(comparison.groups):
             _curve(axes, comparison, group, panel.name, k, scale)
@@ -135,10 +135,8 @@ class _Head:
 
     def write(self, figure: Figure, height: float) -> None:
         """Write it into a figure that is so many inches high."""
-        figure.text(
-            0.02, 1 - 0.12 / height, _literal(self.comparison.title), fontsize=11.5, fontweight="bold", va="top"
-        )
-        notes = _literal("\n".join(self.notes))
+        figure.text(0.02, 1 - 0.12 / height, literal(self.comparison.title), fontsize=11.5, fontweight="bold", va="top")
+        notes = literal("\n".join(self.notes))
         figure.text(0.02, 1 - 0.38 / height, notes, fontsize=8, color=GREY, va="top", linespacing=1.35)
         if self.labels:
             figure.legend(
@@ -155,9 +153,4 @@ class _Head:
 
 def _handle(number: int, label: str) -> Line2D:
     ink, dash = look(number)
-    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=_literal(label))
-
-
-def _literal(text: str) -> str:
-    """Text in which $ begins no formula."""
-    return text.replace("$", r"\$")
+    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=literal(label))
