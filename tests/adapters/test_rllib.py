@@ -211,7 +211,6 @@ def test_ppo_learns_on_a_batch_of_worlds(workers):
     assert np.mean(returns[-30:]) > np.mean(returns[10:40]) + 40
 
 
-@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["teams_3", execution_modes.ALL])
 def test_ppo_trains(workers, name):

@@ -99,7 +99,6 @@ def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):
         cluster.rollout_on_cluster(never, 1)
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize("how", ["exit", "kill"])
 def test_a_lost_worker_loses_no_episode_and_repeats_none(workers, monkeypatch, tmp_path, how):
     """The worker of the second batch is lost in mid-rollout, the first time; every start leaves a file."""
@@ -222,7 +221,6 @@ def tasks():
     return train, fail, leave
 
 
-@pytest.mark.nightly
 def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
     import torch
 
