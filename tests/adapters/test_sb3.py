@@ -15,6 +15,7 @@ from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, short
+from tests.helpers.goal import TICK, won_at_the_limit
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
@@ -151,6 +152,17 @@ def test_it_is_the_batched_environment(name: str) -> None:
             assert infos[i] == {"alive": int(living[i]), "TimeLimit.truncated": False} | expected_info
         ended, cut = ended + terminated.sum(), cut + truncated.sum()
     assert min(ended, cut) > 0
+
+
+def test_what_is_won_in_the_last_tick_of_the_limit_is_not_cut_off() -> None:
+    """Stable-Baselines3 would bootstrap from the observation at the end."""
+    env = make_sb3(won_at_the_limit(), 2, seed=0)
+    env.reset()
+    for _ in range(TICK - 1):
+        assert not env.step(np.ones((env.num_envs, 6), int))[2].any()
+    _, _, dones, infos = env.step(np.ones((env.num_envs, 6), int))
+    assert dones.all()
+    assert not any(info["TimeLimit.truncated"] for info in infos)
 
 
 def test_nothing_that_is_handed_out_changes_later() -> None:

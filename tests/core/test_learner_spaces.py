@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Bag, Body, Weapon
-from outlast.ecs import Entity
+from outlast.components import Attack, Bag, Body, Health, Phase, Weapon
+from outlast.ecs import Action, Entity, Module, Read, Rows, Write, column
 from outlast.envs.core.scaling import LIMIT
-from outlast.errors import ActionError
+from outlast.errors import ActionError, DeclarationError
 from outlast.systems import DropLast, Respawn
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 
@@ -77,15 +77,13 @@ def test_masks_are_what_the_rules_say() -> None:
     all_empty = np.broadcast_to(empty.all(1)[:, None], empty.shape)  # in the paper's runs gifts are passed on at once
     assert np.array_equal(masks[dead], nothing[dead])
     assert masks[~dead][:, :9].all()
-    for column, idle in ((10, waits), (12, empty), (14, all_empty)):
-        assert np.array_equal(masks[..., column], ~(dead | idle))
+    for at, idle in ((10, waits), (12, empty), (14, all_empty)):
+        assert np.array_equal(masks[..., at], ~(dead | idle))
     assert masks[..., [1, 4, 7, 9, 11, 13]].all()
 
 
 def test_a_mechanic_that_reads_an_action_has_a_say() -> None:
     """An action that another mechanic reads, too, is masked only where both say that it does nothing."""
-    from outlast.components import Attack, Health, Phase
-    from outlast.ecs import Module, Read, Rows, Write
 
     class Breath(Module):
         """Attacking heals, whether the weapon waits or not."""
@@ -105,6 +103,22 @@ def test_a_mechanic_that_reads_an_action_has_a_say() -> None:
         assert not masks[..., 12].any()  # use, of which nobody else knows
     finally:
         Breath.registered.clear()
+
+
+@pytest.mark.parametrize("count", [20, 21])
+def test_masks_are_for_twenty_actions_at_most(count: int) -> None:
+    """There is one for each set of actions that do nothing; a game may have more actions, but no masks then."""
+    columns = {f"button_{k}": column("i1", "agents", low=0, high=1) for k in range(count - 6)}
+    buttons = type("Buttons", (Action,), columns | {"__annotations__": dict.fromkeys(columns, Any)})
+    panel = type("Panel", (Module,), {"singletons": lambda self: [buttons()]})()
+    env = outlast.make_vec(TEAMS.with_(panel), 2, seed=0)
+    env.reset()
+    assert len(env.noop) == count
+    if count == 20:
+        assert env.action_masks().shape == (2, 4, env.action_mask_size)
+    else:
+        with pytest.raises(DeclarationError, match=r"masks of 21 actions: at most 20 .*leave masks out"):
+            env.action_masks()
 
 
 @pytest.mark.parametrize("scenario", ["ffa_1", "teams_3"])

@@ -1,20 +1,19 @@
 """Collecting: advantages against a plain loop over a second batch of worlds, and what rewards are divided by."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from outlast import make_vec, variant
-from outlast.components import End, Phase
-from outlast.ecs import Clock, Entity, Module, Read, Write
+from outlast import make_vec
+from outlast.ecs import Entity
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.rollout import RewardScale  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
+from tests.helpers.goal import won_at_the_limit  # noqa: E402
 from tests.helpers.trainers import STEPS, WORLDS, make  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -159,20 +158,9 @@ def test_rewards_that_are_all_zero_stay_zero() -> None:
     assert not (nothing / np.float32(scale.update(nothing, ends))).any()
 
 
-@dataclass(frozen=True)
-class Goal(Module):
-    """The game is won at tick 10."""
-
-
-@Goal.system(Phase.END, after="ending.end")
-def reach(clock: Read[Clock], end: Write[End]) -> None:
-    if clock.tick[0] >= 10:
-        end.terminated[0] = True
-
-
 def test_an_end_by_the_rule_in_the_last_tick_is_not_cut_off() -> None:
     """Nothing comes after it, whatever the time limit says."""
-    trainer = make(scenario=variant("ffa_2").replace(ending_limit=10).with_(Goal()))
+    trainer = make(scenario=won_at_the_limit())
     trainer.collect()
     samples = trainer.lane.samples
     assert samples.ends.any()

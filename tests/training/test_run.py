@@ -226,6 +226,15 @@ def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest
     assert not (tmp_path / "run").exists()
 
 
+def test_a_run_of_many_agents_can_be_gone_on_with(tmp_path: Path) -> None:
+    crowd = SHORT.replace(n_agents=257, spawn_grid_cells=20, room_size=90.0, safe_zone_radii=(40.0, 4.0))
+    given: dict[str, Any] = {"scenario": crowd, "worlds": 1, "rollout": 2, "every": 1}
+    given["settings"] = {"batch_size": 257, "n_epochs": 1, "target_kl": 0.0}
+    TrainingRun(config(2 * 257, **given), tmp_path / "run").train()
+    TrainingRun(config(4 * 257, **given), tmp_path / "run", resume=True).train()
+    assert last_step(tmp_path / "run" / "log.csv") == 4 * 257
+
+
 def test_many_opponents_with_strange_names_can_be_gone_on_with(tmp_path: Path) -> None:
     """Their names are longer than a line, and tags of the log have commas."""
     TrainingRun(config(EACH), tmp_path / "rival").train()
