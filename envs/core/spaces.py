@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from outlast.ecs import Action, Column, Component, DeclarationError, Field, Layout, Observation, Statistic, Worlds
-from outlast.ecs.varied import extreme_layouts
+from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
@@ -31,11 +31,24 @@ def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Com
     return sorted(found, key=lambda entry: entry[0])
 
 
+USES = {Observation: ("write", "add"), Action: ("read", "write")}  # of a system
+NEEDS: dict[type[Component], str] = {
+    Observation: "no system writes the observation {}, so agents would see zeros; its mechanic needs a system with a "
+    "parameter Write[{}]",
+    Action: "no system reads the action {}, so choosing it would do nothing; its mechanic needs a system with a "
+    "parameter Read[{}]",
+}
 INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # what infos have beside statistics
 
 
 def check_published(worlds: Worlds) -> None:
-    """DeclarationError if a column that learners see or set has no row an agent, or two statistics have one name."""
+    """Refuse what learners cannot use, or would use in vain.
+
+    Raises:
+        DeclarationError: A column that they see or set has no row an agent, or no system writes or reads it; or two
+            statistics have one name.
+    """
+    systems = worlds.layout.systems
     for base in (Observation, Action):
         for key, component, name, column in published(worlds, base):
             if column.dims[:1] != ("agents",):
@@ -48,6 +61,8 @@ def check_published(worlds: Worlds) -> None:
                     f"{component.__qualname__}.{name}: the observation '{key}' is a number for each agent; make it "
                     'a row of one, as in column("f4", "agents", 1)'
                 )
+            if component is not NumbersView and not any(s.touches(component, *USES[base]) for s in systems):
+                raise DeclarationError(NEEDS[base].format(f"{component.__qualname__}.{name}", component.__name__))
     names = [*INFO, *worlds.layout.varied]
     for key, _, _, column in published(worlds, Statistic):
         names += _reported(worlds, key, column)

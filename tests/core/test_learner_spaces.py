@@ -110,8 +110,16 @@ def test_masks_are_for_twenty_actions_at_most(count: int) -> None:
     """There is one for each set of actions that do nothing; a game may have more actions, but no masks then."""
     columns = {f"button_{k}": column("i1", "agents", low=0, high=1) for k in range(count - 6)}
     buttons = type("Buttons", (Action,), columns | {"__annotations__": dict.fromkeys(columns, Any)})
-    panel = type("Panel", (Module,), {"singletons": lambda self: [buttons()]})()
-    env = outlast.make_vec(TEAMS.with_(panel), 2, seed=0)
+
+    class Panel(Module):
+        def singletons(self) -> Any:
+            return [buttons()]
+
+    @Panel.system(Phase.EFFECT)
+    def press(pressed: Read[buttons]) -> None:  # type: ignore[valid-type]
+        pass
+
+    env = outlast.make_vec(TEAMS.with_(Panel()), 2, seed=0)
     env.reset()
     assert len(env.noop) == count
     if count == 20:

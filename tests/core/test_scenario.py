@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from outlast import ALIASES, VARIANTS, Scenario, integers, make_vec, variant
-from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Shape, Spawned
+from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Phase, Shape, Spawned
 from outlast.components.health import hurt
 from outlast.ecs import (
     Action,
@@ -24,6 +24,7 @@ from outlast.ecs import (
     Singleton,
     Statistic,
     Worlds,
+    Write,
     column,
     number,
 )
@@ -405,6 +406,10 @@ class MyZone(Observation):
     zone: Any = column("f4", "agents", 3)
 
 
+class Jump(Action):
+    jump: Any = column("i1", "agents", low=0, high=1)
+
+
 class Swing(Action, order=9):
     attack: Any = column("i1", "agents", low=0, high=1)
 
@@ -419,6 +424,8 @@ class Swing(Action, order=9):
         (Mood, r"Mood.mood: the observation 'mood' is a number for each agent; .* column\(\"f4\", \"agents\", 1\)"),
         (MyZone, "MyZone.zone and outlast.components.zone.ZoneView.zone|ZoneView.zone and .*MyZone.zone"),
         (Swing, "are both the action 'attack'"),
+        (Image, r"no system writes the observation Image.image, so agents would see zeros; .* Write\[Image\]"),
+        (Jump, r"no system reads the action Jump.jump, so choosing it would do nothing; .* Read\[Jump\]"),
     ],
 )
 def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, words: str) -> None:
@@ -428,8 +435,15 @@ def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, wor
 
 
 def test_numbers_of_an_image_have_names() -> None:
-    brings = type("Brings", (Module,), {"singletons": lambda self: [Image()]})
-    env = make_vec(variant("ffa_1").with_(brings()), 1, observations="flat")
+    class Brings(Module):
+        def singletons(self) -> Any:
+            return [Image()]
+
+    @Brings.system(Phase.OBSERVE)
+    def paint(image: Write[Image]) -> None:
+        pass
+
+    env = make_vec(variant("ffa_1").with_(Brings()), 1, observations="flat")
     assert len(env.flat_names) == env.flat_size == len(set(env.flat_names))
     assert [name for name in env.flat_names if name.startswith("image.")][:5] == [
         *(f"image.0.0.{k}" for k in range(4)),
