@@ -1,5 +1,6 @@
 """What the numbers of a mechanic can be drawn from, anew in every episode of every world."""
 
+import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -170,8 +171,10 @@ def from_plain(name: Any, *values: Any) -> Distribution:
     }
     made = makers.get(str(name))
     if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
+        near = difflib.get_close_matches(str(name), makers, 1, 0.75) if made is None else []
+        hint = f"did you mean {near[0]}? " if near else ""
         raise NumberError(
-            f"{[name, *values]!r:.80} is no distribution: uniform(low, high), log_uniform(low, high), "
+            f"{[name, *values]!r:.80} is no distribution: {hint}uniform(low, high), log_uniform(low, high), "
             "integers(low, high), choice(value, value, ...) or free(value) is needed"
         )
     return made(*values)

@@ -128,6 +128,11 @@ class Roles:
         """Names of all numbers that a role changes, in order."""
         return sorted({name for each in self.roles for name, _ in each.numbers})
 
+    @property
+    def in_all(self) -> list[str]:
+        """Names of the numbers that every role changes: what they are otherwise means nothing."""
+        return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
+
     def __str__(self) -> str:
         counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
         drawn = {NEVER: "", ANYONE: " drawn", SIDE: " drawn by side"}[self.drawn]

@@ -20,9 +20,11 @@ from outlast.ecs.distributions import FREE, Distribution, in_python
 
 from .errors import ScenarioError
 from .scenarios.scenario import Scenario
+from .storage import strict_json
 from .storage.atomic_write import atomic_write
 
 VERSION = 1
+KEYS, LEVEL_KEYS = ("version", "varied", "levels"), ("numbers", "key")
 MOST = 2**64  # seeds, worlds and episodes are below it
 
 
@@ -66,7 +68,12 @@ class Level:
             rng: Draws which numbers, and their values.
             count: How many numbers, at most as many as vary; free ones (see outlast.free) stay as they are.
             rekey: Whether it gets another key, too: other start places and other luck.
+
+        Raises:
+            NumberError: A count that is no integer from 0.
         """
+        if type(count) is bool or not hasattr(count, "__index__") or count < 0:
+            raise NumberError(f"count = {count!r}: an integer >= 0 is needed")
         varied = dict(scenario.varied)
         able = sorted(name for name, distribution in varied.items() if distribution.kind != FREE)
         chosen: list[str] = rng.permutation(able).tolist()[:count]
@@ -112,9 +119,13 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
         OSError: The file cannot be read.
     """
     try:
-        content = json.loads(Path(path).read_text())
-        if (version := content["version"]) != VERSION:
-            raise ScenarioError(f"it has version {version!r:.20} of the format; this outlast reads version {VERSION}")
+        content = strict_json.parse(Path(path).read_text())
+        strict_json.check_version(content, VERSION)
+        strict_json.check_keys(content, KEYS)
+        if not isinstance(content["levels"], list):
+            raise ScenarioError("its levels are no list")
+        for each in content["levels"]:
+            strict_json.check_keys(each, LEVEL_KEYS)
         found = decoded(content["levels"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None

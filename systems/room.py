@@ -48,6 +48,11 @@ class Room(Module):
         for name in ("width", "height"):
             if 0 < (side := getattr(self, name)) < 1:
                 raise NumberError(f"room.{name} = {side:g}: at least 1 m is needed, or 0 for room.size")
+        if self.width and self.height and self.size != type(self).size:
+            raise NumberError(
+                f"room.size = {self.size:g} means nothing beside room.width and room.height; leave it at "
+                f"{type(self).size:g}, or set one of them to 0"
+            )
 
     def systems(self) -> Iterable[System]:
         return [system for system in super().systems() if self.walls or system.name != "keep_inside"]

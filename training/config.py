@@ -9,7 +9,7 @@ from typing import Any
 from outlast.components import Return
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
-from outlast.envs.rollout.saved import SAVED
+from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
@@ -17,7 +17,7 @@ from outlast.envs.scenarios.serialize import classes
 from .annealing import Anneal
 from .errors import TrainingError
 from .hyperparameters import Hyperparameters
-from .presets import DEAD, preset
+from .presets import DEAD, PRESETS, preset
 from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
@@ -144,6 +144,7 @@ class TrainingConfig:
         if type(self.memory) is not int or not 0 <= self.memory <= MOST:
             raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
         _, _, (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
+        self._check_cameras()
         if self.memory and rollout // worlds % CHUNK:
             fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
             raise TrainingError(
@@ -176,6 +177,16 @@ class TrainingConfig:
         """Whether dead agents return to the world."""
         kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
         return any(isinstance(part, Return) for kind in kinds for part in kind.parts)
+
+    def _check_cameras(self) -> None:
+        """TrainingError for observations that the preset would replace by its own."""
+        trained, asked = preset(self.preset).cameras, cameras_mode(self.scenario)
+        if asked not in (None, MASKED, trained):
+            others = [name for name, each in PRESETS.items() if each.cameras == asked]
+            cure = f", or take preset {' or '.join(others)}" if others else ""
+            raise TrainingError(
+                f"cameras_mode = {asked}: preset {self.preset} trains with {trained}; leave it as it was{cure}"
+            )
 
     def _check_levels(self, levels: Any) -> None:
         if not callable(levels):

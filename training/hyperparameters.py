@@ -96,6 +96,8 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
+        if name in settings:
+            raise TrainingError(f"{text}: {name} is given twice; say one of them")
         try:
             settings[name] = TRUTHS[value.lower()] if KINDS.get(name) is bool else KINDS.get(name, str)(value)
         except (ValueError, KeyError) as error:

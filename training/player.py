@@ -12,7 +12,7 @@ import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import REVEALED
+from outlast.envs.rollout.saved import REVEALED, cameras_mode
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -123,7 +123,7 @@ class Player:
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
-        trained, here = self.preset.cameras, env.scenario.numbers().get("cameras_mode")
+        trained, here = self.preset.cameras, cameras_mode(env.scenario)
         if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
             raise TrainingError(
                 f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "

@@ -52,8 +52,11 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return True
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
-        """Ticks of an evaluation: the scenario's limit."""
-        return int(env.vector_env.scenario.numbers()["ending_limit"]) or LONGEST
+        """Ticks of an evaluation: the scenario's limit, where it varies the longest."""
+        scenario, name = env.vector_env.scenario, "ending_limit"
+        drawn = dict(scenario.varied).get(name)
+        limits = drawn.extremes() if drawn else (scenario.numbers()[name],)
+        return int(max(limits)) if all(limits) else LONGEST
 
     def has_render(self, env: SurvivalTorchEnv) -> bool:
         """No: films are made by `outlast film`."""

@@ -85,12 +85,19 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
         module_of(place)
     asked = resolve(name or options.variant)
     walls = () if options.layout is None else named_layout(options.layout)
-    asked = asked.with_(*walls).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    more = [(f"--with {text}", mechanic(text)) for text in getattr(options, "with")]
+    asked = asked.with_(*walls).with_(*(module for _, module in more)).without(*options.without)
     if any(module not in asked.modules for module in walls):
         raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; say one of them")
-    asked = _varied(asked.replace(**dict(_assignment(text, asked) for text in options.set)), options)
+    if gone := [option for option, module in more if type(module) not in map(type, asked.modules)]:
+        raise ScenarioError(f"{gone[0]}: --without takes it out again; say one of them")
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
+    given = [_assignment(text, asked) for text in options.set]
+    if len(dict(given)) < len(given):
+        name = next(name for k, (name, _) in enumerate(given) if name in dict(given[:k]))
+        raise ScenarioError(f"--set {name}: it is given twice; say one of them")
+    asked = _varied(asked.replace(**dict(given)), options)
     if options.save_scenario is not None:
         _save(asked, options)
     return asked

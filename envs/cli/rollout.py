@@ -19,6 +19,7 @@ from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
 from ..rollout.table_file import checked_target
 from ..rollouts import WORLDS, prepared, worlds_of
+from ..scenarios.differing import plain, same_for_all
 from ..scenarios.scenario import Scenario
 from ..storage.atomic_write import atomic_write
 from .options import (
@@ -59,7 +60,7 @@ def add(commands: Any) -> None:
     played, output, machine = (command.group(title) for title in (PLAY, OUTPUT, MACHINE))
     add_number(played, "--worlds", WORLDS, "number of worlds")
     length = played.add_mutually_exclusive_group()
-    add_number(length, "--episodes", 1, "whole episodes of each world")
+    add_number(length, "--episodes", "1", "whole episodes of each world")
     add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
     add_policy(command, "random")
     add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
@@ -85,6 +86,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
+    options.episodes = options.episodes or 1  # not by argparse, which takes --steps beside its own default
     if options.json not in (None, STDOUT):
         checked_target(options.json, "summaries", (".json",))  # before anything is played
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
@@ -193,8 +195,9 @@ def _as_dict(
     names = ("policy", "others", "seed", "worlds", "episodes", "steps")
     given = {name: getattr(options, name) for name in names}
     given["episodes" if options.steps else "steps"] = None
-    about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": asked.numbers(), "agents": agents}
-    return {**about, "asked": given, "seconds": seconds, "seconds_of": summary.seconds, **summary.as_dict()}
+    about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": same_for_all(asked), **plain(asked)}
+    about |= {"agents": agents, "asked": given, "seconds": seconds, "seconds_of": summary.seconds}
+    return about | summary.as_dict()
 
 
 def _write(path: str, text: str) -> None:

@@ -1,7 +1,7 @@
 """The numbers of a game that runs: what they are, and how they change."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,14 +24,18 @@ def current_numbers(worlds: Worlds) -> dict[str, Any]:
 
 
 def change_numbers(
-    scenario: Scenario, worlds: Worlds, asked: Mapping[str, Any], mask: Any, check_unrecorded: Callable[[], None]
+    scenario: Scenario,
+    worlds: Worlds,
+    asked: Sequence[tuple[str, Any]],
+    mask: Any,
+    check_unrecorded: Callable[[], None],
 ) -> None:
     """Set numbers: see SurvivalVectorEnv.set_numbers.
 
     Args:
         scenario: What is played.
         worlds: Its worlds.
-        asked: By name.
+        asked: Names and values.
         mask: The worlds, for those that vary; None: all.
         check_unrecorded: Raises RecordingError while a recording goes on.
     """

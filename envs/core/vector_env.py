@@ -323,7 +323,7 @@ class SurvivalVectorEnv(Described):
             ValueError: A mask that cannot be.
             RecordingError: A recording goes on, and one does not vary.
         """
-        asked = {**(given or {}), **numbers}
+        asked = [*(given or {}).items(), *numbers.items()]
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
 
     @exclusive

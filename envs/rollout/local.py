@@ -59,7 +59,6 @@ def rollout(
         env.num_worlds, np.iinfo(np.int64).max if steps else episodes
     )  # episodes that are to be counted
     began = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
-    endless = not steps and not env.scenario.numbers().get("ending_limit")
     act = told(policy, env)
     observations, _ = env.reset()
     try:
@@ -85,7 +84,9 @@ def rollout(
             progress(summary)
             if not remaining.any():
                 break
-            if endless and (late := (remaining > 0) & (step - began >= MAX_STEPS)).any():
+            if steps or step < MAX_STEPS:
+                continue
+            if (late := _endless(env, (remaining > 0) & (step - began >= MAX_STEPS))).any():
                 raise EndlessError(
                     f"world {env.first_world + late.argmax()} has been in one episode for {MAX_STEPS:,} steps, which "
                     "may never end: set ending_limit, or roll out a fixed number of steps"
@@ -96,6 +97,15 @@ def rollout(
             raise KeyboardInterrupt(summary) from None
         raise
     return summary
+
+
+def _endless(env: SurvivalVectorEnv, long: Array) -> Array:
+    """Those of the worlds `long` whose episode has no limit: bool (worlds,)."""
+    if not long.any():
+        return long
+    limits: Array = np.asarray(env.numbers().get("ending_limit", 0))
+    endless: Array = long & (limits == 0)
+    return endless
 
 
 def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:

@@ -7,7 +7,13 @@ from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
 
 SAVED = ".zip"  # what a saved policy's file ends in
-REVEALED, OMNISCIENT = "revealed", "omniscient"  # values of cameras_mode
+MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
+
+
+def cameras_mode(scenario: Scenario) -> str | None:
+    """What cameras_mode is there, or what it is drawn from; None without cameras."""
+    mode = dict(scenario.varied).get("cameras_mode", scenario.numbers().get("cameras_mode"))
+    return None if mode is None else str(mode)
 
 
 def load_saved(path: str, seed: int = 0) -> Any:
@@ -22,7 +28,7 @@ def load_saved(path: str, seed: int = 0) -> Any:
 
 def forms(scenario: Scenario) -> list[Scenario]:
     """All that `common_scenario` may make of a scenario, by who plays."""
-    if scenario.numbers().get("cameras_mode") != "masked":
+    if cameras_mode(scenario) != MASKED:
         return [scenario]
     return [scenario, scenario.replace(cameras_mode=REVEALED).titled_as(scenario)]
 
@@ -33,9 +39,10 @@ def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
     What agents do and see does not depend on cameras_mode, only what the rows of hidden entities hold. Policies by name
     and networks of presets with "masked" rows ignore those, so all can play where they are "revealed".
     """
-    if players and "cameras" in scenario and scenario.numbers()["cameras_mode"] == OMNISCIENT:
+    if players and (mode := cameras_mode(scenario)) not in (None, MASKED, REVEALED):
         raise UsageError(
-            "cameras_mode is omniscient: saved policies were trained to see what cameras see; take another one"
+            f"cameras_mode is {mode}: saved policies were trained to see what cameras see, the same in all worlds; "
+            f"take {MASKED} or {REVEALED}"
         )
     fitting = [player.scenario(scenario) for player in players]
     revealed = (each for each in fitting if each.numbers().get("cameras_mode") == REVEALED)

@@ -35,19 +35,21 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     return found + [f"{_short(name)}={shown(value)}" for name, value in now.items() if value != usual[name]]
 
 
-def by_full_name(find: Callable[[str], tuple[str, str]], given: Mapping[str, Any]) -> dict[str, Any]:
+def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """What is given for numbers, by their full names ("agents_count").
 
     Args:
         find: Scenario.find_number.
-        given: By any of their names.
+        given: Names, any of theirs, and values.
 
     Raises:
-        NumberError: An unknown number, or one by two of its names.
+        NumberError: An unknown number, or one that is given twice, as by two of its names.
     """
-    found = {"_".join(find(str(name))): value for name, value in given.items()}
-    if len(found) < len(given):
-        raise NumberError(f"{', '.join(given)}: one number is given twice, by two of its names")
+    found = dict[str, Any]()
+    for name, value in given:
+        if (full := "_".join(find(str(name)))) in found:
+            raise NumberError(f"{name}: {full} is given twice; say one of them")
+        found[full] = value
     return found
 
 
@@ -79,7 +81,8 @@ def _replaced(module: Module, given: dict[str, Any]) -> Module:
 
 def titles(origin: Any, made: Any) -> tuple[str, str]:
     """The name and the sentence of a scenario that was derived from another one."""
-    changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
+    changed = changes(origin.modules, made.modules)
+    changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]
     name, about = (differing(origin, made, changed, short) for short in (True, False))
     return derived_name(origin.name, name), derived_about(origin.about, about)
 

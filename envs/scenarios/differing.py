@@ -9,6 +9,8 @@ from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
 
+KEYS = ("varied", "observed", "roles")
+
 
 def plain(scenario: Any) -> dict[str, Any]:
     """Of each only what there is.
@@ -24,6 +26,12 @@ def plain(scenario: Any) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value}
 
 
+def same_for_all(scenario: Any) -> dict[str, Any]:
+    """The numbers that are one value, in all worlds and for all agents that have no other one by their role."""
+    differing = {name for name, _ in scenario.varied} | {*(scenario.by_role.in_all if scenario.by_role else ())}
+    return {name: value for name, value in scenario.numbers().items() if name not in differing}
+
+
 def restored(modules: Sequence[Module], given: Mapping[str, Any]) -> dict[str, Any]:
     """What `plain` made, as arguments of a Scenario of these mechanics.
 
@@ -34,6 +42,8 @@ def restored(modules: Sequence[Module], given: Mapping[str, Any]) -> dict[str, A
     varied = {name: distributions.from_plain(*entry) for name, entry in given.get("varied", {}).items()}
     place(list(modules), varied)
     observed = tuple(given.get("observed", ()))
+    if len({*observed}) < len(observed):
+        raise ScenarioError(f"{', '.join(observed)}: a number is observed twice there")
     if missing := {*observed} - varied.keys():
         raise ScenarioError(f"the number {min(missing)} is observed there, and does not vary")
     by_role = checked_roles(modules, roles.from_plain(given["roles"])) if "roles" in given else None

@@ -1,5 +1,6 @@
 """Floor plans: walls and start areas as data, from lists, text, files and running worlds."""
 
+import difflib
 import json
 import math
 import os
@@ -14,6 +15,7 @@ from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 
 from ..errors import ScenarioError
+from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from .floor_parts import Part, parts_of
 from .plan_text import parsed
@@ -57,6 +59,9 @@ class FloorPlan:
         for name in ("width", "height"):
             if not 0 <= _real(name, getattr(self, name)) <= 1e5:
                 raise ScenarioError(f"{name} = {getattr(self, name)!r}: metres are needed, or 0 for any room")
+        if bool(self.width) != bool(self.height):
+            sides = f"width = {self.width:g}, height = {self.height:g}"
+            raise ScenarioError(f"{sides}: both are needed, or neither, for any room")
         object.__setattr__(self, "walls", walls)
         object.__setattr__(self, "starts", starts)
 
@@ -227,27 +232,18 @@ def named_layout(name: str) -> tuple[Module, ...]:
     try:
         plan = FloorPlan.load(name)
     except OSError as error:
-        raise ScenarioError(f"layout {name}: {error.strerror}; {LAYOUT} is needed") from None
+        near = difflib.get_close_matches(name, GENERATORS, 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ScenarioError(f"layout {name}: {error.strerror}; {hint}{LAYOUT} is needed") from None
     return (plan.room(), plan.mechanic()) if plan.width and plan.height else (plan.mechanic(),)
 
 
 def _from_json(text: str) -> FloorPlan:
-    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len(found := dict(items)) < len(items):
-            raise ScenarioError("it names something twice")
-        return found
-
-    def refused(constant: str) -> Any:
-        raise ScenarioError(f"it has {constant}, which is no number")
-
-    given = json.loads(text, object_pairs_hook=pairs, parse_constant=refused)
+    given = strict_json.parse(text)
     if given.get("format") != FORMAT:
         raise ScenarioError(f'it lacks "format": "{FORMAT}"')
-    if type(version := given.get("version")) is not int or version != VERSION:
-        raise ScenarioError(f"it has version {version!r:.20} of the format: this outlast reads version {VERSION}")
-    if other := sorted(given.keys() ^ set(KEYS)):
-        problem = "lacks" if other[0] in KEYS else "has"
-        raise ScenarioError(f"it {problem} {other[0]!r:.60}; its keys are {', '.join(KEYS)}")
+    strict_json.check_version(given, VERSION)
+    strict_json.check_keys(given, KEYS)
     return FloorPlan(given["walls"], given["starts"], given["width"], given["height"])
 
 

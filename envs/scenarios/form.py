@@ -7,11 +7,15 @@ from outlast.ecs import Module
 from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
+from ..storage import strict_json
+from . import differing
 from .changes import leaders
 from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
 VERSION = 1
+NEEDED = ("version", "name", "about", "modules", "numbers", "order")
+OPTIONAL = ("origin", "added", *differing.KEYS)
 MOST = 2.0**128  # more than any number is
 
 
@@ -43,8 +47,8 @@ def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
         ScenarioError, NumberError: It cannot be one.
         KeyError, TypeError, AttributeError: It is something else.
     """
-    if form["version"] != VERSION:
-        raise ScenarioError(f"version {form['version']!r:.20} of the format: {VERSION} is needed")
+    strict_json.check_version(form, VERSION)
+    strict_json.check_keys(form, NEEDED, OPTIONAL)
     name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
     texts = [name, about, *names, *(label for chain in order for label in chain)]
     if not all(isinstance(each, str) and each.isprintable() for each in texts):

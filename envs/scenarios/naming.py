@@ -149,8 +149,10 @@ def _literals(text: str, call: str, known: Collection[str]) -> dict[str, Any]:
         if not isinstance(tree, ast.Call) or tree.args:
             raise ValueError(call)
         found = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in tree.keywords}
+        if len(found) < len(tree.keywords):
+            raise ValueError(call)
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        raise ScenarioError(f"{text}: numbers are given as in '(offset=2.0, mode=\"name\")'") from None
+        raise ScenarioError(f"{text}: numbers are given as in '(offset=2.0, mode=\"name\")', each once") from None
     if unknown := found.keys() - set(known):
         raise ScenarioError(f"{text}: there is no number {min(unknown)}; it has: {', '.join(known) or 'none'}")
     return found

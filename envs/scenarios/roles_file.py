@@ -1,6 +1,5 @@
 """Roles as a JSON file, for commands."""
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from outlast.ecs import NumberError
 from outlast.ecs.roles import from_plain
 
 from ..errors import ScenarioError
+from ..storage import strict_json
 from .scenario import Scenario
 
 FORM = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
@@ -23,7 +23,7 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     """
     name = os.fspath(path)
     try:
-        given = json.loads(Path(path).read_text(encoding="utf-8"))
+        given = strict_json.parse(Path(path).read_text(encoding="utf-8"))
         found = from_plain(given)
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error

@@ -17,6 +17,7 @@ from outlast.ecs.varied import place
 from outlast.systems import ObserveRoles
 
 from ..errors import ScenarioError
+from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from . import renamed
 from .changes import all_replaced, as_file_name, by_full_name, following, leaders, numbers, titles
@@ -64,8 +65,10 @@ class Scenario:
         object.__setattr__(self, "modules", tuple(self.modules))
         check_together(self.name, self.modules)
         for chain in self.order:
-            if len(chain) < 2 or not all(isinstance(name, str) for name in chain):
-                raise ScenarioError(f"{self.name}: {chain!r} is no order: labels or names are needed, at least two")
+            if not all(isinstance(name, str) for name in chain) or not 1 < len({*chain}) == len(chain):
+                raise ScenarioError(
+                    f"{self.name}: {chain!r} is no order: labels or names, at least two, each once, are one"
+                )
 
     def __repr__(self) -> str:
         chains = "".join(f", {' before '.join(chain)}" for chain in self.order)
@@ -133,8 +136,12 @@ class Scenario:
         given: dict[tuple[str, str], Any] = {}
         for key, value in numbers.items():
             found = self.find_number(key)
-            if "_".join(found) != _full(key):
-                renamed.warn(key, "_".join(found))
+            if (full := "_".join(found)) != _full(key):
+                renamed.warn(key, full)
+            if found in given:
+                raise NumberError(f"{key}: {full} is given twice; say one of them")
+            if self.by_role and full in self.by_role.in_all:
+                raise NumberError(f"{full}: every role sets it here, so another value means nothing; change the roles")
             given[found] = value
         modules = all_replaced(self.modules, given)  # checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
@@ -169,7 +176,7 @@ class Scenario:
             NumberError: An unknown number, or one that cannot have the values.
         """
         varied = dict(self.varied)
-        for name, distribution in by_full_name(self.find_number, numbers).items():
+        for name, distribution in by_full_name(self.find_number, [*numbers.items()]).items():
             if not isinstance(distribution, Distribution):
                 raise NumberError(
                     f"{name} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
@@ -216,7 +223,7 @@ class Scenario:
         for name, each in (roles | {name: each for name, each in options.items() if isinstance(each, Role)}).items():
             if not isinstance(each, Role):
                 raise NumberError(f"{name} = {each!r:.60}: a role is needed, as in {name}=outlast.role(1)")
-            numbers = by_full_name(self.find_number, dict(each.numbers))
+            numbers = by_full_name(self.find_number, each.numbers)
             named.append(dataclasses.replace(each, name=name, numbers=tuple(sorted(numbers.items()))))
         by_role = checked_roles(self.modules, Roles(tuple(named), drawn))
         others = tuple(module for module in self.modules if not isinstance(module, ObserveRoles))
@@ -289,8 +296,10 @@ class Scenario:
             NumberError: A number is out of its range.
         """
         try:
-            return cls._from_form(json.loads(text))
-        except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
+            return cls._from_form(strict_json.parse(text))
+        except (ScenarioError, NumberError):
+            raise
+        except (KeyError, TypeError, AttributeError, RecursionError, ValueError) as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
 
     @classmethod

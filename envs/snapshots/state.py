@@ -130,6 +130,8 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
     if other := difference(state.scenario, fingerprint(scenario)):
         raise StateError(f"the state is of another scenario {other}")
     rows = _rows(worlds, where)
+    if len(np.unique(rows)) < len(rows):
+        raise StateError(f"where = {where!r:.60} names a world twice; take each once, or a mask of bool")
     if len(state) not in (1, len(rows)):
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, masks)

@@ -33,7 +33,7 @@ DUEL = variant("ffa_3")
         (DUEL.with_(Teams()), "ffa_3-with_teams"),
         (DUEL.replace(melee_damage=20).replace(melee_damage=5), "ffa_3"),
         (DUEL.replace(ending_rule="all dead", room_walls=False), "ffa_3-ending_rule=all_dead-room_walls=False"),
-        (DUEL.ordered("heals", "melee"), "ffa_3-ordered"),
+        (DUEL.ordered("heals", "melee"), "ffa_3-ordered_heals_melee"),
         (DUEL.replace(room_size=20.0), "ffa_3-room_size=20"),
         (variant("ffa_3+steering").replace(steering_speed=2.5), "ffa_3+steering-steering_speed=2.5"),
         (dataclasses.replace(DUEL.replace(n_agents=3), name="mine").replace(heals_amount=1), "mine-heals_amount=1"),

@@ -101,6 +101,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "three numbers": (lambda: FloorPlan(walls=[(1, 2, 3)]), r"walls\[0\] has 3 numbers"),
     "no width": (lambda: FloorPlan(walls=[(1, 2, 0, 3)]), "must be above 0"),
     "NaN": (lambda: FloorPlan(walls=[(1, 2, math.nan, 3)]), "nan: a number"),
+    "one side": (lambda: FloorPlan(width=40.0), "width = 40, height = 0: both are needed, or neither"),
     "text": (lambda: FloorPlan(walls="#"), "a list of rectangles"),
     "one rectangle": (lambda: FloorPlan(walls=(1, 2, 3, 4)), "a list of rectangles"),  # type: ignore[arg-type]
     "no owner": (lambda: FloorPlan(starts=[("heals", 1, 2, 3, 4)]), "the number of a side is needed"),
@@ -127,8 +128,8 @@ FILES: dict[str, tuple[str | bytes, str]] = {
     "another format": (json.dumps(GOOD | {"format": "x"}), 'lacks "format"'),
     "another key": (json.dumps(GOOD | {"doors": []}), "it has 'doors'"),
     "a missing key": (json.dumps({k: v for k, v in GOOD.items() if k != "starts"}), "it lacks 'starts'"),
-    "twice": ('{"format": "outlast floor plan", "format": "outlast floor plan"}', "names something twice"),
-    "NaN": (json.dumps(GOOD | {"walls": [[math.nan, 0, 1, 1]]}), "has NaN, which is no number"),
+    "twice": ('{"format": "outlast floor plan", "format": "outlast floor plan"}', "it has 'format' twice"),
+    "NaN": (json.dumps(GOOD | {"walls": [[math.nan, 0, 1, 1]]}), r"walls\[0\] has nan: a number"),
     "a large number": (json.dumps(GOOD | {"walls": [[1e300, 0, 1, 1]]}), "at most 100000"),
     "no list": (json.dumps(GOOD | {"walls": 7}), "a list of rectangles"),
     "an object": (json.dumps(GOOD | {"walls": {"a": 1}}), "a list of rectangles"),

@@ -197,9 +197,8 @@ def test_the_order_that_a_scenario_gives_is_part_of_it() -> None:
     scenario = variant("ffa_1").ordered("melee.strike", "melee.aim")
     assert scenario != variant("ffa_1")
     assert scenario.without("heals").replace(n_agents=3).order == (("melee.strike", "melee.aim"),)
-    assert (
-        repr(scenario) == f"Scenario('ffa_1-ordered', {len(scenario.modules)} mechanics, melee.strike before melee.aim)"
-    )
+    name = "ffa_1-ordered_melee.strike_melee.aim"
+    assert repr(scenario) == f"Scenario({name!r}, {len(scenario.modules)} mechanics, melee.strike before melee.aim)"
     words = "('ffa_1'): the order of systems is [] there and [['melee.strike', 'melee.aim']] here"
     assert difference(fingerprint(variant("ffa_1")), fingerprint(scenario)) == words
     assert rebuilt(fingerprint(scenario), classes(scenario)).order == scenario.order

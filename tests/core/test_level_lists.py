@@ -111,6 +111,9 @@ def test_mutations_change_so_many_numbers_and_stay_in_range() -> None:
         assert changed.key == level.key
         check(changed, dict(DUEL.varied))
     assert level.mutated(DUEL, rng, rekey=True).key != level.key
+    for count in (-1, 1.0, True):
+        with pytest.raises(NumberError, match="an integer >= 0 is needed"):
+            level.mutated(DUEL, rng, count)  # type: ignore[arg-type]
     env.set_levels([level.mutated(DUEL, rng, 3, rekey=True) for _ in range(6)])
     env.reset()
     assert len({each.key for each in env.levels()}) == 6
@@ -177,6 +180,9 @@ def test_levels_are_files(tmp_path: Path) -> None:
     [
         (lambda content: content.update(version=2), ScenarioError, "has version 2 of the format"),
         (lambda content: content.pop("levels"), ScenarioError, "is no file of levels"),
+        (lambda content: content.update(levels={}), ScenarioError, "its levels are no list"),
+        (lambda content: content.update(level=[]), ScenarioError, "it has 'level'"),
+        (lambda content: content["levels"][0].update(seed=3), ScenarioError, "it has 'seed'"),
         (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=99), NumberError, "level 0: melee_damage"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=math.nan), NumberError, "level 0"),
@@ -444,7 +450,7 @@ def test_what_is_no_level_is_refused() -> None:
     for given in ([{"melee_damage": 7}], Level({"melee_damage": 7})):
         with pytest.raises(NumberError, match=r"outlast\.Level is needed"):
             env.set_levels(given)  # type: ignore[arg-type]
-    with pytest.raises(NumberError, match="one number is given twice"):
+    with pytest.raises(NumberError, match="agents_count is given twice"):
         env.set_numbers({"n_agents": 2}, agents_count=3)
     env.close()
 

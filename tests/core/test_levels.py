@@ -391,7 +391,7 @@ def test_values_of_numpy_are_those_of_python_in_files(numbers: dict[str, Any]) -
 
 
 def test_a_number_is_drawn_in_one_way() -> None:
-    with pytest.raises(NumberError, match="one number is given twice, by two of its names"):
+    with pytest.raises(NumberError, match="agents_count is given twice"):
         outlast.variant("ffa_1").vary(n_agents=integers(2, 3), agents_count=integers(2, 4))
 
 

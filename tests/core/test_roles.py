@@ -283,6 +283,14 @@ def test_unknown_numbers_get_a_hint() -> None:
             a=outlast.role(1), b=outlast.role(agents_health=80)), 1)  # fmt: skip
 
 
+def test_a_number_that_every_role_sets_is_changed_there() -> None:
+    hunter, prey = outlast.role(1, melee_damage=20), outlast.role(melee_damage=3, melee_reach=1.0)
+    both = variant("ffa_3").roles(a=hunter, b=prey)
+    with pytest.raises(NumberError, match=r"melee_damage: every role sets it here, .* change the roles"):
+        both.replace(melee_damage=50)
+    assert both.replace(melee_reach=3.0).numbers()["melee_reach"] == 3.0  # that of role a
+
+
 def test_numbers_of_a_role_need_to_fit_each_other_only() -> None:
     scenario = variant("ffa_1").replace(mortality_limit=50, agents_health=10)
     env = make_vec(scenario.roles(a=outlast.role(1), b=outlast.role(agents_health=80, mortality_limit=90)), 1, seed=0)
@@ -355,6 +363,7 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
             '{"drawn": "never", "roles": [{"name": "a", "count": 9, "numbers": {}}]}',
             "9 a are 9 agents, but n_agents is 4",
         ),
+        ('{"drawn": "never", "drawn": "anyone", "roles": []}', "does not say roles: "),
     ):
         file.write_text(text)
         status, _, error = run(capsys, "schedule", *game, file)

@@ -39,6 +39,7 @@ def set_trap(health: Read[Health], side: float, reach: float, deep: float, wet: 
 
 
 BARS = outlast.FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
+OBSERVED_TWICE = {"varied": {"melee_damage": ["integers", 1, 2]}, "observed": ["melee_damage"] * 2}
 ROOM_ROLE = {"drawn": "never", "roles": [{"name": "a", "count": None, "numbers": {"room_size": 9}}]}
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
@@ -149,9 +150,12 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda form: [], "it does not hold a scenario: TypeError"),
-        (lambda form: form | {"version": 2}, "version 2 of the format: 1 is needed"),
-        (lambda form: {"version": 1}, "KeyError: 'name'"),
+        (lambda form: [], "it has version None of the format"),
+        (lambda form: form | {"version": 2}, "version 2 of the format: this outlast reads version 1"),
+        (lambda form: form | {"version": True}, "version True of the format"),
+        (lambda form: form | {"varyed": {}}, "it has 'varyed'; its keys are version, .*, varied, observed, roles"),
+        (lambda form: form | OBSERVED_TWICE, "a number is observed twice"),
+        (lambda form: {"version": 1}, "it lacks 'about'"),
         (lambda form: form | {"name": "a\nb"}, "its names cannot be"),
         (lambda form: form | {"about": 3}, "its names cannot be"),
         (lambda form: form | {"modules": 3}, "does not hold a scenario"),
@@ -166,7 +170,7 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"observed": [[]]}, "does not hold a scenario"),
         (lambda form: form | {"roles": {"drawn": "never"}}, "roles: .* is not"),
         (lambda form: form | {"roles": ROOM_ROLE}, "role a: the number room_size is the same for all agents"),
-        (lambda form: form | {"origin": []}, "does not hold a scenario"),
+        (lambda form: form | {"origin": []}, "it has version None"),
         (lambda form: form | {"origin": form | {"name": 3}}, "its names cannot be"),
         (lambda form: form | {"added": ["safe_zone_radii"]}, "does not hold a scenario"),
         (lambda form: form | {"added": {"melee_damage": [1, 2]}}, "added melee_damage = .* the one that it follows"),
@@ -190,7 +194,11 @@ def test_json_that_cannot_be(change: Callable[[Any], Any], message: str, tmp_pat
 def test_files_that_hold_no_json(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_bytes(b"\xff\xfe")
     (tmp_path / "b.json").write_text("{")
-    for name, message in (("a", "is no text"), ("b", "JSONDecodeError"), ("c", "cannot be read: No such file")):
+    (tmp_path / "d.json").write_text('{"version": 1, "numbers": {"melee_damage": 5, "melee_damage": 50}}')
+    (tmp_path / "e.json").write_text(f'{{"version": {"9" * 5000}}}')
+    messages = {"a": "is no text", "b": "JSONDecodeError", "c": "cannot be read: No such file"}
+    messages |= {"d": "it has 'melee_damage' twice", "e": "does not hold a scenario: ValueError"}
+    for name, message in messages.items():
         with pytest.raises(ScenarioError, match=message):
             named(f"{tmp_path}/{name}.json")
 
@@ -265,6 +273,13 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--vary melee_damage=integers(3,2)", "the first must be below the second"),
         ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
         ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
+        ("--with DropLast --without drop_last", "--with DropLast: --without takes it out again; say one of them"),
+        ("--set melee_damage=20 --set melee_damage=30", "--set melee_damage: it is given twice"),
+        ("--set n_agents=3 --set agents_count=4", "agents_count is given twice"),
+        ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
+        ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),
+        ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 means nothing beside"),
+        ("--vary melee_damage=integer(5,9)", "is no distribution: did you mean integers"),
         ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
         ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),

@@ -132,6 +132,16 @@ def test_no_world_is_as_good_as_some() -> None:
 # ---- what is refused
 
 
+@pytest.mark.parametrize("where", [[1, 1], np.array([0, 0, 1]), [-1, WORLDS - 1]])
+def test_a_world_cannot_become_two_things(where: Any) -> None:
+    """As with a mask of integers."""
+    env = make()
+    before = digest(env.worlds)
+    with pytest.raises(StateError, match="names a world twice; take each once, or a mask of bool"):
+        env.set_state(env.get_state(where), where)
+    assert digest(env.worlds) == before
+
+
 @pytest.mark.parametrize("where", [None, np.ones(WORLDS + 1, bool), WORLDS, [[0, 1]], 1.5])
 def test_worlds_that_cannot_be_are_refused(where: Any) -> None:
     env = make()

@@ -205,6 +205,19 @@ def test_an_episode_without_an_end_is_not_waited_for_in_silence(monkeypatch, cap
     assert capsys.readouterr().err.startswith("outlast: world 0 has been in one episode for 40 steps")
 
 
+def test_worlds_whose_limits_differ_are_waited_for_each_by_its_own(monkeypatch):
+    monkeypatch.setattr(rollouts, "MAX_STEPS", 40)
+    never = outlast.variant("ffa_1").replace(safe_zone_damage=0, ending_limit=50)
+    env = outlast.make_vec(never.vary(ending_limit=outlast.integers(50, 60)), 8, seed=0)
+    assert 50 < length(rollout(env, POLICIES["noop"](env, 0)))[0] < 60
+    env = outlast.make_vec(never.vary(ending_limit=outlast.choice(0, 50)), 8, seed=0)
+    env.reset()
+    endless = np.flatnonzero(env.numbers()["ending_limit"] == 0)
+    assert 0 < endless.size < 8
+    with pytest.raises(EndlessError, match=f"world {endless[0]} has been in one episode for 40 steps"):
+        rollout(env, POLICIES["noop"](env, 0))
+
+
 def test_the_limit_is_of_one_episode(monkeypatch):
     """Not of the whole rollout."""
     work = whole(episodes=10)

@@ -130,6 +130,25 @@ def test_the_summary_as_json(capsys: Any, tmp_path: Path) -> None:
     assert json.loads(out)["unbiased"] is False
 
 
+def test_the_summary_says_what_differs(capsys: Any, tmp_path: Path) -> None:
+    (tmp_path / "roles.json").write_text(
+        '{"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {"melee_damage": 7, "melee_reach": 1}}, '
+        '{"name": "b", "count": 1, "numbers": {"melee_damage": 3}}]}'
+    )
+    more = ("--vary", "heals_amount=integers(5, 9)", "--roles", tmp_path / "roles.json", "--json", "-")
+    found = json.loads(run(capsys, *COMMAND, *more)[1])
+    assert found["varied"] == {"heals_amount": ["integers", 5, 9]}
+    assert found["roles"]["roles"][0]["numbers"] == {"melee_damage": 7, "melee_reach": 1.0}
+    assert {"heals_amount", "melee_damage"}.isdisjoint(found["numbers"])
+    assert found["numbers"]["melee_reach"] == 2.0
+
+
+def test_episodes_or_steps(capsys: Any) -> None:
+    with pytest.raises(SystemExit):
+        run(capsys, *COMMAND, "--episodes", "1", "--steps", "3")
+    assert "not allowed with argument" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("option", "name", "words"),
     [

@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import load_policy, variant
+from outlast import choice, load_policy, variant
 from outlast.ecs import Module, Singleton, column
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.errors import StateError
+from outlast.envs.errors import StateError, UsageError
+from outlast.envs.rollout.saved import common_scenario
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
@@ -30,6 +31,7 @@ from outlast.training import checkpoint  # noqa: E402
 from outlast.training.cli import train as command  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.hyperparameters import parse_hyperparameters  # noqa: E402
 from outlast.training.log_file import last_step, read_log  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 
@@ -256,6 +258,32 @@ def test_many_opponents_with_strange_names_can_be_gone_on_with(tmp_path: Path) -
 def test_numbers_that_cannot_be_are_named(given: dict[str, Any]) -> None:
     with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: a whole number from [01] is needed"):
         config(**({"steps": EACH} | given))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "preset", "words"),
+    [
+        (SHORT.replace(cameras_mode="omniscient"), "fast", "cameras_mode = omniscient: preset fast trains with masked"),
+        (SHORT.replace(cameras_mode="revealed"), "paper", "trains with masked; .*, or take preset original"),
+        (
+            SHORT.vary(cameras_mode=choice("masked", "revealed")),
+            "original",
+            "cameras_mode = choice.*trains with reveal",
+        ),
+    ],
+)
+def test_what_agents_see_is_not_changed_without_a_word(scenario: Any, preset: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match=words):
+        config(EACH, scenario=scenario, preset=preset)
+    TrainingRun(config(EACH), tmp_path / "run").train()
+    if scenario.varied:
+        with pytest.raises(UsageError, match=r"cameras_mode is choice.*the same in all worlds"):
+            common_scenario(scenario, [load_policy(checkpoint.newest(tmp_path / "run"))])
+
+
+def test_hyperparameters_are_given_once() -> None:
+    with pytest.raises(TrainingError, match="gamma is given twice"):
+        parse_hyperparameters(["gamma=0.9", "gamma=0.99"])
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:

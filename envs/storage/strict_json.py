@@ -1,0 +1,39 @@
+"""JSON files that people write: what would be read as something else than was meant is refused."""
+
+import json
+from collections.abc import Collection
+from typing import Any
+
+from ..errors import ScenarioError
+
+
+def parse(text: str) -> Any:
+    """What the text holds. Raises ValueError: no JSON, a number that is too long, or a name twice in one object."""
+
+    def once(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict[str, Any]()
+        for name, value in items:
+            if name in found:
+                raise ScenarioError(f"it has {name!r:.60} twice")
+            found[name] = value
+        return found
+
+    return json.loads(text, object_pairs_hook=once)
+
+
+def check_version(given: Any, version: int) -> None:
+    """ScenarioError unless it is an object of that "version"."""
+    found = given.get("version") if isinstance(given, dict) else None
+    if type(found) is not int or found != version:
+        raise ScenarioError(f"it has version {found!r:.20} of the format: this outlast reads version {version}")
+
+
+def check_keys(given: Any, needed: Collection[str], optional: Collection[str] = ()) -> None:
+    """ScenarioError unless it is an object with these names, and maybe the optional ones."""
+    known = ", ".join((*needed, *optional))
+    if not isinstance(given, dict):
+        raise ScenarioError(f"it has {given!r:.60} where an object with {known} is needed")
+    if missing := sorted({*needed} - given.keys()):
+        raise ScenarioError(f"it lacks {missing[0]!r:.60}; its keys are {known}")
+    if unknown := sorted(given.keys() - {*needed, *optional}):
+        raise ScenarioError(f"it has {unknown[0]!r:.60}; its keys are {known}")
