@@ -15,6 +15,7 @@ from .adapters.opponents import Other, Others, checked_others
 from .core.validation import check_count
 from .errors import FilmError
 from .recording import Recording, Replay
+from .recording.selection import last_tick
 from .rendering.layers import Layer, select
 from .rendering.video import footage, write_film
 from .rollout.local import ticks
@@ -108,10 +109,7 @@ def film(
         ReplayError: A tick of the recording is not what it was.
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
-    try:
-        check_count("steps", STEPS if steps is None else steps, 0)
-    except ValueError as error:
-        raise FilmError(str(error)) from None
+    _check(STEPS if steps is None else steps, mosaic, views, every)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
@@ -125,6 +123,22 @@ def film(
         played = ticks(env, act, STEPS if steps is None else steps)
         title = ", ".join([env.scenario.name, _players(policy or "scripted", others)])
         return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
+
+
+def _check(steps: Any, mosaic: Any, views: Any, every: Any) -> None:
+    """FilmError for what a film cannot be, before anything is played."""
+    try:
+        check_count("steps", steps, 0)
+        check_count("every", every, 1)
+        if mosaic is not None:
+            if not isinstance(mosaic, Sequence) or len(mosaic) != 2:
+                raise ValueError(f"mosaic = {mosaic!r}: rows and columns are needed, as in (2, 3)")
+            for name, side in zip(("rows", "columns"), mosaic, strict=True):
+                check_count(f"mosaic, {name}", side, 1)
+    except ValueError as error:
+        raise FilmError(str(error)) from None
+    if not isinstance(views, str):
+        raise FilmError(f'views = {views!r}: a text is needed, as in "+vision,-scores"')
 
 
 OPTIONS = tuple(film.__kwdefaults__ or ())  # its keywords
@@ -163,7 +177,7 @@ def write_film_of(
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
     rate: Any = looks.fps
-    hold = round(HOLD * rate) if isinstance(rate, int) else 0  # what is no number is refused below
+    hold = round(HOLD * int(rate)) if isinstance(rate, Integral) else 0  # what is no number is refused below
     settings["layers"] = [*select(looks.views), *layers]
     frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
     write_film(out, _counted(frames, progress), looks.fps)
@@ -193,9 +207,9 @@ def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
     if worlds is None:
         rows, columns = looks.mosaic or (1, 1)
         return max(1, rows * columns)
-    if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
+    if isinstance(worlds, bool) or not isinstance(worlds, Integral) or worlds < 1:
         raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
-    return worlds
+    return int(worlds)
 
 
 def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
@@ -219,7 +233,7 @@ def _replayed(
     most = replay.worlds.count
     room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
     asked: Any = min(room, most) if worlds is None else worlds
-    shown: Sequence[int] = range(asked) if isinstance(asked, Integral) else list(asked)
-    if strange := [w for w in shown if not 0 <= w < most]:
-        raise FilmError(f"there is no world {strange[0]}: the recording has {most}, from 0 on")
-    return shown, replay.ticks(last=steps, worlds=shown)
+    if isinstance(asked, bool) or not isinstance(asked, Integral | Iterable):
+        raise FilmError(f"worlds = {asked!r}: how many are to be shown, or their numbers, are needed")
+    shown: Sequence[int] = range(int(asked)) if isinstance(asked, Integral) else list(asked)
+    return shown, replay.ticks(last=last_tick(replay.recording, 0, steps, shown), worlds=shown)

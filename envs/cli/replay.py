@@ -82,8 +82,10 @@ def _check(options: argparse.Namespace, products: bool) -> None:
     """RecordingError for options that would have no effect."""
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
-    if options.html is not None and not options.html.endswith(".html"):
-        raise RecordingError(f"--html {printable(options.html)}: a page is written as NAME.html")
+    if options.html is not None:
+        from ..web.replay.write import checked  # here, as the command loads the page only where it writes one
+
+        checked(options.html)
     if options.beside is not None and options.html is None:
         raise RecordingError("--beside is for pages: give --html PATH, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):

@@ -101,6 +101,6 @@ def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
 def _end(scene: Scene) -> list[PageEvent]:
     if not scene[Clock].tick[0] or End not in scene or not (scene[End].terminated[0] or scene[End].truncated[0]):
         return []
-    left = [s for s, alive in enumerate(scene[Score].alive) if alive] if Score in scene else []
-    cause = "terminated" if scene[End].terminated[0] else "truncated"
+    left = [s for s, alive in enumerate(scene[Score].alive) if alive] if Score in scene else [-1, -1]
+    cause = "truncated" if not scene[End].terminated[0] else "rule" if len(left) > 1 else "terminated"
     return [PageEvent("end", side=left[0] if len(left) == 1 else -1, cause=cause)]

@@ -1,6 +1,6 @@
 """Which ticks and worlds of a recording are asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from numbers import Integral
 from typing import Any
 
@@ -8,14 +8,14 @@ from ..errors import RecordingError
 from .reader import Recording
 
 
-def last_tick(recording: Recording, first: int, last: int | None, worlds: Sequence[int] | None) -> int:
+def last_tick(recording: Recording, first: int, last: int | None, worlds: Any) -> int:
     """The number of the last tick that is asked for. Raises RecordingError if there are no such ticks or worlds.
 
     Args:
         recording: Of which.
         first: Number of the first tick, from 0 on.
         last: Number of the last one; None: the last there is.
-        worlds: Numbers of worlds; None: all.
+        worlds: Numbers of worlds, in a sequence; None: all.
     """
     given: list[Any] = [first, 0 if last is None else last]
     if strange := [tick for tick in given if not isinstance(tick, Integral)]:
@@ -28,6 +28,10 @@ def last_tick(recording: Recording, first: int, last: int | None, worlds: Sequen
         raise RecordingError(
             f"ticks {first} to {end}: 0 <= from <= to <= {most} is needed, the last tick of {recording.path}"
         )
+    if worlds is not None and not isinstance(worlds, Iterable):
+        raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
+    if odd := [w for w in worlds or () if isinstance(w, bool) or not isinstance(w, Integral)]:
+        raise RecordingError(f"world {odd[0]!r}: whole numbers are needed, counted from 0")
     if worlds is not None and (unknown := [w for w in worlds if not 0 <= w < recording.num_worlds]):
         raise RecordingError(
             f"{recording.path}: there is no world {unknown[0]}; they are 0 to {recording.num_worlds - 1}"

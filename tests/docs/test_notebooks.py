@@ -74,6 +74,7 @@ def test_recordings_show_a_page_in_a_frame(tmp_path: Path, monkeypatch: pytest.M
 
     env = outlast.make_vec("ffa_2", 2, seed=1)
     with outlast.record(env, tmp_path / "two.rec"):
+        assert outlast.Recording.open(tmp_path / "two.rec")._repr_html_().startswith("<p>&lt;Recording")
         env.reset()
         for _ in range(12):
             env.step(np.broadcast_to(env.noop, (2, env.num_agents, 6)))

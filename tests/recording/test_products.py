@@ -140,11 +140,16 @@ def test_what_dies_need_not_be_an_agent() -> None:
 
 
 def test_a_page_does_not_replace_its_recording(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "a.rec", "ffa_1")
+    path = recorded(tmp_path / "a.html", "ffa_1")
     other, before = recorded(tmp_path / "b.rec", "ffa_1"), path.read_bytes()
     for source, beside in ((path, None), (other, path)):
-        with pytest.raises(PageError, match=r"a\.rec is the recording itself"):
+        with pytest.raises(PageError, match=r"a\.html is the recording itself"):
             outlast.replay_page(source, path, beside=beside)
+    for name in ("b.rec", "page"):
+        with pytest.raises(PageError, match=r"a page is written as NAME\.html"):
+            outlast.replay_page(path, tmp_path / name)
+    with pytest.raises(PageError, match="title = 3: a text is needed"):
+        outlast.replay_page(path, tmp_path / "page.html", title=3)  # type: ignore[arg-type]
     assert path.read_bytes() == before
 
 

@@ -71,7 +71,7 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--html", "page.txt"), "--html page.txt: a page is written as NAME.html"),
+        (("--html", "page.txt"), "page.txt: a page is written as NAME.html"),
         (("--data", "a.parquet", "--events", "a.parquet"), "--data and --events are both a.parquet: give another name"),
         (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
         (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),

@@ -209,6 +209,26 @@ def test_in_a_mosaic_the_end_stays_and_the_others_go_on() -> None:
     assert not np.array_equal(frames[9], frames[8])
 
 
+def test_in_a_mosaic_the_end_stays_for_as_many_ticks_however_few_are_drawn() -> None:
+    frames, seen = shots(5, (0, 1), hold=3, every=2)
+    assert seen == [0, 2, 4, 0, 2, 4, 0]
+    same = [np.array_equal(frame, frames[3]) for frame in frames]
+    assert same == [False, False, False, True, True, False, True]  # the end, ticks of the next episode, and its end
+    only = shots(5, (0, 1), hold=3, every=20)[0]
+    assert len(only) == 2  # the last end, after the last tick that is drawn
+    assert np.array_equal(only[1], frames[6])
+
+
+@pytest.mark.parametrize("size", [64, 72, 96, 128])
+def test_the_smallest_films_have_a_scoreboard_of_agents(size: int) -> None:
+    env = make_vec("teams_3", 1, seed=0)
+    env.reset()
+    words = said(env.worlds, ScoresStrip(), size)
+    shown = words.count("100")
+    assert shown > 0
+    assert shown == 4 or words[-1] in (f"and {4 - shown} more", f"+{4 - shown}")
+
+
 # ---- items and bodies of mechanics without a layer
 
 

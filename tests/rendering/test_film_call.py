@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.envs.errors import FilmError, ReplayError, ScenarioError, UsageError
+from outlast.envs.errors import FilmError, RecordingError, ReplayError, ScenarioError, UsageError
 from outlast.envs.rendering.layers import FILM_LAYERS, select
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
@@ -85,6 +85,15 @@ def test_a_recording_is_filmed_as_it_was_played(recorded: Path, tmp_path: Path) 
     assert len(pictures(outlast.film(recorded, tmp_path / "whole", size=64))) == 7
 
 
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    """The end of an episode is held for as long."""
+    plain: dict[str, Any] = {"steps": 60, "worlds": 2, "fps": 10, "every": 5, "size": 64, "ending_limit": 30}
+    films = [outlast.film("ffa_1", tmp_path / "plain", **plain)]
+    whole = {key: np.int64(value) for key, value in plain.items()}
+    films.append(outlast.film("ffa_1", tmp_path / "whole", **whole))
+    assert np.array_equal(*map(pictures, films))
+
+
 def test_a_recording_that_is_not_what_it_was_makes_no_film(recorded: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("outlast.envs.recording.digests.Digests.compute", lambda self, number: np.zeros(99, np.uint64))
     with pytest.raises((ReplayError, ValueError)):
@@ -103,7 +112,17 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
     "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),
     "a number of a recording": ("run.rec", {"n_heals": 3}, FilmError, "n_heals: the recording has that already"),
-    "a world of a recording": ("run.rec", {"worlds": [3]}, FilmError, "no world 3: the recording has 3"),
+    "a world of a recording": ("run.rec", {"worlds": [3]}, RecordingError, "no world 3; they are 0 to 2"),
+    "half a world of a recording": ("run.rec", {"worlds": [0.5]}, RecordingError, "world 0.5: whole numbers"),
+    "text for worlds of a recording": ("run.rec", {"worlds": "0"}, RecordingError, "world '0': whole numbers"),
+    "worlds of a recording": ("run.rec", {"worlds": True}, FilmError, "worlds = True: how many"),
+    "steps of a recording": ("run.rec", {"steps": 700}, RecordingError, "ticks 0 to 700: .* <= 6 is needed"),
+    "a mosaic": ("ffa_1", {"mosaic": 3}, FilmError, "mosaic = 3: rows and columns"),
+    "a mosaic of rows": ("ffa_1", {"mosaic": (2,)}, FilmError, "rows and columns"),
+    "half a mosaic": ("ffa_1", {"mosaic": (2, 0.5)}, FilmError, "mosaic, columns = 0.5: an integer"),
+    "every other": ("ffa_1", {"every": 1.5}, FilmError, "every = 1.5: an integer"),
+    "a size": ("ffa_1", {"size": 64.5}, FilmError, "size = 64.5: an integer"),
+    "no views": ("ffa_1", {"views": None}, FilmError, "views = None: a text"),
 }
 
 

@@ -2,8 +2,10 @@
 
 from typing import Any
 
+from outlast import make_vec
 from outlast.envs.inspect.events import events
 from outlast.envs.inspect.trace import describe, snapshot
+from tests.helpers.goal import TICK, won_at_the_limit
 from tests.helpers.scenario_builder import ScenarioBuilder, duel, mates
 
 
@@ -35,6 +37,14 @@ def test_a_death_in_the_zone_is_nobodys() -> None:
     game.wound(3, 1)
     game.step(times=2)
     assert happened(game) == [{"kind": "death", "agent": 3, "cause": "zone"}]
+
+
+def test_where_all_are_left_nobody_is_said_to_be() -> None:
+    env = make_vec(won_at_the_limit(), 1, seed=0)
+    env.reset()
+    for _ in range(TICK):
+        env.step(env.noop[None, None].repeat(2, 1))
+    assert [(event["kind"], event["side"], event["cause"]) for event in events(env.worlds, 0)] == [("end", -1, "rule")]
 
 
 def test_boxes_break_are_picked_up_and_placed() -> None:

@@ -61,7 +61,9 @@ class ScoresStrip(Strip):
             Entry(canvas, scene, board, i, e, e in alive).draw(left + column * board.width * unit, y)
         if (hidden := len(there) - board.shown) > 0:
             y = top - (board.lines - 1) * LINE * unit
-            canvas.text(left, y, f"and {hidden} more", unit, PAPER, anchor=0)
+            words = f"and {hidden} more"
+            words = words if left + canvas.length(words, unit) < canvas.half else f"+{hidden}"
+            canvas.text(left, y, words, unit, PAPER, anchor=0)
 
 
 def _teams(scene: Scene) -> bool:
@@ -153,7 +155,8 @@ def _planned(layout: Layout, agents: int, teams: bool, size: int) -> Board:
     rows, most = -(-agents // columns), max(1, int(HIGHEST * units / LINE) - teams)
     if rows <= most:
         return Board(parts, units / columns, rows, agents, teams + rows)
-    return Board(parts, units / columns, max(1, most - 1), columns * (most - 1), teams + most)
+    rows = max(1, most - 1)  # beside the line that says how many are left out
+    return Board(parts, units / columns, rows, columns * rows, teams + rows + 1)
 
 
 def _parts(layout: Layout, teams: bool, units: float) -> tuple[dict[str, float], float]:

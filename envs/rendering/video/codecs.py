@@ -1,6 +1,7 @@
 """How frames become files: a writer and a reader for each format. Everything is streamed, nothing held in memory."""
 
 import contextlib
+import errno
 import itertools
 import os
 import signal
@@ -197,6 +198,8 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
         if process.returncode:
             output.seek(0)
             lines = output.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
+            if os.strerror(errno.ENOSPC) in lines[-1]:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             raise FilmError(f"FFmpeg failed: {lines[-1]}")
 
 

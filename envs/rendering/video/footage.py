@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +46,8 @@ def footage(
         every: The first state is drawn, and after it every `every`-th one.
         title: What the title says: the game, and who plays.
         hold: For how many frames the end of an episode is shown after its first one. A single world stands still
-            meanwhile. In a mosaic the worlds go on, so the first ticks of that world's next episode are not seen.
+            meanwhile. In a mosaic the worlds go on, so it is shown for as many ticks, in one frame at least, and
+            the first ticks of that world's next episode are not seen.
 
     Returns:
         Frames, uint8 (height, width, 3), RGB, each a new array, drawn when they are asked for.
@@ -110,15 +113,23 @@ class _Reel:
     def mosaic(self, ticks: Iterable[object], every: int, grid: Grid, title: str) -> Iterator[Image]:
         """Frames of several worlds, of which each shows the end of an episode for a while."""
         held, pictures = [0] * len(self.chosen), [np.empty(0, np.uint8)] * len(self.chosen)
+
+        def frame() -> Image:
+            for k, left in enumerate(held):
+                pictures[k] = pictures[k] if left else self.draw(k)
+                held[k] = max(0, left - 1)
+            image = _tiled(pictures, grid)
+            return np.vstack([_header(self.worlds, image.shape[1], title), image]) if title else image
+
+        unseen = False
         for tick, _ in enumerate(ticks):
             for k in self.just_ended():
-                pictures[k], held[k] = self.draw(k), self.hold + 1
+                pictures[k], held[k], unseen = self.draw(k), self.hold // every + 1, True
             if tick % every == 0:
-                for k, left in enumerate(held):
-                    pictures[k] = pictures[k] if left else self.draw(k)
-                    held[k] = max(0, left - 1)
-                frame = _tiled(pictures, grid)
-                yield np.vstack([_header(self.worlds, frame.shape[1], title), frame]) if title else frame
+                unseen = False
+                yield frame()
+        if unseen:  # an end after the last tick that is drawn
+            yield frame()
 
 
 def _tiled(pictures: list[Image], grid: Grid) -> Image:
@@ -142,6 +153,10 @@ def _header(worlds: Worlds, width: int, title: str) -> Image:
 def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: int) -> None:
     if not chosen:
         raise FilmError("no world is chosen: at least one is needed")
+    given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
+    for name, value in given:
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise FilmError(f"{name} = {value!r}: an integer is needed")
     if strange := [w for w in chosen if not 0 <= w < worlds.count]:
         raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")
     if len(chosen) > grid[0] * grid[1] or min(grid) < 1:

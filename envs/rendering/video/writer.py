@@ -46,7 +46,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
             temporary = folder / f"film{'' if target.is_dir() else target.suffix.lower()}"
             stream = _FrameStream(frames, codec)
             codec.write(temporary, iter(stream), int(fps))
-            _verify(temporary, codec, stream)
+            _verify(temporary, codec, stream, target)
             _replace(temporary, target)
     except OSError as error:
         raise FilmError(f"{target} cannot be written: {error.strerror or error}") from error
@@ -120,16 +120,16 @@ def _temporary_folder(target: Path) -> Iterator[Path]:
         atomic_write.remove(folder)
 
 
-def _verify(temporary: Path, codec: Codec, stream: _FrameStream) -> None:
+def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -> None:
     """Read back what was written."""
     try:
         found = codec.read(temporary)
     except ValueError as error:
-        raise FilmError(f"the film was not written whole: {error}") from error
+        raise FilmError(f"{target} was not written whole: {error}") from error
     if found != (stream.count, *stream.shape[:2]):
         count, height, width = found
         raise FilmError(
-            f"the film was not written whole: {count} frames of {width} x {height} can be read back, "
+            f"{target} was not written whole: {count} frames of {width} x {height} can be read back, "
             f"{stream.count} of {stream.shape[1]} x {stream.shape[0]} were written; is the disk full?"
         )
 

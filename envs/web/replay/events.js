@@ -17,6 +17,7 @@ const Events = (() => {
       case "other": return agent < 0 ? [cause] : [agent, ` ${cause}`];
       case "break": return [agent < 0 && side >= 0 ? team : who, " broke a box"];
     }
+    if (cause === "rule") return ["the episode ends"];  // several are left: by a rule of the game's own
     return [cause === "truncated" ? "cut off at the limit of time" : ending(side, description)];
   }
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ...errors import PageError
 from ...recording import Recording, Replay
 from ...recording.selection import last_tick
 from .pack import Room
@@ -54,6 +55,8 @@ def replay_page(
         OSError: A recording cannot be read.
     """
     shown = [0] if worlds is None else worlds
+    if not isinstance(title, str | None):
+        raise PageError(f"title = {title!r}: a text is needed")
     opened = [
         source if isinstance(source, Recording) else Recording.open(source)
         for source in (recording, beside)

@@ -20,6 +20,8 @@ def frame(recording: Recording) -> str:
         RecordingError: The file is damaged.
         ReplayError: The replay is not what was recorded.
     """
+    if not len(recording):
+        return f"<p>{html.escape(repr(recording))}</p>"
     end = last_tick(recording, 0, None, [0])
     shown = min(end, MOST)
     with contextlib.closing(Replay(recording)) as replay:

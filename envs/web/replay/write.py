@@ -116,6 +116,8 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
 def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
     """The path of a page; PageError if no page can be written there, before anything is run. sources: what it shows."""
     target = Path(path)
+    if target.suffix != ".html":
+        raise PageError(f"{target}: a page is written as NAME.html")
     if target.exists() and any(target.samefile(source) for source in sources if source.exists()):
         raise PageError(f"{target} is the recording itself: give another name for the page")
     if target.is_dir() or not target.parent.is_dir():
