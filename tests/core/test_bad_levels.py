@@ -115,7 +115,7 @@ GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
     "two names": (
         lambda env: env.set_numbers(n_agents=2, agents_count=3),
         NumberError,
-        "one number is given twice",
+        "agents_count is given twice",
     ),
     "a number as name": (lambda env: env.set_numbers({1: 2}), NumberError, "has no number '1'"),  # type: ignore[dict-item]
     "a short mask": (

@@ -147,7 +147,9 @@ def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) ->
 @pytest.mark.skipif(not COMPILED, reason="a property of compiled kernels")
 def test_other_numbers_compile_nothing_anew() -> None:
     paper = outlast.variant("teams_4")
-    few, many = (outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS, n_heals=3)))
+    few, many = (
+        outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS | {"heals_count": 3}))
+    )
     assert few.worlds.source() == many.worlds.source()
     assert many.worlds._runner.units.compiled == []
 

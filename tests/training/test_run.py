@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import choice, load_policy, variant
+import outlast
+from outlast import choice, variant
 from outlast.ecs import Module, Singleton, column
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import StateError, UsageError
@@ -218,7 +219,7 @@ def test_a_run_that_diverges_stops_and_keeps_the_checkpoint_before(tmp_path: Pat
     with pytest.raises(TrainingError, match=r"training diverged: after \d+ agent-steps .* lower learning rate"):
         run.train()
     for path in (tmp_path / "run").glob("*.zip"):
-        load_policy(path)
+        outlast.load_policy(path)
 
 
 def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +279,7 @@ def test_what_agents_see_is_not_changed_without_a_word(scenario: Any, preset: st
     TrainingRun(config(EACH), tmp_path / "run").train()
     if scenario.varied:
         with pytest.raises(UsageError, match=r"cameras_mode is choice.*the same in all worlds"):
-            common_scenario(scenario, [load_policy(checkpoint.newest(tmp_path / "run"))])
+            common_scenario(scenario, [outlast.load_policy(checkpoint.newest(tmp_path / "run"))])
 
 
 def test_hyperparameters_are_given_once() -> None:

@@ -207,9 +207,9 @@ def test_a_finger_drags_the_timeline(look: Any) -> None:
 
 
 def test_what_is_counted_from_within_an_episode_says_so(look: Any, tmp_path: Path) -> None:
-    outlast.rollout("ffa_3", "scripted", steps=300, worlds=1, seed=3, record=tmp_path / "a.rec")
+    outlast.rollout("ffa_3", "scripted", steps=300, worlds=17, seed=3, record=tmp_path / "a.rec")
     for first, words in ((0, ""), (150, " since step 150")):
-        screen = look(outlast.replay_page(tmp_path / "a.rec", tmp_path / "a.html", first=first))
+        screen = look(outlast.replay_page(tmp_path / "a.rec", tmp_path / "a.html", worlds=[16], first=first))
         screen.key("End")
         done = [text for text in screen.page.locator(".agent .tally").all_inner_texts() if text]
         assert done
