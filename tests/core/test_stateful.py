@@ -22,7 +22,7 @@ from tests.helpers.invariants import SCENARIOS, scenario
 from tests.helpers.model import ModelledEnv, Outcomes, SavedState, replay_alone
 
 SHORT: dict[str, Any] = {  # episodes of a few ticks, with deaths in them
-    "agents_health": 15, "ending_limit": 9, "room_size": 12.0,
+    "agents_health": 15, "ending_limit": 9,
     "safe_zone_radii": (5.0, 2.0), "safe_zone_stand": 2, "safe_zone_shrink": 2, "safe_zone_damage": 3,
 }  # fmt: skip
 SMALL: dict[str, Any] = {  # boxes that reach into no other cell: they would push agents out of so small a room
@@ -92,7 +92,8 @@ class Calls(RuleBasedStateMachine):
     @initialize(options=options, data=st.data())
     def first(self, options: dict[str, Any], data: Any) -> None:
         name = data.draw(st.sampled_from(self.names))
-        mine = scenario(name, **SHORT, **(SMALL if Boxes in scenario(name) else {}))
+        own = {} if scenario(name).numbers()["room_width"] else {"room_size": 12.0}
+        mine = scenario(name, **SHORT, **own, **(SMALL if Boxes in scenario(name) else {}))
         harder = mine.numbers()["melee_damage"] + 1
         self.scenarios = [mine, replace(mine, name="other").replace(melee_damage=harder)]
         self.players.append(ModelledEnv(self.memory, self.scenarios[0], **options))

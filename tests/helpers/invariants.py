@@ -38,7 +38,7 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
                                "boxes_offset": 0.0, "death_drop_scatter": "disc", "give_last_nearest": "suitable"}),
     "ablations": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "teams_count": 3, "rewards_alive": 1.0,
                                                          "rewards_dead": -1.0}),
-    "hall": ("teams_4", CROWD | {"room_size": 25.0, "room_width": 30.0, "room_height": 12.0, "safe_zone_radii": (5.0, 2.0)}),
+    "hall": ("teams_4", CROWD | {"room_width": 30.0, "room_height": 12.0, "safe_zone_radii": (5.0, 2.0)}),
     "steered": ("ffa_2+health_cap+bounty+steering", {"n_agents": 4}),
 }  # fmt: skip
 
