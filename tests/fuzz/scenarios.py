@@ -123,7 +123,7 @@ def _ordered(rng: Random, scenario: Scenario) -> Scenario:
     systems = [system for module in scenario.modules for system in module.systems()]
     while rng.random() < 0.15:
         phase = rng.choice(systems).phase
-        labels = [rng.choice((each.label, each.module)) for each in systems if each.phase is phase]
+        labels = [*{rng.choice((each.label, each.module)): 0 for each in systems if each.phase is phase}]
         if len(labels) > 1:
             scenario = scenario.ordered(*rng.sample(labels, min(len(labels), rng.choice((2, 2, 3)))))
     return scenario
@@ -235,6 +235,7 @@ class Child:
         if self.process:
             self.process.kill()
             self.process.wait()
+            self.reader.join()
 
     def _start(self, first: int) -> None:
         o = self.options
@@ -248,12 +249,14 @@ class Child:
                 command, env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=errors
             )
         self.lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True).start()
+        self.reader = threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True)
+        self.reader.start()
 
 
 def _read(stream: Any, lines: "queue.Queue[str]") -> None:
-    for line in stream:
-        lines.put(line)
+    with stream:
+        for line in stream:
+            lines.put(line)
     lines.put("")
 
 
