@@ -109,7 +109,7 @@ def film(
         ReplayError: A tick of the recording is not what it was.
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
-    _check(STEPS if steps is None else steps, mosaic, views, every)
+    _check(STEPS if steps is None else steps, mosaic, views)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
@@ -125,11 +125,10 @@ def film(
         return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
 
 
-def _check(steps: Any, mosaic: Any, views: Any, every: Any) -> None:
-    """FilmError for what a film cannot be, before anything is played."""
+def _check(steps: Any, mosaic: Any, views: Any) -> None:
+    """FilmError for what a film cannot be, before worlds are made; for the rest see footage."""
     try:
         check_count("steps", steps, 0)
-        check_count("every", every, 1)
         if mosaic is not None:
             if not isinstance(mosaic, Sequence) or len(mosaic) != 2:
                 raise ValueError(f"mosaic = {mosaic!r}: rows and columns are needed, as in (2, 3)")
