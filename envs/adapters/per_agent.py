@@ -151,7 +151,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             ActionError: Actions of another shape, of another type or out of range.
             NotResetError: Some world has not started, or has ended and autoreset_mode is DISABLED.
         """
-        self._check_running("step")
+        self._check_running()
         shape, who = (self.num_envs,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
         _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
@@ -163,10 +163,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     def render(self) -> tuple[Any, ...] | None:
         """Draw the world of every sub-environment: a tuple of uint8 (height, width, 3), RGB, or of texts.
 
-        Agents of a world share one frame. None, with a warning, without a render_mode.
+        Agents of a world share one frame. None, with a warning, without a render_mode. NotResetError before reset().
         """
-        if self.render_mode is not None:
-            self._check_running("render")
         frames = self.base_env.render()
         return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
@@ -280,14 +278,13 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             )
         return by_world[:, 0]
 
-    def _check_running(self, call: str) -> None:
-        """ClosedError or NotResetError unless every world can take a step, or be drawn."""
+    def _check_running(self) -> None:
+        """ClosedError or NotResetError unless every world can take a step."""
         if self.closed:
             raise ClosedError("the environment is closed; make a new one")
         tracker = self.base_env._tracker
-        if missing := int((~tracker.running).sum()):
-            raise NotResetError(f"{call}() before reset(): {missing} worlds have not started; reset them")
-        if call == "step" and self.autoreset_mode is AutoresetMode.DISABLED and (done := tracker.done).any():
+        tracker.check_running("step")
+        if self.autoreset_mode is AutoresetMode.DISABLED and (done := tracker.done).any():
             raise NotResetError(
                 f"sub-environments {np.flatnonzero(self._spread(done))[:8].tolist()} have ended and autoreset is "
                 'disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'

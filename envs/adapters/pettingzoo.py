@@ -279,8 +279,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     def _check_running(self, call: str) -> None:
         self._check_open()
-        if not self.base_env._tracker.running[0]:
-            raise NotResetError(f"{call}() before reset(): the world has not started")
+        self.base_env._tracker.check_running(call)
 
 
 def parallel_env(

@@ -238,6 +238,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
 
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
+        self.base_env._tracker.check_running("render")
         drawn: dict[int, Array] = {}
         return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]
 

@@ -191,13 +191,17 @@ class EpisodeTracker:
         self.set_states[where] += 1
         self.running[:] = masks["started"]
 
-    def _refuse(self) -> None:
-        """Raise NotResetError."""
+    def check_running(self, call: str) -> None:
+        """Raise NotResetError for `call`, such as "step", unless every world is in an episode."""
         if not self.running.all():
             raise NotResetError(
-                f"step() before reset(): {int((~self.running).sum())} worlds have not started; reset them "
+                f"{call}() before reset(): {int((~self.running).sum())} worlds have not started; reset them "
                 "(worlds whose last step was interrupted have to start again, too)"
             )
+
+    def _refuse(self) -> None:
+        """Raise NotResetError."""
+        self.check_running("step")
         raise NotResetError(
             f"worlds {np.flatnonzero(self.done)[:8].tolist()} have ended and autoreset is disabled; "
             'reset them first: reset(options={"reset_mask": terminated | truncated})'

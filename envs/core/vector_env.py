@@ -107,8 +107,7 @@ class SurvivalVectorEnv(Described):
         check_flags(copy=copy, check_actions=check_actions, scaled=scaled)
         check_flags(action_masks=action_masks, specialize=specialize)
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
-        self.render_mode = render_mode
+        self.autoreset_mode, self.render_mode = checked_autoreset_mode(autoreset_mode), render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = scenario.worlds(
@@ -127,11 +126,8 @@ class SurvivalVectorEnv(Described):
         self.single_action_space = self._actions.batched(self.num_agents)
         self._tracker = EpisodeTracker(self.worlds, self._actions.sizes, self._actions.zeros, self.autoreset_mode)
         end = self.worlds[End]
-        self._reward, self._terminated, self._truncated = (
-            self.worlds[Reward].reward,
-            end.terminated[:, 0],
-            end.truncated[:, 0],
-        )
+        self._reward = self.worlds[Reward].reward
+        self._terminated, self._truncated = end.terminated[:, 0], end.truncated[:, 0]
         self._living = self.worlds[Entity].alive[:, self.worlds.span("agent")]
         self._step_events = StepEvents(self.worlds)
         self._stops: Stops | None = None
@@ -253,8 +249,10 @@ class SurvivalVectorEnv(Described):
     def render(self) -> tuple[Any, ...] | None:
         """Draw every world: a tuple of uint8 (height, width, 3), RGB, or of texts, as render_mode says.
 
-        None, with a warning, without a render_mode. `outlast.draw(env.worlds, w)` draws one of many worlds.
+        None, with a warning, without a render_mode. NotResetError before reset(). `outlast.draw` draws one world.
         """
+        if self.render_mode is not None:
+            self._tracker.check_running("render")
         return render_worlds(self.worlds, self.render_mode)
 
     @exclusive

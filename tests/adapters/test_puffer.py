@@ -193,6 +193,8 @@ def test_a_refused_call_changes_nothing() -> None:
 def test_pictures() -> None:
     env, other = (make(seed=SEED, render_mode=mode) for mode in ("rgb_array", "ansi"))
     for each in (env, other):
+        with pytest.raises(NotResetError, match="render"):
+            each.render()
         each.reset()
     assert (env.render().dtype, env.render().ndim) == (np.uint8, 3)
     assert isinstance(other.render(), str)

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from outlast.envs.errors import ClosedError
+from outlast.envs.errors import ClosedError, NotResetError
 from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, same, walk
 from tests.conftest import COMPILED, scaled
 
@@ -163,6 +163,9 @@ def test_pictures_are_those_of_the_worlds() -> None:
     from outlast.envs.rendering.rgb import draw as picture
 
     env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
+    for call in (env.get_images, env.render):
+        with pytest.raises(NotResetError, match="3 worlds have not started"):
+            call()
     env.reset()
     worlds = [picture(env.base_env.worlds, w) for w in range(3)]
     assert len({world.tobytes() for world in worlds}) == 3
@@ -178,7 +181,8 @@ def test_pictures_are_those_of_the_worlds() -> None:
     assert np.array_equal(tiles[:height], worlds[0])
     assert np.array_equal(tiles[height:], worlds[1])
     assert np.array_equal(env.render("rgb_array"), tiles)
-    assert make_sb3("ffa_1", 1, render_mode="rgb_array", render_worlds=9).render().shape == worlds[0].shape
+    env.render_worlds = 9
+    assert env.render().shape == tuple(np.array(worlds[0].shape) * (2, 2, 1))  # there are three
 
 
 def test_without_a_render_mode_there_are_none() -> None:
@@ -210,8 +214,8 @@ def test_videos(tmp_path: Path) -> None:
 
     env = make_sb3("ffa_1", 2, seed=0, render_mode="rgb_array")
     recorder = vec.VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=10)
-    size = env.render().shape[:2]
     recorder.reset()
+    size = env.render().shape[:2]
     for _ in range(12):
         recorder.step(draw(env, np.random.default_rng(0)))
     recorder.close()

@@ -164,20 +164,19 @@ def test_resets_are_refused(pair: tuple[Env, Env], name: str) -> None:
     refuses(pair, lambda env: env.reset(**keywords), ValueError, *words)
 
 
-def test_step_before_reset_is_refused() -> None:
-    env = make_vec("teams_3", 2, seed=0)
-    before = digest(env.worlds)
+def test_nothing_steps_or_is_drawn_before_reset() -> None:
+    env = make_vec("teams_3", 2, seed=0, render_mode="ansi")
     actions = np.zeros((2, 4, 6), int)
-    with pytest.raises(NotResetError, match=r"step\(\) before reset\(\): 2 worlds"):
-        env.step(actions)
-    assert digest(env.worlds) == before
-    env.reset(options={"reset_mask": np.array([True, False])})
-    before = digest(env.worlds)
-    with pytest.raises(NotResetError, match="1 worlds have not started; reset them"):
-        env.step(actions)
-    assert digest(env.worlds) == before
-    env.reset(options={"reset_mask": np.array([False, True])})
+    for started in range(2):
+        before = digest(env.worlds)
+        with pytest.raises(NotResetError, match=rf"step\(\) before reset\(\): {2 - started} worlds .*; reset them"):
+            env.step(actions)
+        with pytest.raises(NotResetError, match=rf"render\(\) before reset\(\): {2 - started} worlds"):
+            env.render()
+        assert digest(env.worlds) == before
+        env.reset(options={"reset_mask": np.arange(2) == started})
     env.step(actions)
+    assert len(env.render() or ()) == 2
 
 
 def test_calls_after_close_are_refused() -> None:

@@ -98,8 +98,8 @@ def test_opencv_is_loaded_by_the_first_picture() -> None:
     """It takes longer to import than everything else, and training needs none."""
     code = """
         import sys, outlast, outlast.envs.cli.main, outlast.envs.rendering.video
-        texts = outlast.make_vec("ffa_1", 1, render_mode="ansi").render()
-        env = outlast.make_vec("ffa_1", 1, render_mode="rgb_array")
+        env, texts = (outlast.make_vec("ffa_1", 1, render_mode=mode) for mode in ("rgb_array", "ansi"))
+        env.reset(), texts.reset(), texts.render()
         assert "cv2" not in sys.modules
         env.render()
         assert "cv2" in sys.modules
