@@ -133,6 +133,11 @@ class Roles:
         """Names of the numbers that every role changes: what they are otherwise means nothing."""
         return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
 
+    def check_others(self, names: Iterable[str]) -> None:
+        """NumberError if one of the numbers that are set for agents of no role in particular is one that all set."""
+        if found := [name for name in names if name in self.in_all]:
+            raise NumberError(f"{found[0]}: every role sets it here, so another value means nothing; change the roles")
+
     def __str__(self) -> str:
         counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
         drawn = {NEVER: "", ANYONE: " drawn", SIDE: " drawn by side"}[self.drawn]

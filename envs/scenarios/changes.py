@@ -53,6 +53,12 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
     return found
 
 
+def defaults(modules: Iterable[Module]) -> set[str]:
+    """The full names of the numbers that have their default in these mechanics, set by nobody or to that."""
+    fields = [(module, item) for module in modules for item in dataclasses.fields(module)]
+    return {f"{m.name}_{item.name}" for m, item in fields if getattr(m, item.name) == item.default}
+
+
 def numbers(modules: Iterable[Module]) -> dict[str, Any]:
     """Every number of these mechanics by its full name, sorted by mechanics."""
     ordered = sorted(modules, key=lambda module: module.name)

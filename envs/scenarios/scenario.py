@@ -20,7 +20,7 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import all_replaced, as_file_name, by_full_name, following, leaders, numbers, titles
+from .changes import all_replaced, as_file_name, by_full_name, defaults, following, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
@@ -96,12 +96,15 @@ class Scenario:
 
         Raises:
             ScenarioError: What is given is no mechanic.
+            NumberError: It sets a number that every role sets.
         """
         check_mechanics(self.name, modules)
         slots, given, before = {module.slot() for module in modules}, numbers(modules), self.numbers()
         varied = tuple(entry for entry in self.varied if entry[0] not in given)
         after = (*(m for m in self.modules if m.slot() not in slots), *modules)
         changed = {name: value for name, value in given.items() if before.get(name, value) != value}
+        if self.by_role:
+            self.by_role.check_others(changed.keys() - defaults(modules))
         gone = before.keys() - numbers(after).keys()
         made = self._derived(modules=all_replaced(after, self._led(changed, given.keys() | gone)), varied=varied)
         now = made.numbers()
@@ -140,8 +143,8 @@ class Scenario:
                 renamed.warn(key, full)
             if found in given:
                 raise NumberError(f"{key}: {full} is given twice; say one of them")
-            if self.by_role and full in self.by_role.in_all:
-                raise NumberError(f"{full}: every role sets it here, so another value means nothing; change the roles")
+            if self.by_role:
+                self.by_role.check_others([full])
             given[found] = value
         modules = all_replaced(self.modules, given)  # checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
@@ -241,12 +244,8 @@ class Scenario:
         Raises:
             DeclarationError, NumberError, ScheduleError: As ecs.Worlds.
         """
-        options |= {
-            "ordered": self.order,
-            "varied": dict(self.varied),
-            "observed": self.observed,
-            "roles": self.by_role,
-        }
+        options |= {"ordered": self.order, "varied": dict(self.varied)}
+        options |= {"observed": self.observed, "roles": self.by_role}
         return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":

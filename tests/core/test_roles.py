@@ -21,7 +21,7 @@ from outlast.envs.errors import ScenarioError, StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import classes, rebuilt
-from outlast.systems import DropLast, Teams
+from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled
 
 WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
@@ -288,6 +288,9 @@ def test_a_number_that_every_role_sets_is_changed_there() -> None:
     both = variant("ffa_3").roles(a=hunter, b=prey)
     with pytest.raises(NumberError, match=r"melee_damage: every role sets it here, .* change the roles"):
         both.replace(melee_damage=50)
+    with pytest.raises(NumberError, match=r"melee_damage: every role sets it here"):
+        both.with_(Melee(damage=50))
+    assert both.with_(Melee(cooldown=7)).numbers()["melee_cooldown"] == 7
     assert both.replace(melee_reach=3.0).numbers()["melee_reach"] == 3.0  # that of role a
 
 
