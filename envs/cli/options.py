@@ -5,7 +5,7 @@ import contextlib
 import logging
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,6 +18,7 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
+from ..scenarios.changes import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
 from ..scenarios.naming import distribution, mechanic, resolve
@@ -93,11 +94,10 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
         raise ScenarioError(f"{gone[0]}: --without takes it out again; say one of them")
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
-    given = [_assignment(text, asked) for text in options.set]
-    if len(dict(given)) < len(given):
-        name = next(name for k, (name, _) in enumerate(given) if name in dict(given[:k]))
-        raise ScenarioError(f"--set {name}: it is given twice; say one of them")
-    asked = _varied(asked.replace(**dict(given)), options)
+    given = by_full_name(asked.find_number, [_parts("--set", text) for text in options.set])
+    now = asked.numbers()
+    asked = asked.replace(**{name: _value(text, now[name]) for name, text in given.items()})
+    asked = _varied(asked, given, options)
     if options.save_scenario is not None:
         _save(asked, options)
     return asked
@@ -260,24 +260,18 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
-def _varied(asked: Scenario, options: argparse.Namespace) -> Scenario:
-    """The scenario with what --vary says. Raises ScenarioError, NumberError."""
-    fixed = {asked.find_number(_parts("--set", text)[0]) for text in options.set}
+def _varied(asked: Scenario, fixed: Container[str], options: argparse.Namespace) -> Scenario:
+    """The scenario with what --vary says. fixed: what --set does. Raises ScenarioError, NumberError."""
+    parts = [_parts("--vary", text, "'melee_damage=uniform(5, 20)'") for text in options.vary]
     drawn = {}
-    for name, text in (_parts("--vary", text, "'melee_damage=uniform(5, 20)'") for text in options.vary):
-        if (found := asked.find_number(name)) in fixed or "_".join(found) in drawn:
-            raise ScenarioError(f"--vary {name}: it is given twice, or set, too; say one of them")
+    for name, text in by_full_name(asked.find_number, parts).items():
+        if name in fixed:
+            raise ScenarioError(f"--vary {name}: --set has it, too; say one of them")
         try:
-            drawn["_".join(found)] = distribution(text)
+            drawn[name] = distribution(text)
         except (ScenarioError, NumberError) as error:
             raise type(error)(f"--vary {name}: {error}") from None
     return asked.vary(**drawn) if drawn else asked
-
-
-def _assignment(text: str, asked: Scenario) -> tuple[str, Any]:
-    """The name and the value of NUMBER=VALUE, of the type that the number has. Raises ScenarioError, NumberError."""
-    name, value = _parts("--set", text)
-    return name, _value(value, asked.numbers()["_".join(asked.find_number(name))])
 
 
 def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, str]:

@@ -10,6 +10,8 @@ from typing import Any
 from outlast.ecs import Distribution, Module, NumberError, Roles
 from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 
+from . import renamed
+
 LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
 
@@ -35,8 +37,13 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     return found + [f"{_short(name)}={shown(value)}" for name, value in now.items() if value != usual[name]]
 
 
+def in_full(name: str) -> str:
+    """Name of the number that n_NAME stands for; others as they are."""
+    return f"{name[2:]}_count" if name.startswith("n_") else name
+
+
 def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """What is given for numbers, by their full names ("agents_count").
+    """What is given for numbers, by their full names ("agents_count"); warns of names of earlier versions.
 
     Args:
         find: Scenario.find_number.
@@ -48,7 +55,9 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
     found = dict[str, Any]()
     for name, value in given:
         if (full := "_".join(find(str(name)))) in found:
-            raise NumberError(f"{name}: {full} is given twice; say one of them")
+            raise NumberError(f"{full} is given twice; say one of them")
+        if full != in_full(str(name)):
+            renamed.warn(str(name), full)
         found[full] = value
     return found
 

@@ -20,7 +20,7 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import all_replaced, as_file_name, by_full_name, defaults, following, leaders, numbers, titles
+from .changes import all_replaced, as_file_name, by_full_name, defaults, following, in_full, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
@@ -136,20 +136,13 @@ class Scenario:
         Raises:
             NumberError: An unknown number, with a hint, or a value out of its range.
         """
-        given: dict[tuple[str, str], Any] = {}
-        for key, value in numbers.items():
-            found = self.find_number(key)
-            if (full := "_".join(found)) != _full(key):
-                renamed.warn(key, full)
-            if found in given:
-                raise NumberError(f"{key}: {full} is given twice; say one of them")
-            if self.by_role:
-                self.by_role.check_others([full])
-            given[found] = value
+        full = by_full_name(self.find_number, [*numbers.items()])
+        if self.by_role:
+            self.by_role.check_others(full)
+        given = {self.find_number(name): value for name, value in full.items()}
         modules = all_replaced(self.modules, given)  # checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
-        fixed = {"_".join(found) for found in given}
-        varied = tuple(entry for entry in self.varied if entry[0] not in fixed)
+        varied = tuple(entry for entry in self.varied if entry[0] not in full)
         return self._derived(modules=all_replaced(self.modules, given | self._led(checked)), varied=varied)
 
     def _led(self, changed: Mapping[str, Any], beside: Container[str] = ()) -> dict[tuple[str, str], Any]:
@@ -365,7 +358,7 @@ class Scenario:
 
         NumberError if there is none; it may be meant for one of the `options` of a function.
         """
-        for key in (_full(asked), renamed.NUMBERS.get(_full(asked), "")):
+        for key in (in_full(asked), renamed.NUMBERS.get(in_full(asked), "")):
             for module in self.modules:
                 name = key.removeprefix(f"{module.name}_")
                 if name != key and any(item.name == name for item in dataclasses.fields(module)):
@@ -380,11 +373,6 @@ class Scenario:
     def known_numbers(self) -> list[str]:
         """Every name that `replace` takes, those of today: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-
-
-def _full(asked: str) -> str:
-    """Name of the number that n_NAME stands for; others as they are."""
-    return f"{asked[2:]}_count" if asked.startswith("n_") else asked
 
 
 def sorted_(scenario: Scenario) -> Iterator[Module]:

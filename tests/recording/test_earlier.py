@@ -86,6 +86,12 @@ def test_earlier_names_of_counts_and_in_factories_work_too() -> None:
     with pytest.warns(DeprecationWarning, match="zone_damage") as caught:
         assert resolve("ffa_1", {"zone_harm": 2}) == outlast.variant("ffa_1").replace(safe_zone_damage=2)
     assert caught[0].filename == __file__
+    drawn = outlast.uniform(1, 2)
+    with pytest.warns(DeprecationWarning, match="motors_speed is now steering_speed"):
+        assert steered().vary(motors_speed=drawn) == steered().vary(steering_speed=drawn)
+    with pytest.warns(DeprecationWarning, match="motors_speed is now steering_speed"):
+        fast = steered().roles(a=outlast.role(motors_speed=2.0))
+    assert fast == steered().roles(a=outlast.role(steering_speed=2.0))
 
 
 @pytest.mark.parametrize("new", MECHANICS)
