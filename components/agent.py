@@ -2,7 +2,7 @@
 
 import math
 
-from outlast.ecs import Array, Component, Field, Observation, Singleton, column, kernel
+from outlast.ecs import Array, Component, Field, Observation, Singleton, column, exists, kernel
 
 from .body import PLACE, SPEED, SPIN
 from .health import full_health
@@ -19,7 +19,7 @@ def present(entities: Array, agents: Array) -> int:
     """How many agents this episode has, dead or alive: the first ones."""
     count = 0
     for e in agents:
-        count += entities.identity[e] >= 0
+        count += exists(entities, e)
     return count
 
 

@@ -26,6 +26,7 @@ class Body(Component):
 class Shape(Component):
     """Outline: a circle, or with radius 0 a rectangle along the body's own axes. Blocks sight and melee."""
 
+    requires = (Body,)
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
@@ -35,6 +36,7 @@ class Shape(Component):
 class Solid(Component):
     """Takes part in contacts. Without it a body is intangible, as items are."""
 
+    requires = (Body, Shape)
     dynamic: Array = column("u1")  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
     mass: Array = column("f4")  # kilograms, of density and shape; computed at reset
@@ -54,6 +56,7 @@ class Push(Component):
 class Spawned(Component):
     """Gets a cell of the spawn grid at reset."""
 
+    requires = (Body,)
     cell: Array = column("i4", fill=-1)
 
 

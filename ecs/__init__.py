@@ -13,6 +13,7 @@ random. The errors are in errors.
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
 from .archetype import Archetype
+from .clock import RESET, SKIP, STEP
 from .component import (
     Action,
     Array,
@@ -28,8 +29,9 @@ from .component import (
     column,
 )
 from .distributions import Distribution, choice, free, integers, log_uniform, uniform
+from .draw import exists
 from .entity_view import EntityView
-from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
+from .errors import AbsentError, CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
 from .event import Event, emit
 from .fields import Field, Fields, columns_of
 from .jit import kernel
@@ -40,13 +42,13 @@ from .per_agent import AgentRoles, differs, of
 from .phase import Phase, When
 from .roles import Role, Roles, role
 from .system import System
-from .tick import RESET, SKIP, STEP
 from .worlds import Worlds
 
 __all__ = [
     "RESET",
     "SKIP",
     "STEP",
+    "AbsentError",
     "Action",
     "Add",
     "AgentRoles",
@@ -93,6 +95,7 @@ __all__ = [
     "columns_of",
     "differs",
     "emit",
+    "exists",
     "free",
     "integers",
     "kernel",

@@ -42,6 +42,9 @@ class Archetype:
             )
         if self.count > MOST:
             raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
+        order: Any = self.order
+        if order is not None and not isinstance(order, Integral):
+            raise DeclarationError(f"Archetype({self.name!r}, ...) with the order {order!r:.60}: an integer is needed")
         parts: Any = self.parts
         if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
             raise DeclarationError(

@@ -21,12 +21,14 @@ entities, zero where an archetype lacks the component, so that a row number mean
 import re
 from collections import namedtuple
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from .errors import DeclarationError
 from .fields import Field
+from .references import annotated, is_outside
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
@@ -105,6 +107,12 @@ def _check_column(label: str, column: Column) -> None:
         raise DeclarationError(
             f'{label} has the type {column.dtype.str}: columns hold integers, floats or truths, such as "i4", "f4", "?"'
         )
+    dims: tuple[Any, ...] = column.dims
+    for dim in dims:
+        if not isinstance(dim, str) and (isinstance(dim, bool) or not isinstance(dim, Integral) or dim < 1):
+            raise DeclarationError(
+                f"{label} has the dimension {dim!r:.60}: a size of at least 1 or the name of a dimension is needed"
+            )
     as_stored(label, column, column.fill)
 
 
@@ -139,7 +147,14 @@ class Component:
         if not isinstance(needed, tuple) or not all(isinstance(c, type) and issubclass(c, Component) for c in needed):
             raise DeclarationError(f"{cls.__name__}.requires = {needed!r:.80}: a tuple is needed, as in (Health,)")
         if packed is not None:
+            if is_outside(cls):
+                raise DeclarationError(f"{cls.__name__}: packed is for outlast's own components; leave it out")
             cls.packed = packed
+        if is_outside(cls) and (bare := [name for name in annotated(cls) if name not in columns]):
+            raise DeclarationError(
+                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4"), or as a '
+                "ClassVar, if it is none"
+            )
         if cls.columns:
             base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
             raise DeclarationError(
@@ -153,6 +168,13 @@ class Component:
             if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
+            if (value.key or np.isfinite([value.low, value.high]).any()) and not issubclass(
+                cls, (Action, Observation, Statistic)
+            ):
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} has a key, or a range, which only columns of an Action, an Observation "
+                    "or a Statistic have; leave it out"
+                )
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
             raise DeclarationError(
                 f"{cls.__name__}.{filled[0]}: columns with buffers of their own begin as 0; "

@@ -8,6 +8,7 @@ import numpy as np
 
 from .component import Array, Observation, Signal
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
+from .errors import AbsentError
 from .given import GIVEN, ONCE, WORD
 from .jit import kernel
 from .random import integer, stream_number, words
@@ -160,6 +161,23 @@ def draw(
     for a in range(absences.shape[0]):
         for e in range(absences[a, 1] + values[absences[a, 0]], absences[a, 2]):
             entities.alive[e], entities.identity[e] = 0, ABSENT
+
+
+@kernel
+def exists(entities: Any, e: int) -> bool:
+    """Whether row `e` is an entity of this episode, alive or not: False for one that a varied count leaves out."""
+    return bool(entities.identity[e] != ABSENT)
+
+
+@kernel
+def check_absent(entities: Any) -> None:
+    """AbsentError if an entity is alive that this episode leaves out."""
+    for e in range(entities.alive.size):
+        if entities.alive[e] and not exists(entities, e):
+            raise AbsentError(
+                "an entity is alive that this episode leaves out, as its number varies and is smaller here; "
+                "pass over rows for which exists(entities, e) is False"
+            )
 
 
 def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:

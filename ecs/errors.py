@@ -17,6 +17,10 @@ class CapacityError(EngineError):
     """More happened in a tick than the list of an event has room for."""
 
 
+class AbsentError(EngineError):
+    """A system made an entity alive that the episode leaves out, as its number varies from world to world."""
+
+
 class ScheduleError(EngineError):
     """The order of systems is ambiguous, contradictory, or names something unknown."""
 

@@ -53,7 +53,7 @@ class Event(Singleton, packed=False):
     def __init_subclass__(
         cls, capacity: int | str | type[Component] | None = None, who: str = "agent", whom: str = "target"
     ) -> None:
-        super().__init_subclass__(packed=False)
+        super().__init_subclass__()
         own = f"class {cls.__name__}(Event)"
         if not cls.columns:
             raise DeclarationError(

@@ -76,16 +76,15 @@ class PythonExecution:
 def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
     """The exception that a unit raised, with its name, and a note on how to find the line."""
     kind, arguments, place = exception_at(address)
-    if place:
-        file, _, line = place.rpartition(", ")
-        place = f" ({os.path.basename(file)}, {line})"
+    file, _, line = place.rpartition(", ")
+    place = f" ({os.path.basename(file)}, {line})" if place and unit.system else ""
     text = " ".join(map(str, arguments)) if arguments else kind.__name__
     try:
         error = kind(f"{unit.label}{place}: {text}")
     except Exception:  # a class that is not made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
-    error.add_note(
-        f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}. "
-        f'To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
-    )
+    note = f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}."
+    if unit.system:
+        note += f' To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
+    error.add_note(note)
     return error

@@ -259,6 +259,11 @@ class Layout:
             capacity = event.capacity
             if isinstance(capacity, type):
                 capacity = len(self.rows(capacity))
+            if isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity):
+                raise DeclarationError(
+                    f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; known: "
+                    f"{', '.join(sorted(self.dims))}"
+                )
             self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
         return tuple(found.values())
 
@@ -300,11 +305,16 @@ class Layout:
             for name, column in component.columns.items():
                 for dim in column.dims:
                     if isinstance(dim, str) and dim not in self.dims:
-                        makers = self.modules[0].providers(lambda module: dim in module.dims())  # noqa: B023
+                        makers = self._makers(dim) or "a module whose dims() has it"
                         raise DeclarationError(
                             f"no module defines the dimension '{dim}'; known: {', '.join(sorted(self.dims))}. "
-                            f"{component.__name__}.{name} needs it: add {makers or 'a module whose dims() has it'}"
+                            f"{component.__name__}.{name} needs it: add {makers}"
                         )
+
+    def _makers(self, dim: str) -> str:
+        """The imported modules that define a dimension, in words; "" for none."""
+        makers: str = self.modules[0].providers(lambda module: dim in module.dims())
+        return makers
 
     @functools.cached_property
     def event_type(self) -> np.dtype[Any]:

@@ -18,6 +18,7 @@ import contextlib
 import dataclasses
 import difflib
 import functools
+import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -32,7 +33,7 @@ from .jit import kernel
 from .layout import Layout
 from .numbers import checked, kind_of
 from .phase import Phase
-from .references import check_random
+from .references import annotated, check_random, is_outside
 from .registration import check_twice, components, neighbours, redefines
 from .system import Neighbour, System
 
@@ -72,7 +73,7 @@ class Module:
         for item in inherited:
             given = vars(cls).get(item.name, dataclasses.MISSING)
             if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
-                cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
+                cls.__annotations__ = {item.name: item.type} | inspect.get_annotations(cls)
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         cls._check_constants([item.name for item in inherited])
         cls._check_hooks()
@@ -89,7 +90,7 @@ class Module:
     @classmethod
     def _check_constants(cls, numbers: list[str]) -> None:
         """DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
-        known = {*Module.__annotations__, *vars(cls).get("__annotations__", {})}
+        known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls)}
         for name, value in vars(cls).items():
             if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
                 near, kind = difflib.get_close_matches(name, numbers, 1), type(value).__name__
@@ -120,9 +121,7 @@ class Module:
     @functools.cache
     def _declared(cls) -> tuple[tuple[str, type, Any], ...]:
         """The name, the type and the rule of every number. DeclarationError for one that cannot be."""
-        annotations = vars(cls).get("__annotations__", {})
-        own = [name for name, kind in annotations.items() if "ClassVar" not in str(kind)]
-        if own and "__dataclass_fields__" not in vars(cls):
+        if (own := annotated(cls)) and "__dataclass_fields__" not in vars(cls):
             raise DeclarationError(
                 f"{cls.__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
                 f"@dataclass(frozen=True) above class {cls.__name__}"
@@ -185,8 +184,9 @@ class Module:
             A decorator that returns the function as a kernel.
 
         Raises:
-            DeclarationError: `phase` is not a phase, `after`, `before` or `needs` is something else than said above, or
-                a parameter has an annotation that is not in ecs.access.
+            DeclarationError: The module is outlast's own, and the function is not; `phase` is not a phase, `after`,
+                `before` or `needs` is something else than said above; or a parameter has an annotation that is not in
+                ecs.access.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
@@ -196,6 +196,11 @@ class Module:
 
         def register(function: Function) -> Function:
             label = f"{cls.name}.{function.__name__}"
+            if is_outside(function) and not is_outside(cls):
+                raise DeclarationError(
+                    f"{label}: {cls.__name__} is outlast's own, and every scenario in this process would get the "
+                    f"system; give it to a mechanic of yours, such as class My{cls.__name__}({cls.__name__})"
+                )
             earlier, later = neighbours(label, "after", after), neighbours(label, "before", before)
             needed = components(label, needs)
             declared = parameters(function)

@@ -17,7 +17,7 @@ from numba.core import cgutils
 
 from .component import Array, Clock, Singleton, column
 from .distributions import CHOICE, Distribution
-from .draw import draw_between
+from .draw import draw_between, exists
 from .errors import NumberError
 from .jit import intrinsic, kernel
 from .made_once import differences, is_read, reasons
@@ -324,7 +324,7 @@ def assign(
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
     present = 0
     for e in rows:
-        present += entities.identity[e] >= 0
+        present += exists(entities, e)
     c = present - (rows.size - fixed.shape[0] + 1)
     for i in range(rows.size):
         roles.role[i] = fixed[c, i]

@@ -61,11 +61,11 @@ class Plan:
 def plan(wanted: Wanted) -> Plan:
     """A plan, maybe one that was made before. For what it raises, see Worlds.
 
-    Games with mechanics or systems of a user's have a new one each time, as these may refer to what has changed since.
+    Games with mechanics of a user's have a new one each time, as these may refer to what has changed since.
     Outlast's own code is taken not to change while a process runs.
     """
     systems = tuple(system for module in wanted.modules for system in module.systems())
-    if any(is_outside(type(module)) for module in wanted.modules) or any(system.outside for system in systems):
+    if any(is_outside(type(module)) for module in wanted.modules):
         return _made(wanted)
     try:
         hash(wanted)

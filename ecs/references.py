@@ -2,6 +2,7 @@
 
 import dis
 import functools
+import inspect
 from collections.abc import Callable, Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -38,6 +39,11 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
 def is_outside(target: Any) -> bool:
     """Whether a function or class is from outside of this package: part of a user's mechanic."""
     return str(target.__module__).partition(".")[0] != __name__.partition(".")[0]
+
+
+def annotated(cls: type) -> list[str]:
+    """The names that a class itself annotates, but for those of a ClassVar."""
+    return [name for name, kind in inspect.get_annotations(cls).items() if "ClassVar" not in str(kind)]
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:

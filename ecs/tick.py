@@ -34,13 +34,13 @@ from .arguments import (
     number_view,
     table_view,
 )
+from .clock import CLOCK_SIZE, advance_clock, zero
 from .component import Clock, Component, Entity
-from .draw import clear_rows, draw, plan, show, shown
+from .draw import check_absent, clear_rows, draw, plan, show, shown
 from .errors import DeclarationError
-from .event import clear
 from .fields import offset
 from .given import GIVEN_DIM, Given
-from .jit import compiled, kernel
+from .jit import compiled
 from .layout import Layout
 from .module import Module
 from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
@@ -51,34 +51,9 @@ from .run_units import begin_fetch, fetch
 from .system import System
 from .varied import NumbersView, Varied, VariedNumber
 
-SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
 MOST_VALUES = 64  # of a constant that becomes part of machine code
-EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
-
-
-@kernel
-def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
-    """Count a tick, or start an episode, and forget the events of the tick before.
-
-    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear. kept: words of the state that
-    outlast an episode, the first ones.
-    """
-    clear(event_counts)
-    if mode == RESET:
-        world[EPISODE] += np.uint64(1)
-        world[TICK] = np.uint64(0)
-        load_initial_state(world, initial_image, kept)
-    else:
-        world[TICK] += np.uint64(1)
-
-
-@kernel
-def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
-    """Set all state but what is kept to what it is at the start of an episode."""
-    for k in range(kept, initial_image.size):
-        world[k] = initial_image[k]
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +176,21 @@ class Generator:
         values = self._view_of("rows", rows, dtype, writable=True, ndim=2)
         arguments = [values, self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {component.__name__}.{column}", None, clear_rows, IDLE[When.ALWAYS], arguments)
+
+    def zero(self, component: type[Component], column: str, when: When) -> Unit:
+        """The unit that sets a column to 0."""
+
+        def row(worlds: Any) -> np.ndarray[Any, Any]:
+            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+            return values.reshape(len(values), -1)
+
+        values = self._view_of("row", row, component.columns[column].dtype, writable=True)
+        return self._unit(f"zero {component.__name__}.{column}", None, zero, IDLE[when], [values])
+
+    def check_absent(self, system: System) -> Unit:
+        """The unit that follows a system that can make entities alive."""
+        entities = self._table(Entity, "r")
+        return self._unit(f"absent rows after {system.label}", None, check_absent, IDLE[system.phase.when], [entities])
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""

@@ -5,7 +5,21 @@ from dataclasses import dataclass
 
 from outlast.components import Death, End, Phase, Score, Side
 from outlast.components.limits import TICKS
-from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, RowIndex, Rows, Singleton, Write, number
+from outlast.ecs import (
+    Array,
+    Clock,
+    Entity,
+    Layout,
+    Module,
+    NumberError,
+    Read,
+    RowIndex,
+    Rows,
+    Singleton,
+    Write,
+    kernel,
+    number,
+)
 
 LAST_ALIVE, NEVER = 1, 2  # indices into the choices of Ending.rule
 
@@ -33,6 +47,14 @@ class Ending(Module):
         return [Score(), End(), Death()]
 
 
+@kernel
+def _known(side: int, score: Array) -> int:
+    """The side, if it is one: what systems of others set is an index here."""
+    if not 0 <= side < score.alive.size:
+        raise IndexError("a system has given an agent, or whoever hurt it, a side that there is not in this scenario")
+    return side
+
+
 @Ending.system(Phase.REWARD)
 def count(
     score: Write[Score],
@@ -48,14 +70,14 @@ def count(
     score.kills[:] = 0
     for e in agents:
         if entities.alive[e]:
-            score.alive[side.side[e]] += 1
+            score.alive[_known(side.side[e], score)] += 1
     for k in range(deaths.count[0]):
         e, killer = deaths.agent[k], deaths.side[k]
         if index[e] < 0:
             continue
-        score.deaths[side.side[e]] += 1
+        score.deaths[_known(side.side[e], score)] += 1
         if killer >= 0 and killer != side.side[e]:
-            score.kills[killer] += 1
+            score.kills[_known(killer, score)] += 1
 
 
 @Ending.system(Phase.END)

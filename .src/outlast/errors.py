@@ -8,7 +8,15 @@ Each one is also an error that callers of Gymnasium or of Python catch already:
 ...     env.reset()
 """
 
-from .ecs.errors import CapacityError, DeclarationError, EngineError, NumberError, OutlastError, ScheduleError
+from .ecs.errors import (
+    AbsentError,
+    CapacityError,
+    DeclarationError,
+    EngineError,
+    NumberError,
+    OutlastError,
+    ScheduleError,
+)
 from .envs.errors import (
     ActionError,
     ClosedError,
@@ -31,6 +39,7 @@ from .systems.box2d.batch import IncompatibleBox2D
 from .training.errors import EmptyRunError, TrainingError
 
 __all__ = [
+    "AbsentError",
     "ActionError",
     "CapacityError",
     "ClosedError",

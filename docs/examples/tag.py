@@ -18,6 +18,7 @@ from outlast.components import (
     Spawned,
     Weapon,
 )
+from outlast.components.agent import present
 from outlast.components.body import PLACE
 from outlast.components.inventory import last
 from outlast.components.sight import is_set
@@ -158,9 +159,9 @@ def in_base(body, e, base) -> bool:
 
 
 @Tag.system(Phase.DRAW)
-def choose(player: Write[Player], agents: Rows[Player], key: Random) -> None:
-    """A random agent is it at the start of the episode."""
-    player.it[agents[integer(key, 0, agents.size)]] = 1
+def choose(player: Write[Player], entities: Read[Entity], agents: Rows[Player], key: Random) -> None:
+    """A random agent of those that there are is it at the start of the episode."""
+    player.it[agents[integer(key, 0, present(entities, agents))]] = 1
 
 
 @Tag.system(Phase.MELEE, after="tag.aim")

@@ -63,11 +63,27 @@ def check_published(worlds: Worlds) -> None:
                 )
             if component is not NumbersView and not any(s.touches(component, *USES[base]) for s in systems):
                 raise DeclarationError(NEEDS[base].format(f"{component.__qualname__}.{name}", component.__name__))
+    _check_fields(worlds)
     names = [*INFO, *worlds.layout.varied]
     for key, _, _, column in published(worlds, Statistic):
         names += _reported(worlds, key, column)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
+
+
+def _check_fields(worlds: Worlds) -> None:
+    """DeclarationError if no system writes a field that a mechanic adds to the rows of another's observation."""
+    for key, component, column, _ in published(worlds, Observation):
+        writing = [system for system in worlds.layout.systems if system.touches(component, *USES[Observation])]
+        offsets = [system.offsets().get((component, column), set()) for system in writing]
+        for module in worlds.layout.modules if all(offsets) else ():  # without an Offset, whole rows are written
+            for field in module.fields().get(key, ()):
+                if not any(f"{key}_{field.name}" in each for each in offsets):
+                    raise DeclarationError(
+                        f"no system writes the field '{field.name}' that {module.name} adds to '{key}', so agents "
+                        f"would see zeros; write it in a system with the parameters Write[{component.__name__}] and "
+                        f"{key}_{field.name}: Offset"
+                    )
 
 
 def bounds(worlds: Worlds) -> dict[str, Ends]:

@@ -130,7 +130,11 @@ def test_the_source_of_a_tick() -> None:
     """Each system is a function, in the order of the schedule, under its phase."""
     worlds = make()
     source = worlds.source()
-    assert re.findall(r"def unit.*# (.*)", source) == ["clock", *(s.label for s in worlds.schedule.systems)]
+    assert re.findall(r"def unit.*# (.*)", source) == [
+        "clock",
+        "zero Pay.pay",
+        *(s.label for s in worlds.schedule.systems),
+    ]
     assert re.findall(r"^# ---- (\w+)", source, re.MULTILINE) == ["BEGIN", "MOVE", "FEED", "SHOW"]
     compile(source, "source", "exec")
 
@@ -551,7 +555,9 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     assert not worlds.compiled
     run(worlds, STEP)
     assert worlds.compiled
-    assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + 2
+    assert (
+        len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + 3
+    )  # clock, "zero Pay.pay", runner
 
 
 @compiled_only

@@ -13,10 +13,10 @@ import pytest
 from outlast import Scenario
 from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, jit, kernel
 from outlast.ecs.cache_key import CacheKey
+from outlast.ecs.clock import RESET, STEP
 from outlast.ecs.jit import interpreted, loader, storer
 from outlast.ecs.kernel_check import check_interpretable
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
-from outlast.ecs.tick import RESET, STEP
 from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest

@@ -172,6 +172,41 @@ def twice_in_tables() -> None:
         world: Array = column("i4")
 
 
+def bare() -> None:
+    class Gold(Component):
+        amount: Array
+        found: Array = column("i4")
+
+
+def plain_value() -> None:
+    class Gold(Statistic):
+        amount: Array = 5
+
+
+def ranged() -> None:
+    class Gold(Component):
+        amount: Array = column("i4", low=0, high=9)
+
+
+def published() -> None:
+    class Gold(Singleton):
+        amount: Array = column("i4", key="gold")
+
+
+def negative() -> None:
+    class Gold(Component):
+        amount: Array = column("i4", -2)
+
+
+def buffered() -> None:
+    class Gold(Component, packed=False):
+        amount: Array = column("i4")
+
+
+def ordered() -> None:
+    Archetype("gold", (Body(),), 2, order="x")  # type: ignore[arg-type]
+
+
 def rows_of_worlds() -> None:
     class Never(Module):
         pass
@@ -196,6 +231,13 @@ def hook() -> None:
         (reserved, "Reserved.order: no column can be called so"),
         (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
         (twice_in_tables, "Of.world: tables of episodes have a column of that name already"),
+        (bare, r"Gold.amount is no column: declare it as in amount: Array = column"),
+        (plain_value, r"Gold.amount is no column"),
+        (ranged, "Gold.amount has a key, or a range, which only columns of an Action"),
+        (published, "Gold.amount has a key, or a range, which only columns of an Action"),
+        (negative, "Gold.amount has the dimension -2: a size of at least 1 or the name"),
+        (buffered, "Gold: packed is for outlast's own components"),
+        (ordered, r"Archetype\('gold', ...\) with the order 'x': an integer is needed"),
         (rows_of_worlds, r"Rows\[Total\], which is per world and has no rows"),
         (hook, r"Hooked.archetype\(\) is called by nothing; did you mean archetypes\?"),
     ],
@@ -343,6 +385,23 @@ def test_an_event_is_read_when_it_can_be_there() -> None:
 
 class Wrong(Event, capacity="agents"):
     agent: Array = column("i4", unit="entity")
+
+
+class Agentz(Event, capacity="agentz"):
+    agent: Array = column("i4", unit="entity")
+
+
+class Lent(Event, capacity="boxes"):
+    """Of a dimension that a mechanic has which is not here."""
+
+    agent: Array = column("i4", unit="entity")
+
+
+def test_the_capacity_of_an_event_is_a_dimension() -> None:
+    with pytest.raises(DeclarationError, match="Agentz has the capacity 'agentz', a dimension that no mechanic"):
+        layout(mechanic("Errs", singletons=[Agentz()]))
+    made = layout(mechanic("Lends", singletons=[Lent()]))
+    assert made.dims[Lent.capacity_dim()] == 0
 
 
 def test_events_name_entities_that_there_are() -> None:

@@ -44,7 +44,7 @@ class Layer:
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Draw the world of the scene as it is now."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method draw(self, canvas, scene): a layer needs one")
 
 
 class Strip(Layer):
@@ -60,7 +60,7 @@ class Strip(Layer):
 
     def pixels(self, scene: Scene, size: int) -> int:
         """How high it is beside a picture of `size` pixels, the same for all worlds and ticks; 0: left out."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method pixels(self, scene, size): a strip needs one")
 
 
 def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:

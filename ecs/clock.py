@@ -1,0 +1,41 @@
+"""The start of a tick: clocks, the state that an episode begins with, and what is set to 0."""
+
+from typing import Any
+
+import numpy as np
+
+from .event import clear
+from .jit import kernel
+
+SKIP, STEP, RESET = 0, 1, 2  # modes of a world in a tick
+EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
+
+
+@kernel
+def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
+    """Count a tick, or start an episode, and forget the events of the tick before.
+
+    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear. kept: words of the state that
+    outlast an episode, the first ones.
+    """
+    clear(event_counts)
+    if mode == RESET:
+        world[EPISODE] += np.uint64(1)
+        world[TICK] = np.uint64(0)
+        load_initial_state(world, initial_image, kept)
+    else:
+        world[TICK] += np.uint64(1)
+
+
+@kernel
+def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
+    """Set all state but what is kept to what it is at the start of an episode."""
+    for k in range(kept, initial_image.size):
+        world[k] = initial_image[k]
+
+
+@kernel
+def zero(row: Any) -> None:
+    """Set a row of numbers to 0."""
+    for k in range(row.size):
+        row[k] = 0

@@ -1,0 +1,224 @@
+"""Mechanics of one's own that once gave wrong numbers in some ticks or worlds only."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Health, Phase, Reward, SelfView, Side
+from outlast.ecs import (
+    AbsentError,
+    Action,
+    Archetype,
+    Array,
+    Clock,
+    Component,
+    DeclarationError,
+    Entity,
+    Field,
+    Module,
+    Offset,
+    Read,
+    Rows,
+    Singleton,
+    Write,
+    column,
+    exists,
+)
+from outlast.systems import Motors, Rewards
+from tests.conftest import COMPILED
+
+DUEL = outlast.variant("ffa_1").replace(ending_rule="never", ending_limit=5)
+MODES = ["NextStep", "SameStep", "Disabled"]
+
+
+class Say(Action):
+    say: Array = column("i1", "agents", low=0, high=3)
+
+
+class Word(Component):
+    word: Array = column("i4")
+
+
+class Talk(Module):
+    """What agents say is kept, and everybody's own word is seen: both in resets, too."""
+
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("agent", (Word(),))]
+
+    def singletons(self) -> list[Singleton]:
+        return [Say()]
+
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("word"), Field("heard"))}
+
+
+@Talk.system(Phase.LOOK)
+def keep(word: Write[Word], said: Read[Say], agents: Rows[Word]) -> None:
+    for i in range(agents.size):
+        word.word[agents[i]] = said.say[i]
+
+
+@Talk.system(Phase.OBSERVE)
+def hear(
+    view: Write[SelfView], word: Read[Word], said: Read[Say], agents: Rows[Word], own_word: Offset, own_heard: Offset
+) -> None:
+    for i in range(agents.size):
+        view.own[i, own_word], view.own[i, own_heard] = word.word[agents[i]], said.say[i]
+
+
+TALK = DUEL.with_(Talk())
+
+
+def say(env: Any, word: int) -> Any:
+    """Actions that do nothing but say it."""
+    actions = np.tile(env.noop, (env.num_envs, env.num_agents, 1))
+    actions[..., [key for key, *_ in env.worlds.layout.actions].index(Say)] = word
+    return actions
+
+
+def heard(env: Any, observations: Any) -> list[float]:
+    start = env.fields["own"]["word"].start
+    values: list[float] = observations["own"][0, 0, start : start + 2].tolist()
+    return values
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_nothing_was_done_before_an_episode_began(mode: str) -> None:
+    env = outlast.make_vec(TALK, 2, seed=0, autoreset_mode=mode)
+    env.reset()
+    resets = 0
+    for _ in range(13):
+        observations, *ends, _ = env.step(say(env, 2))
+        if mode == "Disabled" and ends[2].any():
+            observations, _ = env.reset(options={"reset_mask": ends[2]})
+        begins = env.worlds[Clock].tick[0, 0] == 0
+        assert heard(env, observations) == [0, 0] if begins else [2, 2]
+        resets += begins
+    assert resets == 2
+    assert heard(env, env.reset(seed=5)[0]) == [0, 0]
+
+
+@pytest.mark.parametrize("mode", MODES[:2])
+def test_what_is_kept_of_actions_replays(mode: str, tmp_path: Path) -> None:
+    env = outlast.make_vec(TALK, 3, seed=0, autoreset_mode=mode)
+    env.reset()
+    env.step(say(env, 3))
+    generator = np.random.default_rng(0)
+    with outlast.record(env, tmp_path / "talk.rec"):
+        env.reset(seed=1)
+        for _ in range(14):
+            env.step(generator.integers(0, env.action_sizes, (3, 2, len(env.action_sizes))))
+    replay = outlast.Replay(outlast.Recording.open(tmp_path / "talk.rec", scenario=TALK))
+    assert len(list(replay.ticks())) > 14
+
+
+class Pays(Module):
+    def singletons(self) -> list[Singleton]:
+        return [Reward()]
+
+
+@Pays.system(Phase.REWARD)
+def add(reward: Write[Reward], agents: Rows[Side]) -> None:
+    for i in range(agents.size):
+        reward.reward[i] += i + 1
+
+
+def test_rewards_that_are_added_to_begin_at_0() -> None:
+    env = outlast.make_vec(DUEL.without(Rewards).with_(Pays()), 2, seed=0)
+    env.reset()
+    paid = [env.step(say_nothing(env))[1].tolist() for _ in range(8)]
+    assert paid == [[[1, 2]] * 2] * 5 + [[[0, 0]] * 2] + [[[1, 2]] * 2] * 2
+
+
+def say_nothing(env: Any) -> Any:
+    return np.tile(env.noop, (env.num_envs, env.num_agents, 1))
+
+
+class Rises(Module):
+    pass
+
+
+@Rises.system(Phase.RESPAWN)
+def rise(entities: Write[Entity], health: Write[Health], agents: Rows[Side]) -> None:
+    for e in agents:
+        if not entities.alive[e]:
+            entities.alive[e], health.points[e] = 1, 100
+
+
+class Returns(Module):
+    pass
+
+
+@Returns.system(Phase.RESPAWN)
+def bring_back(entities: Write[Entity], health: Write[Health], agents: Rows[Side]) -> None:
+    for e in agents:
+        if not entities.alive[e] and exists(entities, e):
+            entities.alive[e], health.points[e] = 1, 100
+
+
+@pytest.mark.parametrize("interpret", [False, True])
+def test_who_is_absent_is_not_brought_back(interpret: bool) -> None:
+    varied = DUEL.vary(n_agents=outlast.integers(1, 3))
+    env = outlast.make_vec(varied.with_(Rises()), 8, seed=0, interpret=("rises.rise",) if interpret else ())
+    env.reset()
+    with pytest.raises(AbsentError, match=r"(after rises.rise: )?an entity is alive .* exists\(entities, e\) is False"):
+        env.step(say_nothing(env))
+    env = outlast.make_vec(varied.with_(Returns()), 8, seed=0, interpret=("returns.bring_back",) if interpret else ())
+    present = env.reset()[1]["present"]
+    assert not present.all()
+    env.worlds[Health].points[:] = 0
+    for _ in range(2):
+        info = env.step(say_nothing(env))[-1]
+    assert (info["alive"] == present).all()
+
+
+class Defects(Module):
+    pass
+
+
+@Defects.system(Phase.RESPAWN)
+def defect(side: Write[Side], agents: Rows[Side]) -> None:
+    side.side[agents[0]] = 7
+
+
+@pytest.mark.skipif(not COMPILED, reason="in Python, numpy refuses the index itself")
+def test_a_side_that_there_is_not_is_refused() -> None:
+    env = outlast.make_vec(DUEL.with_(Defects()), 2, seed=0)
+    env.reset()
+    with pytest.raises(IndexError, match=r"ending.count .*: a system has given an agent, .* a side that there is not"):
+        env.step(say_nothing(env))
+
+
+def test_a_system_is_of_a_mechanic_of_its_author() -> None:
+    """On one of outlast's, it would be part of every game of the process, by the same name."""
+    with pytest.raises(DeclarationError, match=r"motors.hurry: Motors is outlast's own, .* class MyMotors\(Motors\)"):
+
+        @Motors.system(Phase.DRIVE)
+        def hurry(agents: Rows[Side]) -> None:
+            pass
+
+    class Hurried(Motors):
+        pass
+
+    @Hurried.system(Phase.DRIVE)
+    def slow(agents: Rows[Side]) -> None:
+        pass
+
+    assert "hurried.slow" in [system.label for system in DUEL.with_(Hurried()).worlds(1).schedule.systems]
+
+
+@dataclass(frozen=True)
+class Mute(Module):
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("mood"),)}
+
+
+def test_a_field_that_no_system_writes_is_refused() -> None:
+    with pytest.raises(
+        DeclarationError, match=r"no system writes the field 'mood' that mute adds to 'own', .*: Offset"
+    ):
+        outlast.make_vec(DUEL.with_(Mute()), 1)
