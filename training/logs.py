@@ -27,6 +27,7 @@ class CsvLog:
         self.file = path.open("a", newline="")
         if self.file.tell() == 0:
             self.file.write(",".join(log_file.HEADER) + "\n")
+            self.file.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
         """One row for each tag, in order of tags, written at once."""

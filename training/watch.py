@@ -127,6 +127,8 @@ class RunWatcher:
             status = path.stat()
         except OSError:  # it is not there yet
             return [], ""
+        if not status.st_size:  # nor its first line
+            return [], ""
         state = status.st_mtime_ns, status.st_size
         if self.log[0] != state:
             try:
@@ -139,12 +141,9 @@ class RunWatcher:
 def figures(points: log_file.Points) -> list[Json]:
     """The figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
     by_step: dict[int, dict[str, float]] = {}
-    steps = sorted({step for rows in points.values() for step, _ in rows})
-    shown = {*steps[:: max(1, -(-len(steps) // POINTS))], *steps[-1:]}  # of all tags the same
     for tag, rows in points.items():
         for step, value in rows:
-            if step in shown:
-                by_step.setdefault(step, {})[tag] = value
+            by_step.setdefault(step, {})[tag] = value
     series: dict[tuple[str, str], list[tuple[int, float]]] = {}
     for step, tags in sorted(by_step.items()):
         for figure in headline(tags):
@@ -154,10 +153,17 @@ def figures(points: log_file.Points) -> list[Json]:
             "group": figure.group,
             "name": figure.name,
             "text": figure.text,
-            "points": series.get((figure.group, figure.name), []) if figure.group in CHARTED else None,
+            "points": _thinned(series.get((figure.group, figure.name), [])) if figure.group in CHARTED else None,
         }
         for figure in headline({tag: rows[-1][1] for tag, rows in points.items()})
     ]
+
+
+def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
+    """At most POINTS of them, each the mean of as many neighbours, at the last one's agent-steps."""
+    size = max(1, -(-len(points) // POINTS))
+    parts = [points[k : k + size] for k in range(0, len(points), size)]
+    return [(part[-1][0], sum(value for _, value in part) / len(part)) for part in parts]
 
 
 def _steps(path: Path) -> int:

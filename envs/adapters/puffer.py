@@ -12,6 +12,7 @@ from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
 from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Number, Scenario
+from ..snapshots.state import State
 from .per_agent import requested
 
 try:
@@ -120,10 +121,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
     def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
         """Start new episodes everywhere: of `seed`, or the next ones. Returns (observations, infos)."""
         self.base_env.reset(seed=seed)
-        self.rewards[:] = 0
-        self.terminals[:] = self.truncations[:] = False
-        self._observe()
-        return self.observations, []
+        return self._beginning(), []
 
     def step(self, actions: Array) -> Outcome:
         """One tick of every world, then new episodes where it was the last.
@@ -159,6 +157,19 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
         return self.base_env.state(out)
 
+    def get_state(self) -> State:
+        """The state of all worlds as plain arrays; see SurvivalVectorEnv.get_state."""
+        return self.base_env.get_state()
+
+    def set_state(self, state: State) -> Array:
+        """Go on from `state`, of as many worlds or of one for all; returns the observations.
+
+        Raises:
+            StateError: It is of another scenario; nothing was changed.
+        """
+        self.base_env.set_state(state)
+        return self._beginning()
+
     def render(self) -> Any:
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says. NotResetError before reset()."""
         if self.render_mode is None:
@@ -169,6 +180,14 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
     def close(self) -> None:
         """Close the worlds and their threads; again does no harm."""
         self.base_env.close()
+
+    def _beginning(self) -> Array:
+        """Observations and masks of worlds that did not come from a step, with which nothing was paid or ended."""
+        self.rewards[:] = 0
+        self.terminals[:] = self.truncations[:] = False
+        self._observe()
+        observations: Array = self.observations
+        return observations
 
     def _observe(self) -> None:
         self.base_env.observe(out=self._by_world(self.observations))

@@ -162,7 +162,7 @@ def _events(options: argparse.Namespace, replay: Replay) -> int:
     chosen = np.isin(np.arange(worlds.count), shown)
     with event_file(options.events, worlds.layout, replay.recording.first_world) as file:
         for _ in tqdm(ticks, total=options.last - options.first + 1, unit="tick", disable=options.quiet):
-            file.add(worlds.events(), chosen & (worlds.mode != SKIP))
+            file.add(replay.events(), chosen & (worlds.mode != SKIP))
     print(printable(options.events))
     return 0
 

@@ -25,7 +25,7 @@ Array = np.ndarray[Any, Any]
 SHARD_BYTES = 2**26  # of samples that are kept in memory, and written together
 COLUMNS = {
     "world": "number of the world in the recorded environment",
-    "episode": "number of the world's episode, from 1",
+    "episode": "number of the world's episode in this recording, from 1",
     "tick": "steps of this episode before this one",
     "present": "whether the episode has the agent; only where the number of agents varies",
     "alive": "whether the agent lives, with the observation",
@@ -135,7 +135,7 @@ def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[st
     clock = worlds[Clock]
     return ({"present": present(worlds, rows)} if counts_vary(worlds) else {}) | {
         "world": rows + replay.recording.first_world,
-        "episode": clock.episode[rows, 0].astype(np.int64),
+        "episode": replay.episodes[rows],
         "tick": clock.tick[rows, 0].astype(np.int64) - 1,
         "alive": living,
         "actions": _actions(worlds, replay.recording, rows),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End
-from outlast.ecs import STEP, Clock, EngineError
+from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.given import GIVEN_DIM, Given, wrongly_given
 
 from ..core.agents import counted
@@ -31,6 +31,8 @@ class Replay:
         recording: The recording.
         worlds: An ecs.Worlds, as it is after the tick that `ticks` yielded; read its tables and its `mode`.
         summary: Of the episodes that have ended so far.
+        episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` is another
+            number: it begins again where a seed or a level with a key was given.
         policy: What the recorded policy thought ahead of that tick, policy_record.policy_dtype (worlds, agents), NaN in
             worlds that took no step; None if no policy was recorded.
 
@@ -50,6 +52,7 @@ class Replay:
             check_playable(self.worlds, scenario.name)
         except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
+        self.episodes = np.zeros(self.worlds.count, np.int64)
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
         self._check("words of given numbers", recording.header.get("given", 0), self.worlds.dims.get(GIVEN_DIM, 0))
@@ -93,6 +96,7 @@ class Replay:
             RecordingError: The file is damaged.
         """
         self.summary = Summary()
+        self.episodes[:] = 0
         for number, record in enumerate(self.recording.tick_records()):
             self._run(record)
             if verify:
@@ -102,6 +106,13 @@ class Replay:
                 yield number
             if number == last:
                 return
+
+    def events(self) -> dict[str, Array]:
+        """The events of the last tick, as env.events() returns them, but `episode` counts those of the recording."""
+        found = self.worlds.events()
+        for rows in found.values():
+            rows["episode"] = self.episodes[rows["world"]]
+        return found
 
     def close(self) -> None:
         """Let the threads go. The tables stay readable."""
@@ -120,6 +131,7 @@ class Replay:
         except ValueError as error:
             raise RecordingError(f"{self.recording.path} is damaged: {error}") from None
         self.worlds.run(record.mode)
+        self.episodes[record.mode == RESET] += 1
         if record.policy is not None:
             self.policy = np.full((self.worlds.count, self.recording.num_agents), np.nan, record.policy.dtype)
             self.policy[record.mode == STEP] = record.policy

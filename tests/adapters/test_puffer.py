@@ -190,6 +190,24 @@ def test_a_refused_call_changes_nothing() -> None:
 
 
 @needs_puffer
+def test_going_on_from_a_saved_state() -> None:
+    env, other = make(worlds=3, seed=SEED), make(worlds=3, seed=SEED + 1)
+    for each in (env, other):
+        each.reset()
+    for tick in range(20):
+        env.step(drawn(env, tick))
+        other.step(drawn(env, tick + 1))
+    seen, state = env.observations.copy(), env.get_state()
+    env.step(drawn(env, 20))
+    for each in (env, other):
+        assert np.array_equal(each.set_state(state), seen)
+        assert np.array_equal(each.observations, seen)
+        assert not any(array.any() for array in (each.rewards, each.terminals, each.truncations))
+        assert np.array_equal(each.masks, each.base_env.worlds[Entity].alive[:, :4].ravel() != 0)
+    assert all(np.array_equal(a, b) for a, b in zip(env.step(drawn(env, 20)), other.step(drawn(env, 20)), strict=True))
+
+
+@needs_puffer
 def test_pictures() -> None:
     env, other = (make(seed=SEED, render_mode=mode) for mode in ("rgb_array", "ansi"))
     for each in (env, other):

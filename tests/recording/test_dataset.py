@@ -96,6 +96,28 @@ def test_samples_are_what_step_returned(tmp_path: Path, variant: str, autoreset:
     check(concatenate(list(read_samples(*whole(tmp_path / "a.rec")))), rows)
 
 
+@pytest.mark.parametrize("begin", ["seeds", "keys"])
+def test_episodes_are_told_apart_whatever_they_are_keyed_by(tmp_path: Path, begin: str) -> None:
+    """A clock's number of the episode begins again with a seed, and with a level that has a key."""
+    varied = outlast.variant("ffa_2").replace(ending_limit=3).vary(melee_damage=outlast.integers(5, 40))
+    env = outlast.make_vec(varied, 2, seed=0, autoreset_mode="Disabled")
+    env.reset()
+    with outlast.record(env, tmp_path / "a.rec"):
+        for k in range(3):
+            if begin == "keys" and k:
+                env.set_levels([outlast.Level({"melee_damage": 10 + k}, key=(7, 0, 1))] * 2)
+            env.reset(**{"seed": k} if begin == "seeds" else {})
+            for _ in range(3):
+                env.step(np.tile(env.noop, (2, 2, 1)))
+    columns = concatenate(list(read_samples(*whole(tmp_path / "a.rec")))).columns
+    found = list(zip(columns["world"], columns["episode"], columns["tick"], strict=True))
+    assert found == [(w, 1 + k, tick) for k in range(3) for tick in range(3) for w in range(2)]
+    replay = Replay(Recording.open(tmp_path / "a.rec"))
+    for _ in replay.ticks():
+        assert all((rows["episode"] == replay.episodes[rows["world"]]).all() for rows in replay.events().values())
+    assert replay.episodes.tolist() == [3, 3]
+
+
 def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, list[Step]]) -> None:
     """Or final: what the documentation says of how to put transitions together."""
     path, rows = recorded

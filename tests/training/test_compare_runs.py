@@ -3,6 +3,7 @@
 import csv
 import json
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,26 @@ def test_the_axis_fits_the_data_and_the_legend_names_the_groups(tmp_path: Path) 
     made, axes = drawn_axes(tmp_path, x="time")
     assert axes[-1].get_xlabel() == "seconds of training"
     assert axes[0].get_xlim() == pytest.approx((0, 40))
+
+
+def test_hours_go_on_where_a_slow_run_ends(tmp_path: Path) -> None:
+    """Over hours, runs are averaged at equal hours; the page says what becomes of the mean where one ends."""
+    run(tmp_path / "a"), run(tmp_path / "b", seed=1, height=3.0, points=10, steps=20000)
+    log = tmp_path / "b/log.csv"
+    log.write_text(re.sub("time/fps,(.*),500", r"time/fps,\1,100", log.read_text()))  # 100 s for half of the steps
+    made, axes = drawn_axes(tmp_path, curves=("length",), x="time")
+    (line,) = axes[0].lines
+    places = np.asarray(line.get_xdata())
+    assert (np.diff(places) > -1e-9).all()
+    assert places[-1] == pytest.approx(100 / 60)  # minutes
+    assert line.get_ydata()[-1] == pytest.approx(30)  # of the slow run alone, at its end
+    assert any("means over the runs that have come so far" in text.get_text() for text in made.texts)
+
+
+def test_a_single_point_is_seen(tmp_path: Path) -> None:
+    run(tmp_path / "a", points=1)
+    _, axes = drawn_axes(tmp_path, curves=("length",))
+    assert {line.get_marker() for line in axes[0].lines if line.get_linewidth() > 1} == {"o"}
 
 
 def test_nothing_of_a_figure_is_cut_off_or_overlaps(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from outlast.training.checkpoint import NAME  # noqa: E402
 from outlast.training.cli import watch as command  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import HEADER, read_log  # noqa: E402
+from outlast.training.logs import CsvLog  # noqa: E402
 from outlast.training.watch import RunWatcher, figures  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -168,11 +169,11 @@ def test_figures_come_from_the_log(folder: Path) -> None:
     assert list(found) == ["collecting", "length", "kills", "past"]
     assert (found["length"]["text"], found["length"]["group"]) == ("1,100", "episodes")
     points = found["length"]["points"]
-    assert points[0] == (10, 101.0)
+    assert points[0] == (90, 105.0)  # of nine neighbours
     assert points[-1] == (10_000, 1100.0)
-    assert len(points) <= watch.POINTS + 2
+    assert len(points) <= watch.POINTS
     assert [step for step, _ in points] == sorted({step for step, _ in points})
-    assert all(value == pytest.approx(2 * step / 10_000) for step, value in found["kills"]["points"])
+    assert all(value == pytest.approx(2 * (step - 40) / 10_000) for step, value in found["kills"]["points"][:-1])
     assert found["past"]["points"] == [(10_000, 0.5)]
     assert found["collecting"]["points"] is None
     assert figures({}) == []
@@ -182,8 +183,28 @@ def test_curves_are_thinned_together(folder: Path) -> None:
     """Sums over sides are of the same steps, although a rollout lacks a side."""
     rows = [(f"rollout/kills{side}", k, 1.0) for k in range(1, 301) for side in (0, 1, 2) if (side, k) != (2, 150)]
     (kills,) = [each for each in figures(read_log(log(folder, *rows))) if each["name"] == "kills"]
-    assert {value for step, value in kills["points"] if step != 150} == {3.0}
-    assert len(kills["points"]) <= watch.POINTS + 2
+    assert [(step, value) for step, value in kills["points"] if value != 3] == [(150, pytest.approx(8 / 3))]
+    assert len(kills["points"]) <= watch.POINTS
+
+
+def test_nothing_is_lost_where_episodes_end_in_some_rollouts_only(folder: Path) -> None:
+    rows = [("train/entropy", k, 5.0) for k in range(1, 601)] + [
+        ("rollout/steps", k, 1.0 * k) for k in range(6, 601, 6)
+    ]
+    (length,) = [each for each in figures(read_log(log(folder, *rows))) if each["name"] == "length"]
+    assert length["points"] == [(k, k) for k in range(6, 601, 6)]
+
+
+def test_a_log_without_a_row_is_waited_for(folder: Path) -> None:
+    path, watcher = folder / "log.csv", RunWatcher(folder)
+    for text in ("", "tag,step,value\n"):
+        path.write_text(text)
+        assert watcher.status()["figures"] == []
+        assert "is not the log" not in watcher.status()["message"]
+    path.unlink()
+    begun = CsvLog(path)
+    assert path.read_text() == "tag,step,value\n"  # while the run collects its first rollout
+    begun.close()
 
 
 def test_a_log_is_read_again_when_it_has_changed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

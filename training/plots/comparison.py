@@ -87,7 +87,9 @@ class Comparison:
         """How curves are drawn, in words."""
         several = any(len(group.runs) > 1 for group in self.groups)
         single = any(len(group.runs) == 1 for group in self.groups)
-        parts = ["Lines: moving averages over 5 % of the points" + ", means over runs" * several]
+        longer = any(len({run.steps for run in group.runs}) > 1 for group in self.groups)
+        over = "the runs that have come so far" if several and (longer or self.x == "time") else "runs"
+        parts = ["Lines: moving averages over 5 % of the points" + f", means over {over}" * several]
         parts += ["bands: from the lowest to the highest run"] * several
         if single and self.faint:
             parts.append("faint: points of single runs" if several else "faint: all points")

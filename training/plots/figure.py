@@ -1,7 +1,7 @@
 """Curves of several groups of runs in one figure, a panel for each quantity. Needs matplotlib."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..averages import average
-from ..curves import Array
+from ..curves import Array, Curves
 from ..image import GREY, encoded, literal
 from .comparison import Comparison
 from .groups import Group
 from .panels import drawn, hours
-from .runs import Run
 
 WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
 COLUMNS, BESIDE = 2, 4  # panels of a row; entries of the legend
@@ -69,32 +68,24 @@ def look(number: int) -> tuple[str, Any]:
 
 def _curve(axes: Axes, comparison: Comparison, group: Group, name: str, number: int, scale: float) -> None:
     """The moving average over the runs of a group; behind it the points of a single run, or the range of several."""
-    curves = {run.origin: drawn(run, comparison.panels) for run in group.runs}
-    runs = [run for run in group.runs if name in curves[run.origin].values]
-    if not runs:
+    curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if name in own]
+    if not curves:
         return
-    line, (ink, dash) = average([curves[run.origin] for run in runs], name), look(number)
-    where = _places(comparison, runs, line.steps) / scale
-    axes.plot(where, line.mean, color=ink, linewidth=1.7, linestyle=dash, zorder=3)
-    if len(runs) > 1:
-        axes.fill_between(where, line.low, line.high, color=ink, alpha=0.16, linewidth=0, zorder=1)
+    line, (ink, dash) = average(curves, name), look(number)
+    marker = "o" if len(line.steps) == 1 else ""
+    axes.plot(line.steps, line.mean, color=ink, linewidth=1.7, linestyle=dash, marker=marker, markersize=4, zorder=3)
+    if len(curves) > 1:
+        axes.fill_between(line.steps, line.low, line.high, color=ink, alpha=0.16, linewidth=0, zorder=1)
     elif comparison.faint:
-        own = curves[runs[0].origin]
-        places = _places(comparison, runs, own.steps) / scale
-        axes.plot(places, own.values[name], color=ink, linewidth=0.5, alpha=0.3, zorder=1)
+        axes.plot(curves[0].steps, curves[0].values[name], color=ink, linewidth=0.5, alpha=0.3, zorder=1)
 
 
-def _places(comparison: Comparison, runs: Sequence[Run], steps: Array) -> Array:
-    """Where points are on the axis: agent-steps, or the mean hours of the runs that have come so far."""
-    if comparison.x == "steps":
-        return steps
-    each = [
-        np.interp(steps, run.curves.steps, elapsed, left=np.nan, right=np.nan)
-        for run in runs
-        if (elapsed := hours(run)) is not None
-    ]
-    mean: Array = np.nanmean(each, 0)
-    return mean
+def _curves(comparison: Comparison, group: Group) -> Iterator[tuple[Array, dict[str, Array]]]:
+    """Where the points of each run are on the axis, agent-steps or hours, and its curves there."""
+    for run in group.runs:
+        where = run.curves.steps if comparison.x == "steps" else hours(run)
+        if where is not None:
+            yield where, drawn(run, comparison.panels).values
 
 
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
