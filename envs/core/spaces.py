@@ -1,12 +1,24 @@
 """Spaces, built from what the scenario's components declare."""
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from outlast.ecs import Action, Column, Component, DeclarationError, Field, Layout, Observation, Statistic, Worlds
+from outlast.ecs import (
+    Action,
+    Column,
+    Component,
+    DeclarationError,
+    Field,
+    Layout,
+    Observation,
+    Signal,
+    Statistic,
+    Worlds,
+)
 from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
@@ -45,8 +57,8 @@ def check_published(worlds: Worlds) -> None:
     """Refuse what learners cannot use, or would use in vain.
 
     Raises:
-        DeclarationError: A column that they see or set has no row an agent, or no system writes or reads it; or two
-            statistics have one name.
+        DeclarationError: A column that they see or set has no row an agent, or no system writes or reads it; what a
+            system pays is set anew after it; or two statistics have one name.
     """
     systems = worlds.layout.systems
     for base in (Observation, Action):
@@ -64,11 +76,25 @@ def check_published(worlds: Worlds) -> None:
             if component is not NumbersView and not any(s.touches(component, *USES[base]) for s in systems):
                 raise DeclarationError(NEEDS[base].format(f"{component.__qualname__}.{name}", component.__name__))
     _check_fields(worlds)
+    _check_signals(worlds)
     names = [*INFO, *worlds.layout.varied]
     for key, _, _, column in published(worlds, Statistic):
         names += _reported(worlds, key, column)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
+
+
+def _check_signals(worlds: Worlds) -> None:
+    """DeclarationError if what a mechanic pays, or ends, is lost, as one of outlast's sets it later in the tick."""
+    for component in worlds.components:
+        if issubclass(component, Signal):
+            writing = [system for system in worlds.schedule.systems if system.touches(component, *USES[Observation])]
+            for early, late in itertools.pairwise(writing):
+                if early.outside and not late.outside:
+                    raise DeclarationError(
+                        f"{early.label} writes {component.__name__} in vain: {late.label} comes after it and sets "
+                        f"all of it; write it in Phase.{late.phase.name}, after={component.__name__}"
+                    )
 
 
 def _check_fields(worlds: Worlds) -> None:

@@ -134,6 +134,25 @@ def test_rewards_that_are_added_to_begin_at_0() -> None:
     assert paid == [[[1, 2]] * 2] * 5 + [[[0, 0]] * 2] + [[[1, 2]] * 2] * 2
 
 
+class Hasty(Module):
+    pass
+
+
+@Hasty.system(Phase.DRIVE)
+def bonus(reward: Write[Reward], agents: Rows[Side]) -> None:
+    reward.reward[0] = 1
+
+
+def test_a_reward_that_would_be_overwritten_is_refused() -> None:
+    with pytest.raises(
+        DeclarationError, match=r"hasty.bonus writes Reward in vain: rewards.pay .* Phase.REWARD, after="
+    ):
+        outlast.make_vec(DUEL.with_(Hasty()), 1)
+    env = outlast.make_vec(DUEL.without(Rewards).with_(Hasty(), Pays()), 1, seed=0)
+    env.reset()
+    assert env.step(say_nothing(env))[1].tolist() == [[2, 2]]
+
+
 def say_nothing(env: Any) -> Any:
     return np.tile(env.noop, (env.num_envs, env.num_agents, 1))
 
