@@ -40,7 +40,8 @@ def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
             )
         return _export_npz(target, replay, selection)
     except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror or error}; no dataset was written") from error
+        place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
+        raise RecordingError(f"{place}: {error.strerror or error}; no dataset was written") from error
     except ModuleNotFoundError as error:
         raise RecordingError(str(error)) from error
 

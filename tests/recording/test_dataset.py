@@ -264,6 +264,16 @@ def test_a_place_that_cannot_be_written_is_one_sentence(
     assert "no dataset was written" in err
 
 
+def test_the_folder_of_minari_is_named_where_it_cannot_be(
+    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "file" / "root"))
+    status, _, err = export(capsys, recorded[0], "minari:own-v0")
+    assert (status, str(tmp_path / "file" / "root") in err, "no dataset was written" in err) == (2, True, True)
+
+
 @pytest.mark.parametrize("name", ["data", "data.parquet"])
 def test_nothing_is_overwritten_and_nothing_left_half_written(
     capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any, name: str
