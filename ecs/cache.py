@@ -48,6 +48,8 @@ class CompiledUnits:
     """
 
     def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any]) -> None:
+        if len({unit.label for unit in units}) < len(units):
+            raise AssertionError(f"two units of one label: {sorted(unit.label for unit in units)}")
         self._functions = {RUNNER: run_units, **functions} if compiled() else {}
         self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | self._functions)
         self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}

@@ -28,7 +28,7 @@ import numpy as np
 
 from .errors import DeclarationError
 from .fields import Field
-from .references import annotated, is_outside
+from .references import annotated_arrays, is_outside
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
@@ -150,10 +150,9 @@ class Component:
             if is_outside(cls):
                 raise DeclarationError(f"{cls.__name__}: packed is for outlast's own components; leave it out")
             cls.packed = packed
-        if is_outside(cls) and (bare := [name for name in annotated(cls) if name not in columns]):
+        if is_outside(cls) and (bare := [name for name in annotated_arrays(cls) if name not in columns]):
             raise DeclarationError(
-                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4"), or as a '
-                "ClassVar, if it is none"
+                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4")'
             )
         if cls.columns:
             base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
@@ -164,16 +163,15 @@ class Component:
         if not columns:  # a base such as Singleton, or a marker
             cls.Table = table_type(cls)
             return
+        published = issubclass(cls, (Action, Observation, Signal, Statistic))
         for name, value in columns.items():
             if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
-            if (value.key or np.isfinite([value.low, value.high]).any()) and not issubclass(
-                cls, (Action, Observation, Statistic)
-            ):
+            if not published and (value.key or np.isfinite([value.low, value.high]).any()):
                 raise DeclarationError(
-                    f"{cls.__name__}.{name} has a key, or a range, which only columns of an Action, an Observation "
-                    "or a Statistic have; leave it out"
+                    f"{cls.__name__}.{name} has a key, or a range, which only columns of an Action, an Observation, "
+                    "a Signal or a Statistic have; leave it out"
                 )
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
             raise DeclarationError(
@@ -265,7 +263,10 @@ class Observation(Singleton, packed=False):
 
 
 class Signal(Singleton, packed=False):
-    """What the learner gets beside the observation: reward, terminated, truncated."""
+    """What the learner gets beside the observation: reward, terminated, truncated.
+
+    One that only systems of a user's write is 0 in every tick ahead of the first of them, so that they may add to it.
+    """
 
 
 class Statistic(Singleton):

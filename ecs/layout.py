@@ -260,10 +260,12 @@ class Layout:
             if isinstance(capacity, type):
                 capacity = len(self.rows(capacity))
             if isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity):
-                raise DeclarationError(
-                    f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; known: "
-                    f"{', '.join(sorted(self.dims))}"
-                )
+                near = difflib.get_close_matches(capacity, self.dims, 1)
+                if near:  # others may be there with other numbers
+                    raise DeclarationError(
+                        f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; did "
+                        f"you mean '{near[0]}'?"
+                    )
             self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
         return tuple(found.values())
 

@@ -233,10 +233,11 @@ class Module:
 
         A system of a subclass replaces an inherited one of the same name.
         """
-        return type(self)._all_systems()
+        return type(self).all_systems()
 
     @classmethod
-    def _all_systems(cls) -> list[System]:
+    def all_systems(cls) -> list[System]:
+        """Its systems and those that it inherits, whatever its numbers are."""
         found: list[System] = []
         for base in reversed(cls.__mro__):
             if issubclass(base, Module):
@@ -251,7 +252,7 @@ class Module:
     @classmethod
     def imported_systems(cls) -> list[System]:
         """The systems of all mechanics that are imported, in a scenario or not."""
-        return [system for kind in cls.imported() for system in kind._all_systems()]
+        return [system for kind in cls.imported() for system in kind.all_systems()]
 
     @classmethod
     def imported(cls) -> list[type["Module"]]:

@@ -11,6 +11,7 @@ from .errors import DeclarationError
 
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
+ARRAYS = ("Array", "Any")  # the alias in text, and what it stands for
 RANDOM = ("random.", "numpy.random.")  # modules of generators with a state, with what is in them
 
 
@@ -44,6 +45,11 @@ def is_outside(target: Any) -> bool:
 def annotated(cls: type) -> list[str]:
     """The names that a class itself annotates, but for those of a ClassVar."""
     return [name for name, kind in inspect.get_annotations(cls).items() if "ClassVar" not in str(kind)]
+
+
+def annotated_arrays(cls: type) -> list[str]:
+    """The names that a class itself annotates as `Array`, as columns are."""
+    return [name for name, kind in inspect.get_annotations(cls).items() if str(kind).rpartition(".")[2] in ARRAYS]
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:

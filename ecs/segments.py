@@ -47,12 +47,15 @@ def segments(
 
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []
-    units += [generator().zero(*each) for each in _cleared(layout, systems)]
+    units += [generator().zero(c, name, When.RESET) for c in _read_in_resets(layout, systems) for name in c.columns]
     some_absent = layout.keyed and len(plan(layout).absences)
+    signals = [*_own_signals(layout, systems)]
     for system in systems:
+        first = [signal for signal, writer in signals if writer is system]
+        units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
         python = not system.compiled or system.label in interpret
         units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
-        if some_absent and system.outside and system.touches(Entity, "write"):
+        if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(generator().check_absent(system))
     if NumbersView in layout.components:
         units.append(generator().show())
@@ -63,16 +66,19 @@ def segments(
     return found
 
 
-def _cleared(layout: Layout, systems: Sequence[System]) -> Iterator[tuple[type[Component], str, When]]:
-    """What is set to 0 ahead of all systems, and in which ticks, where a system from outside of outlast needs it.
-
-    Actions in the tick that starts an episode, if they are read there: those in the table are of the episode before.
-    Signals in every tick, if they are written from outside only: a system that adds to rewards begins at 0.
-    """
+def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+    """The actions that are read in the tick that starts an episode: those in the table are of the episode before."""
     for component in layout.components:
-        reading = [s for s in systems if s.phase.when is not When.STEP and s.touches(component, "read", "write", "add")]
-        writing = [s.outside for s in systems if s.touches(component, "write", "add")]
-        if issubclass(component, Action) and reading:
-            yield from ((component, name, When.RESET) for name in component.columns)
-        if issubclass(component, Signal) and writing and all(writing):
-            yield from ((component, name, When.ALWAYS) for name in component.columns)
+        if issubclass(component, Action):
+            reading = [system for system in systems if system.touches(component, "read", "write", "add")]
+            if any(system.phase.when is not When.STEP for system in reading):
+                yield component
+
+
+def _own_signals(layout: Layout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
+    """The signals that only systems from outside of outlast write, which may but add to them; and the first system."""
+    for component in layout.components:
+        if issubclass(component, Signal):
+            writing = [system for system in systems if system.touches(component, "write", "add")]
+            if writing and all(system.outside for system in writing):
+                yield component, writing[0]

@@ -51,7 +51,9 @@ class Ending(Module):
 def _known(side: int, score: Array) -> int:
     """The side, if it is one: what systems of others set is an index here."""
     if not 0 <= side < score.alive.size:
-        raise IndexError("a system has given an agent, or whoever hurt it, a side that there is not in this scenario")
+        raise IndexError(
+            "a system has given an agent, or whoever hurt it, a side that there is not; -1 is of the absent"
+        )
     return side
 
 

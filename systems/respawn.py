@@ -22,6 +22,7 @@ from outlast.ecs import (
     Singleton,
     Write,
     emit,
+    exists,
     kernel,
     number,
     of,
@@ -93,7 +94,7 @@ def come_back(
 ) -> None:
     """Those whose time has come, in order of agents."""
     for e in agents:
-        if back.tick[e] < 0 or back.tick[e] > np.int64(clock.tick[0]):
+        if back.tick[e] < 0 or back.tick[e] > np.int64(clock.tick[0]) or not exists(entities, e):
             continue
         for k in range(TRIES):
             x, y = uniform2(key, (entities.identity[e] & INDEX) * TRIES + k)

@@ -12,7 +12,7 @@ from ..core.agents import alive, counts_vary, present
 from ..core.observations import each
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import ActionError, ClosedError, NotResetError, StateError, install
+from ..errors import ActionError, ClosedError, NotResetError, install
 from ..rendering import modes
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
@@ -108,7 +108,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []
-        self.in_turns = False  # below an AECEnv
         self.statistics: dict[str, Any] = {}
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._actions, self._masked = ActionSpace(self.base_env.worlds, actions), bool(action_masks)
@@ -195,13 +194,10 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return self.base_env.get_state()
 
     def set_state(self, state: State) -> Observations:
-        """Go on from `state`; returns the observations.
+        """Go on from `state`; returns the observations. Raises StateError if it is of another scenario.
 
-        Raises:
-            StateError: It is of another scenario, or this is below an AECEnv, which keeps agents and observations.
+        An AECEnv around this one would go on with the agents and observations that it keeps.
         """
-        if self.in_turns:
-            raise StateError("set_state() below an AECEnv, which would go on with what it keeps: take parallel_env")
         self.base_env.set_state(state)
         self.agents = self._remaining(self._beginning())
         return self._observe(self.agents)
@@ -228,7 +224,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.base_env.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._recipe, (), {"in_turns": self.in_turns}
+        return self._recipe, ()
 
     def _joint(self, actions: Mapping[str, Any]) -> Array:
         """The actions of all agents, int64 (1, agents, actions)."""
@@ -357,9 +353,7 @@ def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     Raises:
         ScenarioError, NumberError, ValueError: As `parallel_env`.
     """
-    env = parallel_env(scenario, **options)
-    env.in_turns = True
-    return parallel_to_aec(env)
+    return parallel_to_aec(parallel_env(scenario, **options))
 
 
 env = aec_env  # the name that PettingZoo's modules have for it

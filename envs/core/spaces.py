@@ -103,12 +103,14 @@ def _check_fields(worlds: Worlds) -> None:
         writing = [system for system in worlds.layout.systems if system.touches(component, *USES[Observation])]
         offsets = [system.offsets().get((component, column), set()) for system in writing]
         for module in worlds.layout.modules if all(offsets) else ():  # without an Offset, whole rows are written
-            for field in module.fields().get(key, ()):
-                if not any(f"{key}_{field.name}" in each for each in offsets):
+            added = [field.name for field in module.fields().get(key, ())]
+            own = [system.offsets().get((component, column), set()) for system in module.all_systems()]
+            for name in added:  # one Offset may do for those that lie behind it; a number may switch the system off
+                if not any(f"{key}_{each}" in found for found in (*offsets, *own) for each in added):
                     raise DeclarationError(
-                        f"no system writes the field '{field.name}' that {module.name} adds to '{key}', so agents "
+                        f"no system writes the field '{name}' that {module.name} adds to '{key}', so agents "
                         f"would see zeros; write it in a system with the parameters Write[{component.__name__}] and "
-                        f"{key}_{field.name}: Offset"
+                        f"{key}_{name}: Offset"
                     )
 
 

@@ -178,7 +178,7 @@ def _touches_nothing(entities: Read[Entity]) -> None: ...
 
 def test_what_is_missing_is_named_with_the_mechanics_that_have_it() -> None:
     with pytest.raises(ScheduleError, match=r"food\.eat needs Place .* brings it; add .*Food .*or Walkers, or"):
-        order(Food._all_systems(), [Entity])
+        order(Food.all_systems(), [Entity])
     with pytest.raises(DeclarationError, match=r"the dimension 'memory'.* Wind\.felt needs it: add .*Food.*Walkers"):
         Worlds([Weather()], 1)
     with pytest.raises(DeclarationError, match=r"extend the archetype 'walker'.* add .*Walkers"):

@@ -20,9 +20,11 @@ from outlast.ecs import (
     Entity,
     Field,
     Module,
+    Observation,
     Offset,
     Read,
     Rows,
+    Signal,
     Singleton,
     Write,
     column,
@@ -134,6 +136,69 @@ def test_rewards_that_are_added_to_begin_at_0() -> None:
     assert paid == [[[1, 2]] * 2] * 5 + [[[0, 0]] * 2] + [[[1, 2]] * 2] * 2
 
 
+class LastPaid(Observation):
+    paid: Array = column("f4", "agents", 1)
+
+
+class Remembers(Module):
+    def singletons(self) -> list[Singleton]:
+        return [LastPaid()]
+
+
+@Remembers.system(Phase.OBSERVE)
+def recall(view: Write[LastPaid], reward: Read[Reward]) -> None:
+    for i in range(reward.reward.size):
+        view.paid[i, 0] = reward.reward[i]
+
+
+def test_the_reward_of_the_tick_before_can_be_observed() -> None:
+    """Observations are written ahead of rewards."""
+    env = outlast.make_vec(DUEL.without(Rewards).with_(Pays(), Remembers()), 1, seed=0)
+    env.reset()
+    seen = [env.step(say_nothing(env))[0]["paid"][0, :, 0].tolist() for _ in range(3)]
+    assert seen == [[0, 0], [1, 2], [1, 2]]
+
+
+def namesakes() -> tuple[type[Action], type[Signal]]:
+    def action() -> type[Action]:
+        class Twin(Action):
+            twin: Array = column("i1", "agents", low=0, high=3)
+
+        return Twin
+
+    def signal() -> type[Signal]:
+        class Twin(Signal):
+            twin: Array = column("f4", "agents", key="other")
+
+        return Twin
+
+    return action(), signal()
+
+
+ActionTwin, SignalTwin = namesakes()
+
+
+class Twins(Module):
+    def singletons(self) -> list[Singleton]:
+        return [ActionTwin(), SignalTwin()]
+
+
+@Twins.system(Phase.OBSERVE)
+def copy(signal: Write[SignalTwin], action: Read[ActionTwin]) -> None:  # type: ignore[valid-type]
+    for i in range(signal.twin.size):
+        signal.twin[i] += action.twin[i]
+
+
+def test_components_of_one_name_are_told_apart() -> None:
+    env = outlast.make_vec(DUEL.with_(Twins()), 2, seed=0)
+    env.reset()
+    actions = say_nothing(env)
+    actions[..., [key for key, *_ in env.worlds.layout.actions].index(ActionTwin)] = 3
+    for _ in range(2):
+        env.step(actions)
+        assert env.worlds[SignalTwin].twin.tolist() == [[3, 3]] * 2
+
+
 class Hasty(Module):
     pass
 
@@ -234,6 +299,32 @@ def test_a_system_is_of_a_mechanic_of_its_author() -> None:
 class Mute(Module):
     def fields(self) -> dict[str, tuple[Field, ...]]:
         return {"own": (Field("mood"),)}
+
+
+@dataclass(frozen=True)
+class Purse(Module):
+    """One Offset for two fields, which lie one behind the other; and none is written where it is closed."""
+
+    closed: bool = False
+
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("gold"), Field("silver"))}
+
+    def systems(self) -> Any:
+        return [] if self.closed else super().systems()
+
+
+@Purse.system(Phase.OBSERVE)
+def show(view: Write[SelfView], agents: Rows[Side], own_gold: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, own_gold], view.own[i, own_gold + 1] = 1, 2
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_fields_are_written_by_one_offset_or_not_at_all(closed: bool) -> None:
+    env = outlast.make_vec(DUEL.with_(Purse(closed=closed)), 1, seed=0)
+    start = env.fields["own"]["gold"].start
+    assert env.reset()[0]["own"][0, 0, start : start + 2].tolist() == ([0, 0] if closed else [1, 2])
 
 
 def test_a_field_that_no_system_writes_is_refused() -> None:

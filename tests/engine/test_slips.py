@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -391,6 +391,14 @@ class Agentz(Event, capacity="agentz"):
     agent: Array = column("i4", unit="entity")
 
 
+class Usable(Component):
+    """What is annotated otherwise is no column that was forgotten."""
+
+    LIMIT: Final = 3
+    order: int = 4
+    left: Array = column("i4")
+
+
 class Lent(Event, capacity="boxes"):
     """Of a dimension that a mechanic has which is not here."""
 
@@ -398,7 +406,9 @@ class Lent(Event, capacity="boxes"):
 
 
 def test_the_capacity_of_an_event_is_a_dimension() -> None:
-    with pytest.raises(DeclarationError, match="Agentz has the capacity 'agentz', a dimension that no mechanic"):
+    with pytest.raises(
+        DeclarationError, match=r"Agentz has the capacity 'agentz', a dimension that no .*; did you mean 'agents'"
+    ):
         layout(mechanic("Errs", singletons=[Agentz()]))
     made = layout(mechanic("Lends", singletons=[Lent()]))
     assert made.dims[Lent.capacity_dim()] == 0

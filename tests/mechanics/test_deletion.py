@@ -70,6 +70,6 @@ def test_the_rest_imports_and_schedules_without_the_file(name: str, tmp_path: Pa
 
 @pytest.mark.parametrize("name", OPTIONAL)
 def test_the_order_of_the_rest_stays(name: str) -> None:
-    own = {system.label for system in KINDS[name]._all_systems()} | INACTIVE.get(name, set()) | WAITING.get(name, set())
+    own = {system.label for system in KINDS[name].all_systems()} | INACTIVE.get(name, set()) | WAITING.get(name, set())
     rest, everything = ([label for label in each if label not in own] for each in (scheduled(name), scheduled()))
     assert rest == everything

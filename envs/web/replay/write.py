@@ -67,7 +67,7 @@ def record_ticks(
     """The episodes of each of the `chosen` worlds, as far as the ticks go.
 
     A world whose clock stands still was not run and is not recorded again; where the clock jumps, an episode starts.
-    replay: what runs them, if the policy that it has recorded is to be shown.
+    replay: what runs them, if it is a recording, which may have a policy to show. Its episodes are numbered from 1.
     """
     recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
     _check(worlds, recorded)
@@ -80,6 +80,7 @@ def record_ticks(
                 continue
             if before is None or clock != (*before[:-1], before[-1] + 1):
                 *_, number, tick = clock
+                number = number if replay is None else int(replay.episodes[w])
                 episodes.append(EpisodeTrack(describe(worlds, w) | _entities(worlds, replay), number, tick))
             clocks[w] = clock
             thoughts = None if replay is None or replay.policy is None else replay.policy[w]
