@@ -60,6 +60,9 @@ class Level:
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0, 0 and 1 to 2**64 - 1")
         object.__setattr__(self, "key", key)
 
+    def __hash__(self) -> int:
+        return hash((frozenset(self.numbers.items()), self.key))
+
     def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":
         """A level like this one, with some numbers drawn anew.
 

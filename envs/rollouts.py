@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from .rollout.against import Against
 from .rollout.episode_file import Ended, episode_file, numbered
 from .rollout.event_file import event_file
 from .rollout.loading import load_policies, loaded, maker
+from .rollout.memory import check_memories
 from .rollout.mixture import Entries, Mixture, checked_entries
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
@@ -165,7 +166,9 @@ def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> 
 
 def _entries(policy: Other, others: Others | None) -> Entries:
     """The policy, and the others, with weights. Raises UsageError."""
-    return [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
+    entries = [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
+    check_memories([each for each, _ in entries])
+    return entries
 
 
 def _playing(
@@ -211,18 +214,26 @@ def prepared(
         raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
+    numbers = np.ones(env.num_worlds, np.int64)  # of the episode that each world is in
     with contextlib.ExitStack() as stack:
         if record is not None:
             thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
             stack.enter_context(record_env(env, record, **thought))
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
-            watchers.append(lambda where: table.add(env.events(), where))
-        ended: list[Ended[None]] = [] if csv is None else [stack.enter_context(episode_file(os.fspath(csv), env))]
+            watchers.append(lambda where: table.add(_with_episodes(env.events(), numbers), where))
+        ended: list[Ended[None]] = []
+        if csv is not None:
+            ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers)))
         kept: list[dict[str, Array]] | None = [] if keep else None
         if kept is not None:
-            rows, add = numbered(env), kept.append
+            rows, add = numbered(env, numbers), kept.append
             ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
+
+        def begin_next(info: Mapping[str, Any], where: Array) -> None:
+            numbers[where] += 1
+
+        ended.append(begin_next)
 
         def play(steps: int, episodes: int, progress: Progress) -> Summary:
             def progressed(summary: Summary) -> None:
@@ -233,6 +244,13 @@ def prepared(
             return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note)
 
         yield play
+
+
+def _with_episodes(events: dict[str, Array], numbers: Array) -> dict[str, Array]:
+    """The events with `episode` as the rollout counts; a clock's number begins again with a level that has a key."""
+    for rows in events.values():
+        rows["episode"] = numbers[rows["world"]]
+    return events
 
 
 def _titles(policies: Sequence[str | Policy]) -> list[str]:

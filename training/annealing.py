@@ -41,6 +41,10 @@ class Anneal:
         """Check that it can change in the scenario. Raises NumberError or TrainingError."""
         if isinstance(now := kept(scenario, self.name), (bool, str, tuple)):
             raise TrainingError(f"{self.name} is {now!r}: only a single number can be annealed; change it by --set")
+        if "_".join(scenario.find_number(self.name)) in dict(scenario.varied):
+            raise TrainingError(
+                f"{self.name} varies from world to world; annealed, it would be one for all: say one of them"
+            )
         for end in (self.first, self.last):
             scenario.replace(**{self.name: int(end) if type(now) is int and end == int(end) else end})
 

@@ -237,6 +237,14 @@ class Lane:
             env.reset(options={"reset_mask": done})
             self._draw(done)
 
+    def restart(self) -> None:
+        """Begin again everywhere, in levels that were chosen; without a key, they are played with the same one."""
+        if self.curriculum is not None:
+            everywhere = np.ones(self.env.num_worlds, bool)
+            self.curriculum.deal(self.env, everywhere, self.keys)
+            self.env.reset(options={"reset_mask": everywhere})
+            self._draw(everywhere)
+
     def close(self, policies: Sequence[ActorCritic]) -> Samples:
         """The samples, with the values of what is observed now."""
         self.samples.last[:] = self._values(policies)

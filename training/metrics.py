@@ -10,6 +10,7 @@ from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, counted, present, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import living_sides
+from outlast.envs.rollout.summary import MOMENTS
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee
 
@@ -21,8 +22,8 @@ Tallies = dict[str, tuple[float, float]]  # a sum, and how many cases it is of, 
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
 
 
-def of_first_members(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """What the first agent of each side has.
+def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
+    """The means over the agents of each side, whom roles may pay differently.
 
     Args:
         values: (worlds, agents).
@@ -33,8 +34,8 @@ def of_first_members(values: Array, sides: Array, count: int) -> tuple[Array, Ar
         The values, (worlds, sides), 0 of sides that nobody is on; and whether somebody is, bool (worlds, sides).
     """
     on = sides[:, :, None] == np.arange(count)
-    there: Array = on.any(1)
-    return np.where(there, np.take_along_axis(values, on.argmax(1), 1), 0), there
+    agents = on.sum(1)
+    return (values[:, :, None] * on).sum(1) / np.maximum(agents, 1), agents > 0
 
 
 class EpisodeMetrics:
@@ -59,13 +60,15 @@ class EpisodeMetrics:
         for key, values in statistics.items():
             if key == "return":
                 sides = self.base_env.worlds.dims["sides"]
-                values, counts[key] = of_first_members(values, side(self.base_env.worlds), sides)
+                values, counts[key] = means_of_sides(values, side(self.base_env.worlds), sides)
+            if key in MOMENTS:
+                counts[key] = values > 0
             if key in counts:
                 self.counts[key] = self.counts.get(key, 0) + counts[key][ended].sum(0)
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Of the episodes since the last call, by tag. A team's return is that of its first agent.
+        """Of the episodes since the last call, by tag. A team's return is the mean over its agents.
 
         A mean of a side is over the episodes that have it; where not all have all, "rollout/kills" is that of all.
         """
@@ -73,7 +76,7 @@ class EpisodeMetrics:
         for key, total in self.sums.items():
             name = "rollout/" + PAPER_NAMES.get(key, key)
             if total.ndim == 0:
-                tags[name] = float(total), self.count
+                tags[name] = float(total), float(self.counts.get(key, self.count))
             else:
                 counts = self.counts.get(key, np.full(len(total), self.count))
                 tags |= {f"{name}{k}": (float(total[k]), float(counts[k])) for k in range(len(total))}

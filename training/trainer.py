@@ -148,6 +148,8 @@ class Trainer:
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
+            for lane in self.collector.lanes:
+                lane.restart()
         begun = self.steps // (self.worlds * self.env.num_agents)
         rollout = self._collect(begun)
         self.steps += rollout.learner.size

@@ -50,7 +50,9 @@ class Opponents:
             self.agent_indices = slice(1, None) if learner == 0 else slice(0, learner)
         self.shape = (base_env.num_worlds, len(ids), len(base_env.action_sizes))
         words = "others: the actions that {0} returned", "(worlds, agents but the learner, actions)"
-        mixture = Mixture(checked_others(others), base_env, ids, (), *words)
+        entries = checked_others(others)
+        self._foreign = any(callable(policy) for policy, _ in entries)  # which may keep what they get
+        mixture = Mixture(entries, base_env, ids, (), *words)
         self._policy = mixture if mixture.forgetful else told(mixture, base_env)
 
     def actions(self) -> Array:
@@ -60,7 +62,8 @@ class Opponents:
         """
         if not self.shape[1]:
             return np.zeros(self.shape, np.int8)
-        return self._policy({key: values[:, self.agent_indices] for key, values in self.base_env._reader.views.items()})
+        seen = {key: values[:, self.agent_indices] for key, values in self.base_env._reader.views.items()}
+        return self._policy({key: values.copy() for key, values in seen.items()} if self._foreign else seen)
 
 
 def checked_others(others: Any) -> Entries:

@@ -5,9 +5,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
-
-from outlast.ecs import Clock
 
 from ..core.spaces import statistics
 from ..core.vector_env import SurvivalVectorEnv
@@ -19,20 +16,18 @@ Result = TypeVar("Result")
 Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds in which an episode counts
 
 
-def numbered(env: SurvivalVectorEnv) -> Ended[dict[str, Array]]:
-    """What takes the episodes that count out of info.
+def numbered(env: SurvivalVectorEnv, numbers: Array) -> Ended[dict[str, Array]]:
+    """What takes the episodes that count out of info. numbers: of the episode that each world is in, int (worlds,).
 
     It returns `world`, `episode` (of the world, from 1) and all statistics by name, (episodes,) or (episodes, n). Of
     agents and sides that not all episodes have, they are masked arrays.
     """
-    clock, ahead = env.worlds[Clock], env.autoreset_mode is AutoresetMode.SAME_STEP  # where the next one has begun
 
     def rows(info: Mapping[str, Any], where: Array) -> dict[str, Array]:
         worlds, there = np.flatnonzero(where), info.get("statistics_present", {})
         found = {key: values[worlds] for key, values in info["statistics"].items()}
         masked = {key: np.ma.array(found[key], mask=~present[worlds]) for key, present in there.items()}
-        numbers = {"world": worlds + env.first_world, "episode": clock.episode[worlds, 0].astype(np.int64) - ahead}
-        return numbers | found | masked
+        return {"world": worlds + env.first_world, "episode": numbers[worlds]} | found | masked
 
     return rows
 
@@ -43,7 +38,7 @@ def _cells(values: Array) -> Array:
 
 
 @contextlib.contextmanager
-def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended[None]]:
+def episode_file(path: str, env: SurvivalVectorEnv, numbers: Array) -> Iterator[Ended[None]]:
     """A new file for the episodes of a rollout, which is whole or not there.
 
     Columns are `world`, `episode` (of the world, from 1) and the statistics in alphabetical order; what has an entry an
@@ -53,6 +48,7 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended[None]]:
     Args:
         path: NAME.csv.
         env: The environment.
+        numbers: Of the episode that each world is in, from 1, int (worlds,).
 
     Yields:
         What adds a row for each episode that counts.
@@ -63,14 +59,13 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended[None]]:
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
     keys = sorted(none)
     names = [name for key in keys for name in column_names(key, none[key])]
-    rows = numbered(env)
+    rows = numbered(env, numbers)
     with table_file(path, "episodes", ["world", "episode", *names]) as table:
 
         def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
                 own = rows(info, where)
                 columns = [column for key in keys for column in _cells(own[key]).reshape(where.sum(), -1).T]
-                numbers = {name: own[name] for name in ("world", "episode")}
-                table.add({**numbers, **dict(zip(names, columns, strict=True))})
+                table.add({"world": own["world"], "episode": own["episode"], **dict(zip(names, columns, strict=True))})
 
         yield add

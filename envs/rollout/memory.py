@@ -1,5 +1,6 @@
 """Policies with a memory: they are told where episodes begin."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from outlast.ecs import Clock
 
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
+from ..errors import UsageError
 from .policies import Policy
 
 Array = np.ndarray[Any, Any]
@@ -34,6 +36,16 @@ class Begins:
 def has_memory(policy: Policy) -> bool:
     """Whether it has a method `reset`."""
     return callable(getattr(policy, "reset", None))
+
+
+def check_memories(policies: Sequence[Any]) -> None:
+    """UsageError if one of the policies has a memory and is there twice, which would be moved on twice a tick."""
+    for k, policy in enumerate(policies):
+        if has_memory(policy) and any(policy is other for other in policies[:k]):
+            raise UsageError(
+                f"{getattr(policy, '__name__', policy)} plays twice, and has a memory (a method reset), which would be "
+                "moved on twice a tick: give each side an object of its own"
+            )
 
 
 def tell(policy: Any, where: Array) -> None:

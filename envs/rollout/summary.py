@@ -13,6 +13,7 @@ from ..errors import UsageError
 Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
+MOMENTS = ("first_death",)  # when something happened, 0 in episodes in which it did not: no mean counts these
 
 
 @dataclass(repr=False)
@@ -30,8 +31,8 @@ class Summary:
         world_steps: How many were taken, of all worlds.
         sums: Of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
         squares: The sums of squares, likewise.
-        counts: Of statistics of agents and sides that not all episodes have, how many episodes had each, int64
-            (worlds, n). Of others, all are counted.
+        counts: Of statistics that not all episodes have, those of agents and sides and MOMENTS, how many episodes had
+            each, int64 (worlds, n) or (worlds,). Of others, all are counted.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
         kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
@@ -79,6 +80,9 @@ class Summary:
         self.episodes += int(where.sum())
         for key, there in (present or {}).items():
             self.counts[key] = self.counts.get(key, 0) + (there & where[:, None])
+        for key in MOMENTS:
+            if key in statistics:
+                self.counts[key] = self.counts.get(key, 0) + (where & (statistics[key] > 0))
         for key, given in statistics.items():
             values = np.asarray(given, np.float64) * where.reshape(-1, *[1] * (np.ndim(given) - 1))
             if key not in self.sums:
@@ -126,11 +130,12 @@ class Summary:
         }
 
     def episodes_of(self, between: str = "_") -> dict[str, int]:
-        """How many episodes had each agent and side, by name of statistic; of statistics of `counts` only."""
+        """How many episodes had each agent and side, or moment, by name of statistic; of those that some lack only."""
         return {
             name: int(count)
             for key, counts in self.counts.items()
-            for name, count in zip(column_names(key, counts, between), counts.sum(0), strict=True)
+            for name, count in zip(column_names(key, counts, between), np.atleast_1d(counts.sum(0)), strict=True)
+            if key not in MOMENTS or count < self.episodes
         }
 
     def rows(self) -> list[tuple[str, float, float]]:
@@ -147,7 +152,8 @@ class Summary:
         found = []
         for key in keys:
             sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
-            counts = self.counts[key].sum(0).tolist() if key in self.counts else [self.episodes] * len(sums)
+            given = self.counts.get(key)
+            counts = [self.episodes] * len(sums) if given is None else np.atleast_1d(given.sum(0)).tolist()
             found += [_mean_and_error(*row) for row in zip(sums, squares, counts, strict=True)]
         return found
 

@@ -468,3 +468,11 @@ def test_info_of_an_episode_that_ended_is_of_that_episode() -> None:
     assert final["roles"].tolist() == before["roles"].tolist()
     assert info["roles"].tolist() != before["roles"].tolist()
     env.close()
+
+
+def test_levels_are_keys_of_scores() -> None:
+    """As buffers of levels need them: equal levels are one, whatever the order of their numbers."""
+    one, other = Level({"a": 1, "b": (2.0, 3.0)}, (7, 0, 1)), Level({"b": (2.0, 3.0), "a": 1}, (7, 0, 1))
+    scores = {one: 0.5, Level({"a": 1}): 0.2}
+    scores[other] = 0.7
+    assert list(scores.values()) == [0.7, 0.2]

@@ -1,13 +1,16 @@
 """Policies with a memory are told where episodes begin."""
 
+import importlib.util
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast.ecs import Clock
+from outlast.envs.errors import UsageError
 from outlast.envs.rollout.local import rollout, ticks
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.policies import POLICIES
@@ -78,3 +81,42 @@ def test_rollouts_tell_a_policy_where_episodes_begin() -> None:
     for _ in ticks(env, other, 30):
         pass
     assert other.told[0].all()
+
+
+class Keeps:
+    """A policy that keeps what it saw, and counts how often that has become what it sees now."""
+
+    def __init__(self) -> None:
+        self.before: Any = None
+        self.calls = self.changed = 0
+
+    def __call__(self, observations: Any) -> Any:
+        own = observations["own"]
+        self.calls += 1
+        self.changed += self.before is not None and np.array_equal(self.before, own)
+        self.before = own
+        return np.tile([2, 1, 2, 1, 0, 0], (*own.shape[:2], 1))  # turns as it goes
+
+
+def test_policies_may_keep_what_they_see() -> None:
+    mine, others, evaluated = Keeps(), Keeps(), Keeps()
+    outlast.rollout("ffa_2", mine, worlds=2, steps=10)
+    env = gymnasium.make_vec("outlast/FreeForAll2-v1", num_envs=2, others=others)
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.zeros((2, 6), int))
+    if importlib.util.find_spec("torch"):
+        outlast.evaluate("ffa_2", {"mine": evaluated, "noop": "noop"}, worlds=2, episodes=2, ending_limit=8, quiet=True)
+        assert evaluated.calls > 8
+    assert (mine.changed, others.changed, evaluated.changed) == (0, 0, 0)
+    assert min(mine.calls, others.calls) >= 10
+
+
+def test_a_memory_is_of_one_side() -> None:
+    policy = Remembering()
+    with pytest.raises(UsageError, match="plays twice, and has a memory"):
+        outlast.rollout("ffa_2", policy, others=policy, worlds=2, steps=2)
+    outlast.rollout("ffa_2", policy, others=Remembering(), worlds=2, steps=2)
+    if importlib.util.find_spec("torch"):
+        with pytest.raises(UsageError, match="plays twice, and has a memory"):
+            outlast.evaluate("ffa_2", {"a": policy, "b": policy}, worlds=2, episodes=2, quiet=True)

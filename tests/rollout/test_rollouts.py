@@ -274,3 +274,40 @@ def test_arrays_mask_who_is_absent(mode: str) -> None:
         assert np.ma.getmaskarray(found[key]).tolist() == np.ma.getmaskarray(merged[key]).tolist() == absent.tolist()
         assert found[key].mean() == pytest.approx(found[key].data[~absent].mean())
     assert not np.ma.isMaskedArray(found["length"])
+
+
+# ---- what numbers are of
+
+
+def test_the_first_death_is_of_episodes_with_a_death() -> None:
+    numbers = {"ending_limit": 150, "agents_health": 60, "melee_damage": 3}
+    found = outlast.rollout("ffa_2", "scripted", worlds=16, seed=0, keep=True, **numbers)
+    each = found.arrays()["first_death"]
+    died = each[each > 0]
+    assert 0 < len(died) < len(each)
+    mean, error = next((mean, error) for name, mean, error in found.rows() if name == "first_death")
+    assert mean == pytest.approx(died.mean())
+    assert error == pytest.approx(died.std() / max(len(died) - 1, 1) ** 0.5)
+    assert found.as_dict()["statistics"]["first_death"]["episodes"] == len(died)
+    assert "episodes" in str(found).splitlines()[2]
+    everybody = outlast.rollout("ffa_2", "scripted", worlds=4, seed=0)
+    assert everybody.episodes_of() == {}
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
+    """Whatever levels they are of: a level's key has a number of an episode, too."""
+    varied = (
+        outlast.variant("ffa_2").replace(ending_limit=15, agents_health=5).vary(melee_damage=outlast.integers(5, 9))
+    )
+    env = outlast.make_vec(varied, 2, seed=0, autoreset_mode=mode)
+    env.set_levels([outlast.Level(key=(9, 0, 2)), outlast.Level(key=(9, 1, 50))])
+    files = {name: tmp_path / f"{name}.csv" for name in ("csv", "events")}
+    found = outlast.rollout(env, "hunter", episodes=3, keep=True, **files)
+    numbers = [(int(row["world"]), int(row["episode"])) for row in read(files["csv"])]
+    assert sorted(numbers) == [(w, e) for w in range(2) for e in (1, 2, 3)]
+    assert found.arrays()["episode"].tolist() == [1, 2, 3] * 2
+    ended = {(int(row["world"]), int(row["episode"])): int(row["first_death"]) for row in read(files["csv"])}
+    deaths = [row for row in read(files["events"]) if row["event"] == "death"]
+    assert deaths
+    assert all(ended[int(row["world"]), int(row["episode"])] == int(row["tick"]) for row in deaths)

@@ -88,3 +88,13 @@ def test_an_unknown_task_is_refused_with_a_hint() -> None:
 def test_anchors_that_are_shipped_are_of_their_task(path: Path) -> None:
     members = suite(task_of(path.stem))  # which checks digests and the game
     assert sum(member.file is not None for member in members) >= 8
+
+
+def test_styles_are_beaten_where_flaws_are_mended() -> None:
+    """What docs/benchmark.md says of the ratings."""
+    for path in FOLDER.glob("*.json"):
+        members = suite(task_of(path.stem))
+        best = max(member.rating or 0.0 for member in members if member.file is None)
+        anchors = {member.name: member.rating or 0.0 for member in members if member.file is not None}
+        grown = [rating for name, rating in anchors.items() if "_0010" in name and not name.startswith("self")]
+        assert min(grown) > best if "mended" in path.stem else max(anchors.values()) < best, path.stem

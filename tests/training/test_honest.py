@@ -12,6 +12,7 @@ import outlast  # noqa: E402
 from outlast.training.annealing import parse_anneal  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.metrics import means_of_sides  # noqa: E402
 from outlast.training.rollout import RewardScale  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
@@ -74,6 +75,20 @@ def test_annealed_numbers_are_logged_as_they_were_played() -> None:
         assert trainer.env.worlds.number("melee_damage") == trainer.report()["anneal/melee_damage"]
         logged.append(trainer.report()["anneal/melee_damage"])
     assert logged == [1, 14, 27]
+
+
+def test_a_number_that_varies_is_not_annealed() -> None:
+    varied = outlast.variant("ffa_2").vary(melee_damage=outlast.integers(5, 20))
+    with pytest.raises(TrainingError, match="melee_damage varies from world to world; annealed, it would be one"):
+        TrainingConfig(varied, steps=256, worlds=4, rollout=128, anneal=parse_anneal(["melee_damage=1:40"]))
+
+
+def test_the_return_of_a_side_is_the_mean_over_its_agents() -> None:
+    values = np.array([[1.0, 3.0, 10.0, 7.0], [2.0, 2.0, 5.0, 0.0]])
+    sides = np.array([[0, 0, 1, -1], [0, 0, 0, -1]])
+    means, there = means_of_sides(values, sides, 3)
+    assert means.tolist() == [[2, 10, 0], [3, 0, 0]]
+    assert there.tolist() == [[True, True, False], [True, False, False]]
 
 
 def test_one_opponent_is_always_chosen() -> None:

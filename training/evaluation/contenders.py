@@ -11,7 +11,7 @@ import torch
 from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.memory import told
+from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.policies import POLICIES, Policy
 from outlast.envs.rollout.saved import SAVED
@@ -67,7 +67,8 @@ class Contender:
         what, axes = f"the actions that {self.label} returned", "(worlds, agents, actions)"
 
         def act(seen: Arrays) -> Actions:
-            return checked_actions(playing(seen), shape, env.action_sizes, what=what, axes=axes)
+            own = {key: values.copy() for key, values in seen.items()}  # which it may keep, as in a rollout
+            return checked_actions(playing(own), shape, env.action_sizes, what=what, axes=axes)
 
         return act
 
@@ -91,6 +92,7 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
         names = [contender.label for contender in found]
         if twice := [name for name in names if names.count(name) > 1]:
             raise TrainingError(f"{', '.join(given)}: two of them are called {twice[0]} in files; choose other labels")
+        check_memories([contender._function for contender in found])
         return found
     chosen = [each for policy in given for each in _expanded(policy)]
     named = labels([text for text, _ in chosen])

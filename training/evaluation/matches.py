@@ -9,6 +9,7 @@ from outlast.ecs import Statistic
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import ROLES, role_of, wins
+from outlast.envs.rollout.summary import MOMENTS
 
 from ..metrics import AgentMetrics
 
@@ -128,5 +129,5 @@ class Match:
             self.results.enter(where, name, summed[..., 0], summed[..., 1])
         for name, values in statistics.items():
             if values.ndim == 1 and not name.startswith("deaths_"):  # of the world: the same for both
-                known = values[rows, None] > 0 if name == "first_death" else 1.0  # 0: nobody died
+                known = values[rows, None] > 0 if name in MOMENTS else 1.0
                 self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)
