@@ -93,8 +93,9 @@ def test_summaries_are_tables() -> None:
     summary = outlast.rollout("ffa_2", policy="random", others="noop", worlds=4, steps=0, episodes=1, ending_limit=5)
     shown = summary._repr_html_()
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", shown)
-    assert cells[:3] == ["per episode", "mean", "std. error"]
-    assert cells[3::3] == [name for name, _, _ in summary.rows()]
+    assert cells[:4] == ["per episode", "mean", "std. error", "episodes"]  # the last, as nobody dies
+    assert cells[4::4] == [name for name, _, _ in summary.rows()]
+    assert cells[cells.index("first_death") :][:4] == ["first_death", "-", "-", "0"]
     assert "<pre>" in shown
     assert repr(summary) == str(summary)
     assert Summary()._repr_html_() == "<p>no episode ended; take more steps</p>"
