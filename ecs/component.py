@@ -32,7 +32,7 @@ from .references import annotated_arrays, is_outside
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
-EPISODE = ("world", "episode")  # which episode a statistic is of, in tables
+EPISODE = ("world", "episode", "against", "own_side", "result")  # which episode a statistic is of, in tables
 
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""

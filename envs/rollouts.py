@@ -224,10 +224,10 @@ def prepared(
             watchers.append(lambda where: table.add(_with_episodes(env.events(), numbers), where))
         ended: list[Ended[None]] = []
         if csv is not None:
-            ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers)))
+            ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers, against)))
         kept: list[dict[str, Array]] | None = [] if keep else None
         if kept is not None:
-            rows, add = numbered(env, numbers), kept.append
+            rows, add = numbered(env, numbers, against), kept.append
             ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
 
         def begin_next(info: Mapping[str, Any], where: Array) -> None:

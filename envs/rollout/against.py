@@ -47,6 +47,7 @@ class Against:
         self._own, self._sides = np.zeros((2, env.num_worlds), int)
         self._life = np.zeros((env.num_worlds, sides), int)
         self.counts = np.zeros((len(others.names), len(RESULTS)), int)
+        self._results = np.full(env.num_worlds, len(RESULTS))  # of the episodes that ended last
 
     def reset(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,)."""
@@ -70,9 +71,23 @@ class Against:
         """Count after each step the episodes that ended in it, of the worlds `where`, bool (worlds,)."""
         self._life += living_sides(self._env.worlds)
         end = self._env.worlds[End]
-        rows = np.flatnonzero((end.terminated | end.truncated)[:, 0] & where & (self._sides > 1))
-        won = own_wins(self._life[rows], self._own[rows])
-        np.add.at(self.counts, (self._others.drawn[rows], (2 - 2 * won).astype(int)), 1)
+        ended = (end.terminated | end.truncated)[:, 0] & where
+        rows = np.flatnonzero(ended & (self._sides > 1))
+        self._results[ended] = len(RESULTS)
+        self._results[rows] = 2 - 2 * own_wins(self._life[rows], self._own[rows])
+        np.add.at(self.counts, (self._others.drawn[rows], self._results[rows]), 1)
+
+    def played(self, rows: Array) -> dict[str, Array]:
+        """Of the episodes that have just ended in the worlds `rows`, what tables have of them: text, int and text.
+
+        `against` whom the policy played, `own_side`, and the `result`, "" where nobody was on another side.
+        """
+        names, results = np.array(self._others.names), np.array([*RESULTS, ""])
+        return {
+            "against": names[self._others.drawn[rows]],
+            "own_side": self._own[rows],
+            "result": results[self._results[rows]],
+        }
 
     @property
     def outcomes(self) -> dict[str, Array]:

@@ -94,9 +94,9 @@ class Summary:
         """The statistics of every episode, in order of worlds, and of each world in order of time.
 
         Returns:
-            By name, (episodes,) or (episodes, n), n agents, sides ...; and `world` and `episode`, int64 (episodes,), as
-            in the files of episodes. Of agents and sides that not all episodes have, they are masked arrays. Empty if
-            no episode ended.
+            By name, (episodes,) or (episodes, n), n agents, sides ...; and as in the files of episodes `world` and
+            `episode`, int64 (episodes,), with others `against`, `own_side` and `result`, too. Of agents and sides that
+            not all episodes have, they are masked arrays. Empty if no episode ended.
 
         Raises:
             UsageError: They were not kept.

@@ -311,3 +311,22 @@ def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
     deaths = [row for row in read(files["events"]) if row["event"] == "death"]
     assert deaths
     assert all(ended[int(row["world"]), int(row["episode"])] == int(row["tick"]) for row in deaths)
+
+
+def test_files_say_who_played_and_how_it_ended(tmp_path: Path) -> None:
+    path, others = tmp_path / "league.csv", {"hunter": 1.0, "noop": 2.0}
+    found = outlast.rollout("teams_2", "scripted", others=others, worlds=8, episodes=2, csv=path, keep=True, **SHORT)
+    rows, arrays = read(path), found.arrays()
+    assert list(rows[0])[:5] == ["world", "episode", "against", "own_side", "result"]
+    for name, counts in found.outcomes.items():
+        results = [row["result"] for row in rows if row["against"] == name]
+        assert [results.count(result) for result in ("won", "drawn", "lost")] == counts.tolist()
+    for row in rows:  # sides take turns
+        assert int(row["own_side"]) == (int(row["world"]) + int(row["episode"])) % 2
+    key = {(int(row["world"]), int(row["episode"])): row for row in rows}
+    for k in range(16):
+        row = key[int(arrays["world"][k]), int(arrays["episode"][k])]
+        kept = [str(arrays[name][k]) for name in ("against", "own_side", "result")]
+        assert kept == [row["against"], row["own_side"], row["result"]]
+    plain = outlast.rollout("teams_2", "scripted", worlds=2, keep=True, **SHORT).arrays()
+    assert "against" not in plain
