@@ -79,7 +79,7 @@ def column(
         dtype: Type of its elements, as numpy writes it: "f4", "i4", "u1".
         *dims: Trailing dimensions, as sizes or as names of dimensions of the scenario.
         fill: Value of a new row.
-        low: Inclusive lower bound, published in the spaces of environments.
+        low: Inclusive lower bound, published in the spaces of environments; states with integers below are refused.
         high: Inclusive upper bound, likewise.
         key: Name under which environments publish it (default: the attribute's name).
         fields: Of an Observation: what its last dimension holds, which is as long as they are, those that other
@@ -152,7 +152,8 @@ class Component:
             cls.packed = packed
         if is_outside(cls) and (bare := [name for name in annotated_arrays(cls) if name not in columns]):
             raise DeclarationError(
-                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4")'
+                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4"), or as a '
+                "ClassVar, if it is none"
             )
         if cls.columns:
             base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
@@ -168,10 +169,10 @@ class Component:
             if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
-            if not published and (value.key or np.isfinite([value.low, value.high]).any()):
+            if value.key and not published:
                 raise DeclarationError(
-                    f"{cls.__name__}.{name} has a key, or a range, which only columns of an Action, an Observation, "
-                    "a Signal or a Statistic have; leave it out"
+                    f"{cls.__name__}.{name} has a key, which only columns of an Action, an Observation, a Signal or a "
+                    "Statistic have; leave it out"
                 )
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
             raise DeclarationError(

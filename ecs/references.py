@@ -12,6 +12,7 @@ from .errors import DeclarationError
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
 ARRAYS = ("Array", "Any")  # the alias in text, and what it stands for
+NDARRAYS = ("numpy.ndarray", "np.ndarray", "<class 'numpy.ndarray'>")
 RANDOM = ("random.", "numpy.random.")  # modules of generators with a state, with what is in them
 
 
@@ -48,8 +49,9 @@ def annotated(cls: type) -> list[str]:
 
 
 def annotated_arrays(cls: type) -> list[str]:
-    """The names that a class itself annotates as `Array`, as columns are."""
-    return [name for name, kind in inspect.get_annotations(cls).items() if str(kind).rpartition(".")[2] in ARRAYS]
+    """The names that a class itself annotates as `Array`, as columns are, or as an array of NumPy."""
+    texts = {name: str(kind) for name, kind in inspect.get_annotations(cls).items()}
+    return [name for name, text in texts.items() if text.rpartition(".")[2] in ARRAYS or text.startswith(NDARRAYS)]
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:

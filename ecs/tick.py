@@ -175,7 +175,7 @@ class Generator:
         dtype = component.columns[column].dtype
         values = self._view_of("rows", rows, dtype, writable=True, ndim=2)
         arguments = [values, self._view_of("count", *_words_of(number))]
-        return self._unit(f"clear {_full_name(component)}.{column}", None, clear_rows, IDLE[When.ALWAYS], arguments)
+        return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
     def zero(self, component: type[Component], column: str, when: When) -> Unit:
         """The unit that sets a column to 0."""
@@ -185,7 +185,7 @@ class Generator:
             return values.reshape(len(values), -1)
 
         values = self._view_of("row", row, component.columns[column].dtype, writable=True)
-        return self._unit(f"zero {_full_name(component)}.{column}", None, zero, IDLE[when], [values])
+        return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [values])
 
     def check_absent(self, system: System) -> Unit:
         """The unit that follows a system that can make entities alive."""
@@ -367,9 +367,10 @@ class Generator:
         return View(dtype, len(shape), writable, self.checked, **known)
 
 
-def _full_name(component: type[Component]) -> str:
-    """Two components of one name, of different mechanics, are told apart by it."""
-    return f"{component.__module__}.{component.__qualname__}"
+def _full_name(component: type[Component], column: str) -> str:
+    """Of a column that is published, no two the same: a key tells classes apart that one function has made."""
+    key = component.columns[column].key
+    return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
 
 def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:

@@ -34,6 +34,12 @@ class Collector:
         each = crew.gather_values(own)
         self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
 
+    def restart(self) -> None:
+        """Begin the episodes of all worlds again, in levels that were chosen."""
+        for lane in self.lanes:
+            lane.restart()
+        self.scale.sums[:] = 0
+
     @torch.inference_mode()
     def collect(self, policies: Sequence[ActorCritic], steps: int, begun: int) -> Rollout:
         """Play on from where the worlds are, and keep what happens.

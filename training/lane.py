@@ -238,7 +238,7 @@ class Lane:
             self._draw(done)
 
     def restart(self) -> None:
-        """Begin again everywhere, in levels that were chosen; without a key, they are played with the same one."""
+        """Begin the episodes again that go on, in levels that were chosen; those without a key have the same one."""
         if self.curriculum is not None:
             everywhere = np.ones(self.env.num_worlds, bool)
             self.curriculum.deal(self.env, everywhere, self.keys)

@@ -13,6 +13,7 @@ from outlast.components import Sides
 from outlast.envs.core.agents import side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.levels import Level
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -148,8 +149,8 @@ class Trainer:
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
-            for lane in self.collector.lanes:
-                lane.restart()
+            if any(level != Level() for level in self.curriculum.levels):
+                self.collector.restart()
         begun = self.steps // (self.worlds * self.env.num_agents)
         rollout = self._collect(begun)
         self.steps += rollout.learner.size

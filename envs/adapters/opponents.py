@@ -21,8 +21,8 @@ class Opponents:
     """All agents of all worlds but the learner.
 
     A policy is called for all worlds at once (a single environment is a batch of one world). It gets the observations
-    of the agents that it plays only, in order of id with the learner left out: a dict of read-only float32
-    (worlds, agents - 1, ...), which the next tick overwrites. It returns integers (worlds, agents - 1, actions). If it
+    of the agents that it plays only, in order of id with the learner left out: a dict of float32
+    (worlds, agents - 1, ...), of a function's own. It returns integers (worlds, agents - 1, actions). If it
     has a memory, it has a method `reset` too: see memory.told. If it has a method `check`, that gets the worlds as a
     SurvivalVectorEnv beforehand, and raises where it cannot play in them.
 

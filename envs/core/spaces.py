@@ -105,8 +105,8 @@ def _check_fields(worlds: Worlds) -> None:
         for module in worlds.layout.modules if all(offsets) else ():  # without an Offset, whole rows are written
             added = [field.name for field in module.fields().get(key, ())]
             own = [system.offsets().get((component, column), set()) for system in module.all_systems()]
-            for name in added:  # one Offset may do for those that lie behind it; a number may switch the system off
-                if not any(f"{key}_{each}" in found for found in (*offsets, *own) for each in added):
+            for k, name in enumerate(added):  # an Offset may do for those behind it; a number may switch the system off
+                if not any(f"{key}_{each}" in found for found in (*offsets, *own) for each in added[: k + 1]):
                     raise DeclarationError(
                         f"no system writes the field '{name}' that {module.name} adds to '{key}', so agents "
                         f"would see zeros; write it in a system with the parameters Write[{component.__name__}] and "

@@ -81,7 +81,7 @@ class Summary:
         for key, there in (present or {}).items():
             self.counts[key] = self.counts.get(key, 0) + (there & where[:, None])
         for key in MOMENTS:
-            if key in statistics:
+            if np.ndim(statistics.get(key, ())) == 1 and key in statistics:
                 self.counts[key] = self.counts.get(key, 0) + (where & (statistics[key] > 0))
         for key, given in statistics.items():
             values = np.asarray(given, np.float64) * where.reshape(-1, *[1] * (np.ndim(given) - 1))
@@ -96,7 +96,8 @@ class Summary:
         Returns:
             By name, (episodes,) or (episodes, n), n agents, sides ...; and as in the files of episodes `world` and
             `episode`, int64 (episodes,), with others `against`, `own_side` and `result`, too. Of agents and sides that
-            not all episodes have, they are masked arrays. Empty if no episode ended.
+            not all episodes have, they are masked arrays. `first_death` is 0 where nobody died. Empty if no episode
+            ended.
 
         Raises:
             UsageError: They were not kept.

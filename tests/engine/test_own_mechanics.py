@@ -199,6 +199,36 @@ def test_components_of_one_name_are_told_apart() -> None:
         assert env.worlds[SignalTwin].twin.tolist() == [[3, 3]] * 2
 
 
+def seen(name: str) -> type[Observation]:
+    class Seen(Observation):
+        value: Array = column("f4", "agents", 1, key=name)
+
+    return Seen
+
+
+One, Other = seen("one"), seen("other")
+
+
+class Pair(Module):
+    def singletons(self) -> list[Singleton]:
+        return [One(), Other()]
+
+
+@Pair.system(Phase.OBSERVE)
+def fill(one: Write[One], other: Write[Other]) -> None:  # type: ignore[valid-type]
+    for i in range(one.value.shape[0]):
+        one.value[i, 0], other.value[i, 0] = 1, 2
+
+
+def test_classes_that_one_function_has_made_are_told_apart() -> None:
+    """In rows of the absent, which are cleared."""
+    env = outlast.make_vec(DUEL.with_(Pair()).vary(n_agents=outlast.integers(1, 3)), 8, seed=0)
+    observations, info = env.reset()
+    assert not info["present"].all()
+    for key, value in (("one", 1), ("other", 2)):
+        assert np.array_equal(observations[key][..., 0], value * info["present"])
+
+
 class Hasty(Module):
     pass
 
@@ -325,6 +355,22 @@ def test_fields_are_written_by_one_offset_or_not_at_all(closed: bool) -> None:
     env = outlast.make_vec(DUEL.with_(Purse(closed=closed)), 1, seed=0)
     start = env.fields["own"]["gold"].start
     assert env.reset()[0]["own"][0, 0, start : start + 2].tolist() == ([0, 0] if closed else [1, 2])
+
+
+class Behind(Module):
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("lost"), Field("kept"))}
+
+
+@Behind.system(Phase.OBSERVE)
+def show_kept(view: Write[SelfView], agents: Rows[Side], own_kept: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, own_kept] = 1
+
+
+def test_an_offset_is_no_writer_of_what_lies_ahead_of_it() -> None:
+    with pytest.raises(DeclarationError, match="no system writes the field 'lost' that behind adds to 'own'"):
+        outlast.make_vec(DUEL.with_(Behind()), 1)
 
 
 def test_a_field_that_no_system_writes_is_refused() -> None:

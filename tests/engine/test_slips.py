@@ -172,6 +172,11 @@ def twice_in_tables() -> None:
         world: Array = column("i4")
 
 
+def array() -> None:
+    class Gold(Component):
+        amount: np.ndarray[Any, Any]
+
+
 def bare() -> None:
     class Gold(Component):
         amount: Array
@@ -181,11 +186,6 @@ def bare() -> None:
 def plain_value() -> None:
     class Gold(Statistic):
         amount: Array = 5
-
-
-def ranged() -> None:
-    class Gold(Component):
-        amount: Array = column("i4", low=0, high=9)
 
 
 def published() -> None:
@@ -231,10 +231,10 @@ def hook() -> None:
         (reserved, "Reserved.order: no column can be called so"),
         (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
         (twice_in_tables, "Of.world: tables of episodes have a column of that name already"),
+        (array, r"Gold.amount is no column"),
         (bare, r"Gold.amount is no column: declare it as in amount: Array = column"),
         (plain_value, r"Gold.amount is no column"),
-        (ranged, "Gold.amount has a key, or a range, which only columns of an Action"),
-        (published, "Gold.amount has a key, or a range, which only columns of an Action"),
+        (published, "Gold.amount has a key, which only columns of an Action"),
         (negative, "Gold.amount has the dimension -2: a size of at least 1 or the name"),
         (buffered, "Gold: packed is for outlast's own components"),
         (ordered, r"Archetype\('gold', ...\) with the order 'x': an integer is needed"),

@@ -330,3 +330,11 @@ def test_files_say_who_played_and_how_it_ended(tmp_path: Path) -> None:
         assert kept == [row["against"], row["own_side"], row["result"]]
     plain = outlast.rollout("teams_2", "scripted", worlds=2, keep=True, **SHORT).arrays()
     assert "against" not in plain
+
+
+def test_a_statistic_of_agents_may_be_called_like_a_moment() -> None:
+    """Which is one number of an episode."""
+    found = Summary()
+    where = np.array([True, True, False])
+    found.add({"first_death": np.array([[3, 0], [5, 4], [9, 9]])}, where)
+    assert [mean for _, mean, _ in found.rows()] == [4, 2]

@@ -100,9 +100,10 @@ def test_the_policy_of_the_moment_can_play() -> None:
         assert own.data_ptr() != its.data_ptr()
 
 
-def test_a_level_without_anything_is_what_worlds_draw(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [{}, {"warm_start": "scripted:600"}])
+def test_a_level_without_anything_is_what_worlds_draw(more: dict[str, Any], tmp_path: Path) -> None:
     for name, levels in (("plain", None), ("chosen", anything)):
-        TrainingRun(config(levels), tmp_path / name).train()
+        TrainingRun(config(levels, **more), tmp_path / name).train()
     assert points(tmp_path / "plain") == points(tmp_path / "chosen")
     assert weights(tmp_path / "plain", 2 * EACH) == weights(tmp_path / "chosen", 2 * EACH)
 

@@ -75,12 +75,16 @@ def record_ticks(
     for _ in ticks:
         for w, episodes in recorded.items():
             clock = tuple(int(column[w, 0]) for column in worlds[Clock])
+            if (
+                replay is not None
+            ):  # which tells a world that was reset again in its first tick from one that stood still
+                clock = (int(replay.episodes[w]), *clock)
             before = clocks.get(w)
             if clock == before:
                 continue
             if before is None or clock != (*before[:-1], before[-1] + 1):
                 *_, number, tick = clock
-                number = number if replay is None else int(replay.episodes[w])
+                number = number if replay is None else clock[0]
                 episodes.append(EpisodeTrack(describe(worlds, w) | _entities(worlds, replay), number, tick))
             clocks[w] = clock
             thoughts = None if replay is None or replay.policy is None else replay.policy[w]
