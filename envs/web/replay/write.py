@@ -75,9 +75,7 @@ def record_ticks(
     for _ in ticks:
         for w, episodes in recorded.items():
             clock = tuple(int(column[w, 0]) for column in worlds[Clock])
-            if (
-                replay is not None
-            ):  # which tells a world that was reset again in its first tick from one that stood still
+            if replay is not None:  # a world that is reset again in its first tick does not stand still
                 clock = (int(replay.episodes[w]), *clock)
             before = clocks.get(w)
             if clock == before:
