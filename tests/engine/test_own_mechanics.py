@@ -206,7 +206,7 @@ def seen(name: str) -> type[Observation]:
     return Seen
 
 
-One, Other = seen("one"), seen("other")
+One, Other = seen("twin_smell"), seen("twin_sound")
 
 
 class Pair(Module):
@@ -225,7 +225,7 @@ def test_classes_that_one_function_has_made_are_told_apart() -> None:
     env = outlast.make_vec(DUEL.with_(Pair()).vary(n_agents=outlast.integers(1, 3)), 8, seed=0)
     observations, info = env.reset()
     assert not info["present"].all()
-    for key, value in (("one", 1), ("other", 2)):
+    for key, value in (("twin_smell", 1), ("twin_sound", 2)):
         assert np.array_equal(observations[key][..., 0], value * info["present"])
 
 
