@@ -208,8 +208,10 @@ def test_a_single_point_is_seen(tmp_path: Path) -> None:
 
 def test_nothing_of_a_figure_is_cut_off_or_overlaps(tmp_path: Path) -> None:
     """Texts are inside of the picture, and the legend is above the panels, with many groups of long names, too."""
+    many = ",".join(f"{name}:0.1" for name in ("self", "past", "scripted", "camper", "hunter", "hoarder", "healer"))
     for k in range(11):
-        run(tmp_path / str(k), numbers={"melee_damage": k + 1, "safe_zone_damage": k + 1}, opponents=f"self:0.{k + 1}")
+        opponents = f"self:0.{k + 1}" if k else many
+        run(tmp_path / str(k), numbers={"melee_damage": k + 1, "safe_zone_damage": k + 1}, opponents=opponents)
     made, axes = drawn_axes(tmp_path, by=("melee_damage", "opponents", "preset"))
     made.canvas.draw()
     width, height = made.canvas.get_width_height()

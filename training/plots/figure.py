@@ -1,5 +1,6 @@
 """Curves of several groups of runs in one figure, a panel for each quantity. Needs matplotlib."""
 
+import re
 import textwrap
 from collections.abc import Iterator
 from typing import Any
@@ -118,10 +119,12 @@ class _Head:
         self.comparison = comparison
         notes = [comparison.drawn_how, *comparison.notes()]
         self.notes = [line for note in notes for line in textwrap.wrap(note, LINE)]
-        self.labels = [group.label for group in comparison.groups] if len(comparison.groups) > 1 else []
-        widest = max(map(len, self.labels), default=0)
+        labels = [group.label for group in comparison.groups] if len(comparison.groups) > 1 else []
+        self.labels = [_wrapped(label, int((WIDTH - 0.65) / LETTER)) for label in labels]
+        widest = max((len(line) for label in self.labels for line in label.splitlines()), default=0)
         self.beside = max(1, min(BESIDE, int(WIDTH / (LETTER * widest + 0.65))))
-        self.rows = -(-len(self.labels) // self.beside)
+        lines = [label.count("\n") + 1 for label in self.labels]
+        self.rows = sum(lines) if self.beside == 1 else -(-len(lines) // self.beside)
         self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
 
     def write(self, figure: Figure, height: float) -> None:
@@ -140,6 +143,11 @@ class _Head:
                 columnspacing=1.6,
                 borderaxespad=0,
             )
+
+
+def _wrapped(label: str, width: int) -> str:
+    """The label in lines of so many characters, which end at commas where there are some."""
+    return label if len(label) <= width else textwrap.fill(re.sub(",(?! )", ", ", label), width)
 
 
 def _handle(number: int, label: str) -> Line2D:
