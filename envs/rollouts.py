@@ -13,6 +13,7 @@ from .core.make import make_vec
 from .core.validation import check_count
 from .core.vector_env import SurvivalVectorEnv
 from .errors import UsageError
+from .inspect.event_table import with_episodes
 from .recording import record as record_env
 from .rollout import local
 from .rollout.against import Against
@@ -221,7 +222,7 @@ def prepared(
             stack.enter_context(record_env(env, record, **thought))
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
-            watchers.append(lambda where: table.add(_with_episodes(env.events(), numbers), where))
+            watchers.append(lambda where: table.add(with_episodes(env.events(), numbers), where))
         ended: list[Ended[None]] = []
         if csv is not None:
             ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers, against)))
@@ -244,13 +245,6 @@ def prepared(
             return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note)
 
         yield play
-
-
-def _with_episodes(events: dict[str, Array], numbers: Array) -> dict[str, Array]:
-    """The events with `episode` as the rollout counts; a clock's number begins again with a level that has a key."""
-    for rows in events.values():
-        rows["episode"] = numbers[rows["world"]]
-    return events
 
 
 def _titles(policies: Sequence[str | Policy]) -> list[str]:

@@ -233,17 +233,18 @@ class Lane:
             self.keys[done, 2] += np.uint64(1)
             if self.curriculum is not None:
                 self.played += just_ended(env, t, done, info["statistics"])
-                self.curriculum.deal(env, done, self.keys[done])
-            env.reset(options={"reset_mask": done})
-            self._draw(done)
+            self._begin(done)
 
     def restart(self) -> None:
         """Begin the episodes again that go on, in levels that were chosen; those without a key have the same one."""
+        self._begin(np.ones(self.env.num_worlds, bool))
+
+    def _begin(self, where: Array) -> None:
+        """Begin the episodes of `keys` in the worlds `where`, bool (worlds,)."""
         if self.curriculum is not None:
-            everywhere = np.ones(self.env.num_worlds, bool)
-            self.curriculum.deal(self.env, everywhere, self.keys)
-            self.env.reset(options={"reset_mask": everywhere})
-            self._draw(everywhere)
+            self.curriculum.deal(self.env, where, self.keys[where])
+        self.env.reset(options={"reset_mask": where})
+        self._draw(where)
 
     def close(self, policies: Sequence[ActorCritic]) -> Samples:
         """The samples, with the values of what is observed now."""

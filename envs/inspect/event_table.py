@@ -24,6 +24,16 @@ COLUMNS = {
 }
 
 
+def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]:
+    """The events of worlds by name, in which `episode` is another number of each world's, int (worlds,).
+
+    A clock's number begins again where a seed or a level with a key was given.
+    """
+    for rows in events.values():
+        rows["episode"] = episodes[rows["world"]]
+    return events
+
+
 def event_table(
     layout: Layout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
 ) -> dict[str, Array]:

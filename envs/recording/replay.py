@@ -15,6 +15,7 @@ from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
 from ..core.spaces import statistics
 from ..errors import RecordingError, ReplayError, ScenarioError
+from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
 from ..scenarios import renamed
 from .digests import Digests
@@ -109,10 +110,7 @@ class Replay:
 
     def events(self) -> dict[str, Array]:
         """The events of the last tick, as env.events() returns them, but `episode` counts those of the recording."""
-        found = self.worlds.events()
-        for rows in found.values():
-            rows["episode"] = self.episodes[rows["world"]]
-        return found
+        return with_episodes(self.worlds.events(), self.episodes)
 
     def close(self) -> None:
         """Let the threads go. The tables stay readable."""

@@ -17,6 +17,7 @@ from .sides import living_sides, own_side, own_wins
 from .summary import RESULTS
 
 Array = np.ndarray[Any, Any]
+PLAYED = ("against", "own_side", "result")  # columns of tables of episodes
 
 
 class Against:
@@ -83,11 +84,8 @@ class Against:
         `against` whom the policy played, `own_side`, and the `result`, "" where nobody was on another side.
         """
         names, results = np.array(self._others.names), np.array([*RESULTS, ""])
-        return {
-            "against": names[self._others.drawn[rows]],
-            "own_side": self._own[rows],
-            "result": results[self._results[rows]],
-        }
+        found = names[self._others.drawn[rows]], self._own[rows], results[self._results[rows]]
+        return dict(zip(PLAYED, found, strict=True))
 
     @property
     def outcomes(self) -> dict[str, Array]:

@@ -8,13 +8,12 @@ import numpy as np
 
 from ..core.spaces import statistics
 from ..core.vector_env import SurvivalVectorEnv
-from .against import Against
+from .against import PLAYED, Against
 from .summary import column_names
 from .table_file import table_file
 
 Array = np.ndarray[Any, Any]
 Result = TypeVar("Result")
-PLAYED = ("against", "own_side", "result")
 Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds in which an episode counts
 
 
@@ -51,10 +50,9 @@ def episode_file(
 ) -> Iterator[Ended[None]]:
     """A new file for the episodes of a rollout, which is whole or not there.
 
-    Columns are `world`, `episode` (of the world, from 1), with others `against`, `own_side` and `result` (see
-    Against.played), and the statistics in alphabetical order; what has an entry an
-    agent or side has a column for each, return_0, return_1, which is empty where the episode had no such agent or side.
-    Rows are in the order in which episodes end.
+    Columns are `world`, `episode` (of the world, from 1), with others those of Against.played, and the statistics in
+    alphabetical order; what has an entry an agent or side has a column for each, return_0, return_1, which is empty
+    where the episode had no such agent or side. Rows are in the order in which episodes end.
 
     Args:
         path: NAME.csv.

@@ -81,7 +81,7 @@ class Summary:
         for key, there in (present or {}).items():
             self.counts[key] = self.counts.get(key, 0) + (there & where[:, None])
         for key in MOMENTS:
-            if np.ndim(statistics.get(key, ())) == 1 and key in statistics:
+            if key in statistics and np.ndim(statistics[key]) == 1:
                 self.counts[key] = self.counts.get(key, 0) + (where & (statistics[key] > 0))
         for key, given in statistics.items():
             values = np.asarray(given, np.float64) * where.reshape(-1, *[1] * (np.ndim(given) - 1))
