@@ -29,7 +29,8 @@ PARTS = {
 }
 SECONDS = "seconds.csv"  # how long runs took, beside this file
 SAVED = "steps_*.zip"  # the checkpoints in a run's folder
-GUESS = 20_000  # agent-steps a second of a run of a preset that nobody has timed
+GUESS = 20_000  # agent-steps a second of a run of a preset of which nobody has timed any
+SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # by which presets take about as long
 FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
 MANY_WORLDS = ("ffa_2", "ffa_3")  # but in these, which end where the paper does with 64; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
@@ -152,10 +153,11 @@ def _mended() -> Iterator[Experiment]:
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
     """How long a run of each takes on one core of the machine that SECONDS is of; and whether all were timed there.
 
-    One that was not is guessed to take as long as the mean of those of its preset.
+    One that was not is guessed to take as long as the mean of those of its preset, or of one with the same networks.
     """
     known = _timed()
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
+    alike = {preset: alike[same] for preset, same in SAME_NETWORKS.items() if same in alike} | alike
     seconds = [known.get(each.key, alike.get(each.preset, each.steps / GUESS)) for each in chosen]
     return seconds, all(each.key in known for each in chosen)
 
