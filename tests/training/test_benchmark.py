@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -300,14 +301,33 @@ def test_a_task_is_in_one_folder(first: Result) -> None:
 
 
 def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) -> None:
-    program = tmp_path / "ours.py"
+    """But one that is mended before it has played is taken."""
+    chosen, program = f"ours={tmp_path}/{{task}}/ours.py:make", tmp_path / NAME / "ours.py"
+    program.parent.mkdir()
+    program.write_text(MINE.replace("(*observations", "(3, *observations"))
+    with pytest.raises(TrainingError, match="trained against self: the actions that ours returned have shape"):
+        EntryRun(entry(tmp_path, chosen)).run()
+    sys.modules.pop(program.stem)  # as a new process has not imported it
     program.write_text(MINE)
-    chosen = f"ours={program}:make"
-    EntryRun(entry(tmp_path, chosen))._enter()
-    EntryRun(entry(tmp_path, chosen))._enter()
+    run = EntryRun(entry(tmp_path, chosen))
+    run._enter()
+    assert run.result.content["policy"]["digest"] == digest(program)
+    run._play(run.entry.task.games[0], result.SELF, run._contender())
     program.write_text(MINE.replace("[2, 1,", "[1, 1,"))
-    with pytest.raises(TrainingError, match="the policy is another one than that which has played 0 matches there"):
+    with pytest.raises(TrainingError, match="the policy is another one than that which has played 1 matches there"):
         EntryRun(entry(tmp_path, chosen))._enter()
+
+
+def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Else an interval over seeds would be of no training but that one."""
+    own = results / str(BUDGET) / NAME / "fast/1/policy.zip"
+    words = ["benchmark", "run", NAME, "--agent", f"one={own}", "--seed", "0", "1", "--out", str(tmp_path)]
+    assert main(words) == 2
+    assert "is one training, whatever the seed: name one --seed, or put {seed} in it" in capsys.readouterr().err
+    one, two, _ = result.find(results)
+    same = replace(one, content=one.content | {"policy": two.content["policy"]})
+    with pytest.raises(TrainingError, match="its policy is that of seed 0, not another training: remove it"):
+        scores._agent(tasks.task_of(NAME), [same, two])
 
 
 def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:

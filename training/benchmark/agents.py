@@ -1,7 +1,7 @@
 """Who takes part in the benchmark: presets that it trains, runs and policies that exist, functions in files."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,8 @@ class Agent:
 
     Attributes:
         name: In tables and paths.
-        source: A preset; the folder of a run or a saved policy, in which {task} and {seed} stand for these; or
-            FILE.py:FUNCTION, a function (env, seed) that returns a policy (observations) -> actions.
+        source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a function (env, seed) that
+            returns a policy (observations) -> actions. {task} and {seed} in it stand for these.
         options: Of its training, other than the preset's: opponents, settings, memory.
     """
 
@@ -60,9 +60,20 @@ class Agent:
             return FILE
         raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
 
+    def check_seeds(self, seeds: Collection[int]) -> None:
+        """Refuse several seeds of one training: scores over them would agree. Raises TrainingError."""
+        if len(seeds) > 1 and self.kind == FILE and "{seed}" not in self.source:
+            raise TrainingError(
+                f"{self.name}={self.source} is one training, whatever the seed: name one --seed, or put {{seed}} in it"
+            )
+
+    def place(self, task: str, seed: int) -> str:
+        """The source of a task and a seed."""
+        return self.source.replace("{task}", task).replace("{seed}", str(seed))
+
     def policy(self, task: str, seed: int) -> Path:
         """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError."""
-        place = Path(self.source.replace("{task}", task).replace("{seed}", str(seed)))
+        place = Path(self.place(task, seed))
         if place.suffix == SAVED and place.exists():
             return place
         if not place.is_dir():

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.errors import ActionError
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.storage.atomic_write import is_temporary, remove
 
@@ -156,7 +157,8 @@ class EntryRun:
     def _enter(self) -> None:
         """Have the policy in the folder: train it, or take the one that exists, which is the one that has played."""
         content, kept = self.result.content, self.entry.folder / POLICY
-        if content["policy"] is None:
+        played = self.result.matches or content["response"] or self.entry.agent.kind == PRESET
+        if content["policy"] is None or not played:  # what a user mends meanwhile is taken anew
             content["policy"] = self._policy()
             self.result.write()
             return
@@ -171,7 +173,7 @@ class EntryRun:
         """What is said of the policy in the result; it is in the folder, unless it is a function."""
         entry = self.entry
         if entry.agent.kind == FUNCTION:
-            made = Made(entry.agent.name, entry.agent.source, entry.seed)
+            made = self._made()
             return {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
         path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
         return self._keep(path, POLICY)
@@ -195,9 +197,11 @@ class EntryRun:
 
     def _contender(self) -> Contender:
         agent = self.entry.agent
-        if agent.kind == FUNCTION:
-            return Made(agent.name, agent.source, self.entry.seed)
-        return Contender(agent.name, str(self.entry.folder / POLICY))
+        return self._made() if agent.kind == FUNCTION else Contender(agent.name, str(self.entry.folder / POLICY))
+
+    def _made(self) -> Made:
+        agent, task, seed = self.entry.agent, self.entry.task.name, self.entry.seed
+        return Made(agent.name, agent.place(task, seed), seed)
 
     def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
         """Play a match, and enter it. other, known: who is neither itself nor of the suite, and its digest."""
@@ -208,7 +212,10 @@ class EntryRun:
         path = self.entry.folder / result.recording_name(game.name, name)
         pair = [own] if other is None else [own, other]
         with self._timed("matches"):
-            found = play(game, pair, self.entry.games, path)
+            try:
+                found = play(game, pair, self.entry.games, path)
+            except ActionError as error:
+                raise TrainingError(f"{game.name} against {name}: {error}") from error
         match = {"game": game.name, "against": name, "opponent": known, **found}
         self.result.matches.append(match)
         self.result.write()

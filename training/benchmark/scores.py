@@ -107,6 +107,7 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
         ]
         if missing:
             raise TrainingError(f"{entry.folder} is not complete: {missing[0][1]} is missing; run it again, to go on")
+    _check_trainings(entries)
     rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
     outside = [name for name in rates if name != TRAINED]
     score = np.mean([rates[name] for name in outside or [TRAINED]], 0)
@@ -128,6 +129,16 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
         "exploitability": _exploitability(entries),
         "seconds": _seconds(entries),
     }
+
+
+def _check_trainings(entries: Sequence[Result]) -> None:
+    """Refuse seeds of an agent with one and the same policy: an interval over them would be of no training."""
+    seeds: dict[str, int] = {}
+    for entry in entries:
+        policy, seed = entry.content["policy"], entry.content["seed"]
+        first = seeds.setdefault(policy["digest"], seed)
+        if first != seed and policy["steps"] is not None:  # functions are given the seed
+            raise TrainingError(f"{entry.folder}: its policy is that of seed {first}, not another training: remove it")
 
 
 def rate(match: Content) -> float:

@@ -145,6 +145,8 @@ def _run(command: Parser, options: argparse.Namespace) -> int:
     }
     given = {name: value for name, value in settings.items() if value}
     agents = [Agent.of(text, given) for text in options.agent]
+    for agent in agents:
+        agent.check_seeds(options.seed)
     chosen = [task_of(name) for name in (tasks() if options.names == ["all"] else options.names)]
     out, threads = options.out or RESULTS, options.threads or 0
     entries = [
