@@ -1,6 +1,7 @@
 """The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
 
 import json
+import re
 import shutil
 import sys
 import zipfile
@@ -208,12 +209,31 @@ def test_what_is_said_of_a_policy_is_what_its_file_says(first: Result, what: str
 
 
 def test_another_opponent_or_game_is_found(first: Result) -> None:
+    """By scores, too, which play nothing."""
     first.against["trained", "steps_0000000512"]["opponent"] = "0" * 64
     assert "another steps_0000000512 than that of the suite" in wrong(first, ("trained", "steps_0000000512"))[0]
+    with pytest.raises(TrainingError, match="it played another steps_0000000512 than that of the suite"):
+        scores._agent(tasks.task_of(NAME), [first])
     first.content["fingerprints"]["trained"]["numbers"]["heals_count"] = 3
-    assert (
-        "its game 'trained' is another one than that of quick-v1 ('ffa_2'): heals_count is 3 there" in wrong(first)[0]
-    )
+    other = "its game 'trained' is another one than that of quick-v1 ('ffa_2'): heals_count is 3 there"
+    assert other in wrong(first)[0]
+    with pytest.raises(TrainingError, match=re.escape(other)):
+        scores._agent(tasks.task_of(NAME), [first])
+
+
+def test_another_response_is_found(first: Result, results: Path) -> None:
+    """One that was trained otherwise; the policy itself, which it never beats."""
+    shutil.copy(first.folder / "policy.zip", first.folder / "response.zip")
+    first.content["response"] = first.content["policy"]
+    assert wrong(first)[0] == "response.zip was not trained against policy.zip, but self:1"
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1/response.zip", first.folder)
+    first.content["response"] = result.read(results / str(BUDGET) / NAME / "fast/1" / result.NAME).content["response"]
+    assert wrong(first)[0] == "response.zip was trained otherwise than best responses are: seed is 1, not 0"
+
+
+def test_matches_that_were_not_played_are_missing(first: Result) -> None:
+    first.content["matches"].remove(first.against["strong blows", "scripted"])
+    assert next(verify(first)).missing == "it has not played scripted in the game 'strong blows'"
 
 
 def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
@@ -354,6 +374,9 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
     for plan, game, expected in (
         ({"opponents": "self:1,scripted:0.5"}, {}, (["scripted"], True)),
         ({"warm_start": "scripted:2e6"}, {}, (["scripted"], True)),
+        ({"opponents": f"anchors/{NAME}-steps_0000000512.zip:1"}, {}, (["steps_0000000512"], True)),
+        ({"anneal": "melee_damage=40:10@512"}, {}, ([], False)),
+        ({"levels": "choose"}, {}, ([], False)),
         ({}, {"heals_count": 3}, ([], False)),
     ):
         _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, plan, game)

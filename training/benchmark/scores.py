@@ -15,7 +15,7 @@ from ..errors import TrainingError
 from ..evaluation.ratings import anchored
 from . import crossplay
 from .result import BEST, SELF, Content, Result, find
-from .suite import suite
+from .suite import missing, other_games, suite
 from .tasks import PROTOCOL, Task, task_of, track_of
 
 NAME = "scores.json"
@@ -99,14 +99,14 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
     """The scores of an agent in a task: of each seed, with means and intervals over seeds."""
     members = {member.name: member for member in suite(task)}
     for entry in entries:
-        missing = [
-            (game.name, name)
-            for game in task.games
-            for name in (SELF, *members)
-            if (game.name, name) not in entry.against
-        ]
-        if missing:
-            raise TrainingError(f"{entry.folder} is not complete: {missing[0][1]} is missing; run it again, to go on")
+        if absent := missing(entry, task, members):
+            raise TrainingError(f"{entry.folder} is not complete: {absent[0][1]} is missing; run it again, to go on")
+        if other := other_games(entry.content, task):
+            raise TrainingError(f"{entry.folder}: {other}")
+        for match in entry.matches:
+            name = match["against"]
+            if name in members and match["opponent"] != members[name].digest:
+                raise TrainingError(f"{entry.folder}: it played another {name} than that of the suite")
     _check_trainings(entries)
     rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
     outside = [name for name in rates if name != TRAINED]

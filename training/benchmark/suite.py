@@ -4,6 +4,7 @@ Scripted styles, and frozen checkpoints: files of this package, which `outlast b
 file anchors/TASK.json with the ratings of all of them in that task.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_finge
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from .matches import digest
-from .result import DIGEST, Content, are_finite, read_json
+from .result import DIGEST, SELF, Content, Result, are_finite, read_json
 from .tasks import PROTOCOL, Task
 
 STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
@@ -58,6 +59,21 @@ def suite(task: Task, folder: Path | None = None) -> list[Member]:
             raise TrainingError(f"{file} is not the policy that was rated, as {place} says: its digest is another one")
         found.append(Member(entry["name"], file, entry["digest"], float(entry["elo"])))
     return found
+
+
+def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
+    """The games and opponents, of the suite and itself, that an entry has not played. members: names of the suite."""
+    return [
+        (game.name, name) for game in task.games for name in (SELF, *members) if (game.name, name) not in entry.against
+    ]
+
+
+def other_games(content: Content, task: Task) -> str:
+    """Which game of a result is another one than that of its task; empty if none is."""
+    for game in task.games:
+        if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
+            return f"its game '{game.name}' is another one than that of {task.name} {other}"
+    return ""
 
 
 def _wrong(content: Content) -> str:

@@ -208,5 +208,8 @@ def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
     for (task, agent), found in each.items():
         for k, seed in enumerate(found["seeds"]):
             if seed in seeds:
-                figures = {"score": found["score"]["seeds"][k], "length": found["self_play"]["length"]["seeds"][k]}
+                length = found["self_play"].get("length")  # there is none where a result has no figures
+                figures = {"score": found["score"]["seeds"][k]} | (
+                    {"length": length["seeds"][k]} if length is not None else {}
+                )
                 yield RunMetrics(task, agent, seed, {budget: figures}, figures)

@@ -1,21 +1,20 @@
 """Verification: every match is played again from its recording, bit for bit, and compared with what is said of it."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from outlast.envs.errors import RecordingError, UsageError
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
 
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from . import crossplay
-from .described import described
+from .described import described, wrong_with_response
 from .matches import ROUNDING, digest, repeat
 from .result import BEST, POLICY, RESPONSE, SELF, Content, Result
-from .suite import Member, suite
+from .suite import Member, missing, other_games, suite
 from .tasks import Game, Task, task_of
 
 NEAR = 1e-4  # relative: figures that are that near are the same, as machines round sums otherwise
@@ -44,9 +43,8 @@ def verify(entry: Result) -> Iterator[Finding]:
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
-        asked = "" if (entry.folder / POLICY).exists() else f"{POLICY} is not here, and is not asked what it would do"
-        yield Finding(name, _wrong_with_entry(entry, task), asked)
         members = {member.name: member for member in suite(task)}
+        yield Finding(name, _wrong_with_entry(entry, task), _missing_of_entry(entry, task, members))
     except TrainingError as error:
         yield Finding(name, str(error))
         return
@@ -74,13 +72,19 @@ def _found(what: str, recording: Path, wrong: Callable[[], str]) -> Finding:
         return Finding(what, str(error))
 
 
+def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
+    """What an entry does not have, so that not all of it can be verified."""
+    if not (entry.folder / POLICY).exists():
+        return f"{POLICY} is not here, and is not asked what it would do"
+    absent = missing(entry, task, members)
+    return f"it has not played {absent[0][1]} in the game '{absent[0][0]}'" if absent else ""
+
+
 def _wrong_with_entry(entry: Result, task: Task) -> str:
     """What is wrong with the games and the policies of an entry."""
     content = entry.content
-    for game in task.games:
-        given = content["fingerprints"].get(game.name)
-        if other := difference(given, fingerprint(game.scenario)):
-            return f"its game '{game.name}' is another one than that of {task.name} {other}"
+    if other := other_games(content, task):
+        return other
     for key, name in (("policy", POLICY), ("response", RESPONSE)):
         path, given = entry.folder / name, content[key]
         if not path.exists():
@@ -90,6 +94,8 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
         for what, found in described(path, task).items():
             if given[what] != found:
                 return f"{what} of {name} is {given[what]} in the result, and {found} by the file"
+        if name == RESPONSE and (wrong := wrong_with_response(path, content["seed"], content["budget"])):
+            return wrong
     return ""
 
 
