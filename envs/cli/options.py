@@ -64,15 +64,14 @@ def add_changes(command: Parser) -> None:
     command = command.group(GAME)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
-    text = "draw a number anew in every world and episode: 'melee_damage=uniform(5, 20)', 'n_agents=integers(2, 8)', "
-    text += "'safe_zone_damage=choice(1, 5)' (may be given several times)"
+    text = "draw a number anew in every world and episode: 'melee_damage=integers(5, 20)', "
+    text += "'motors_turn=uniform(0.01, 0.02)', 'safe_zone_damage=choice(1, 5)' (may be given several times)"
     command.add_argument("--vary", action="append", default=[], metavar="NUMBER=DRAWN", help=text)
     text = "leave a mechanic out: safe_zone (may be given several times)"
     command.add_argument("--without", action="append", default=[], metavar="MECHANIC", help=text)
     text = "add a mechanic: 'DropLast(offset=2.0)', FILE.py:NAME (may be given several times)"
     command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
-    text = "import a file or module first, for mechanics that FILE.json or --with names (may be given several times)"
-    command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
+    add_import(command, "FILE.json or --with names")
     text = "give agents numbers of their own, as a JSON file says: docs/levels.md"
     command.add_argument("--roles", metavar="FILE.json", help=text)
     command.add_argument(
@@ -80,10 +79,21 @@ def add_changes(command: Parser) -> None:
     )
 
 
-def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
-    """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
+def add_import(command: Any, named: str) -> None:
+    """--import, for mechanics that something names; `import_files` imports them."""
+    text = f"import a file or module first, for mechanics that {named} (may be given several times)"
+    command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
+
+
+def import_files(options: argparse.Namespace) -> None:
+    """Import what --import names. Raises ScenarioError."""
     for place in getattr(options, "import"):
         module_of(place)
+
+
+def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
+    """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
+    import_files(options)
     asked = resolve(name or options.variant)
     walls = () if options.layout is None else named_layout(options.layout)
     more = [(f"--with {text}", mechanic(text)) for text in getattr(options, "with")]
@@ -262,7 +272,7 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
 
 def _varied(asked: Scenario, fixed: Container[str], options: argparse.Namespace) -> Scenario:
     """The scenario with what --vary says. fixed: what --set does. Raises ScenarioError, NumberError."""
-    parts = [_parts("--vary", text, "'melee_damage=uniform(5, 20)'") for text in options.vary]
+    parts = [_parts("--vary", text, "'melee_damage=integers(5, 20)'") for text in options.vary]
     drawn = {}
     for name, text in by_full_name(asked.find_number, parts).items():
         if name in fixed:

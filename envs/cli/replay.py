@@ -18,7 +18,7 @@ from ..recording import Recording, Replay
 from ..recording.selection import last_tick
 from ..rollout.event_file import event_file
 from . import video_options
-from .options import OUTPUT, add_common, add_number, nonnegative, path, printable
+from .options import OUTPUT, add_common, add_import, add_number, import_files, nonnegative, path, printable
 
 LOGGER = logging.getLogger(__name__)
 
@@ -37,8 +37,7 @@ def add(commands: Any) -> None:
     text = "replay a recording: verify it, film it, make a page or data of it"
     command = commands.add_parser("replay", help=text, description=description, examples=examples)
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
-    text = "import this scenario, FILE.py:NAME, for the mechanics of the recording that are not outlast's own"
-    command.add_argument("--scenario", metavar="NAME", help=text)
+    add_import(command, "recordings name, and that are not outlast's own")
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
     output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
@@ -96,14 +95,15 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 
 def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick, `to` is as asked for."""
-    recording = _recording(options.file, options.scenario)
+    import_files(options)
+    recording = _recording(options.file)
     options.to, options.last = options.last, last_tick(recording, options.first, options.last, options.worlds)
     return recording
 
 
-def _recording(path: str, scenario: str | None) -> Recording:
+def _recording(path: str) -> Recording:
     try:
-        recording = Recording.open(path, scenario)
+        recording = Recording.open(path)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise
@@ -136,7 +136,7 @@ def _film(options: argparse.Namespace, replay: Replay) -> int:
 def _page(options: argparse.Namespace, replay: Replay) -> int:
     from ..web.replay import replay_page
 
-    beside = None if options.beside is None else _recording(options.beside, options.scenario)
+    beside = None if options.beside is None else _recording(options.beside)
     chosen = {"worlds": options.worlds, "first": options.first, "last": options.to}
     how = {"verify": options.verify, "threads": options.threads, "quiet": options.quiet}
     replay_page(replay.recording, options.html, beside=beside, **chosen, **how)

@@ -50,7 +50,7 @@ def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: 
         if name not in known:
             raise ScenarioError(
                 f"the mechanic {name} is not one of outlast's own, and what a file names is not imported: import it "
-                "first, or name what has it, as in --scenario FILE.py:NAME, --import FILE.py or scenario=..."
+                "first, or name what has it, as in --import FILE.py or scenario=..."
             )
         kind = known[name]
         own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}

@@ -19,11 +19,11 @@ const Dom = (() => {
     if (element.textContent !== String(text)) element.textContent = text;
   }
 
-  // Shows a message in #said for a while.
+  // Shows a message in #said for a while; an empty one takes the last away.
   function say(text) {
     clearTimeout(silence);
     write($("said"), text);
-    $("said").hidden = false;
+    $("said").hidden = !text;
     silence = setTimeout(() => { $("said").hidden = true; }, LONG);
   }
 

@@ -260,7 +260,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
         ("--set melee_damage=inf", "an integer below"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
-        ("--vary melee_damage", "--vary melee_damage: NUMBER=DRAWN is needed, as in --vary 'melee_damage=uniform"),
+        ("--vary melee_damage", "--vary melee_damage: NUMBER=DRAWN is needed, as in --vary 'melee_damage=integers"),
         ("--vary melee_damag=integers(1,2)", "did you mean melee_damage"),
         (
             "--vary melee_damage=integers(1,zone)",

@@ -155,7 +155,7 @@ def test_every_command_takes_it(folder: Path) -> None:
         ("numbers", name): "share of a push that is lost",
         ("rollout", name, "--set", "swamp_drag=0.1", "--record", "a.rec", *small): "bog-swamp_drag=0.1: random policy",
         ("frames", "bog_game.py", "--steps", "2", "--out", "pictures", quiet): "",
-        ("replay", "a.rec", "--scenario", name, *made, quiet): "",
+        ("replay", "a.rec", "--import", "bog_game.py", *made, quiet): "",
         (
             *("train", name, "--steps", "128", "--worlds", "4", "--rollout", "128", "--every", "1", "--film", quiet),
             *("--seed", "0", "1"),
@@ -169,7 +169,7 @@ def test_every_command_takes_it(folder: Path) -> None:
     }
     for (words, expected), (status, said) in zip(commands.items(), in_turn(folder, list(commands)), strict=True):
         assert (status, expected in said) == (0, True), (words, said)
-    assert "--scenario FILE.py:NAME" in outlast(folder, "replay", "a.rec", status=2)  # where the game is not known yet
+    assert "--import FILE.py" in outlast(folder, "replay", "a.rec", status=2)  # where the game is not known yet
     assert len(list((folder / "pictures").glob("*.png"))) == 3
     assert all((folder / each).exists() for each in made[1::2])
     assert list((folder / "runs" / "bog-fast-1").glob("*.webm"))

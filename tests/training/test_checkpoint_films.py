@@ -83,7 +83,7 @@ def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytes
     made, differs = recorded_scenario(header)
     assert (made.name, made.numbers()["stamina_most"], differs) == ("tag-stamina_most=7", 7, "")
     monkeypatch.delitem(sys.modules, "tag")
-    with pytest.raises(TrainingError, match=r"tag\.\w+ is not one of outlast's own.*--scenario FILE\.py:NAME"):
+    with pytest.raises(TrainingError, match=r"tag\.\w+ is not one of outlast's own.*--import FILE\.py"):
         recorded_scenario(header)
     assert "tag" not in sys.modules
 

@@ -160,7 +160,13 @@ def test_two_recordings_are_in_step(look: Any, compiled: None, tmp_path: Path, c
     captions = [caption.inner_text() for caption in screen.page.locator(".caption").all()]
     assert captions == ["ffa_1: a.rec · tick 60", "teams_3: b.rec · ended at tick 40"]
     assert screen.page.locator(".agent").count() == 2
+    screen.seek(25)
     screen.key("o")
+    assert screen.page.evaluate("location.hash") == "#tick=25&world=0&episode=1&beside=1"
+    other = look(target, "#tick=25&world=0&episode=1&beside=1")
+    assert (other.page.locator(".agent").count(), other.number("tick")) == (4, 25)
+    screen.seek(60)
+    assert screen.page.evaluate("location.hash") == "#tick=60&world=0&episode=1"  # only the other one goes on
     assert screen.page.locator(".agent").count() == 4
     assert (screen.number("tick"), screen.number("length")) == (40, 40)
     screen.page.locator(".caption").first.click()

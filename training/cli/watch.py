@@ -6,10 +6,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import add_page, announce, printable
+from outlast.envs.cli.options import add_import, add_page, announce, import_files, printable
 from outlast.envs.errors import install
-from outlast.envs.scenarios.mechanics import foreign
-from outlast.envs.scenarios.naming import resolve
 
 from .. import run_header
 from ..errors import TrainingError
@@ -24,8 +22,7 @@ def add(commands: Any) -> None:
     text = "see the newest policy of a run play, and its numbers, in the browser"
     command = commands.add_parser("watch", help=text, description=description, examples=examples)
     command.add_argument("run_folder", type=Path, metavar="RUN", help="folder of a run of `outlast train`")
-    text = "import this scenario, FILE.py:NAME, for the mechanics of the run that are not outlast's own"
-    command.add_argument("--scenario", metavar="NAME", help=text)
+    add_import(command, "the run names, and that are not outlast's own")
     add_page(command)
     command.set_defaults(run=run)
 
@@ -40,8 +37,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = options.run_folder
     _check(folder)
-    if options.scenario is not None:
-        _import(options.scenario, folder)
+    import_files(options)
     name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
     recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
     recorder.start()
@@ -68,12 +64,3 @@ def _check(folder: Path) -> None:
             more = ", ..." if len(runs) > LISTED else ""
             listed = ", ".join(str(path) for path in runs[:LISTED])
             raise TrainingError(f"{folder} holds several runs; choose one: {listed}{more}")
-
-
-def _import(name: str, folder: Path) -> None:
-    """Import a scenario for its mechanics. Raises ScenarioError, and TrainingError if the run has need of none."""
-    if (folder / run_header.NAME).exists():
-        header = run_header.read_run_folder(folder)
-        if "modules" in header and not foreign(header["modules"]):
-            raise TrainingError(f"--scenario {name}: all mechanics of the run are outlast's own; leave it out")
-    resolve(name)

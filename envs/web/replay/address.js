@@ -1,6 +1,7 @@
-// Address: the part of the page's address behind #, which says what is shown: tick=150&world=3&episode=2&agent=1.
+// Address: the part of the page's address behind #, which says what is shown: tick=150&world=3&episode=2&agent=1,
+// and of two recordings, which of them these are of: beside=1.
 const Address = (() => {
-  const NAMES = ["tick", "world", "episode", "agent"];
+  const NAMES = ["tick", "world", "episode", "agent", "beside"];
 
   // The numbers in it by name; null if it says nothing.
   function read() {

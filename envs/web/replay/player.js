@@ -4,6 +4,7 @@ const Player = { start: async (base64, { linked = false } = {}) => {
   const SPEEDS = [1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16, 32];
   const FRACTIONS = { 0.125: "⅛", 0.25: "¼", 0.5: "½" };
   const EVERY = 1000; // milliseconds between changes of the address while it plays
+  const MANY = 100; // episodes, whose buttons have no room between them
   const { $ } = Dom;
   const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1, focus: 0 };
 
@@ -30,13 +31,14 @@ const Player = { start: async (base64, { linked = false } = {}) => {
     state.episode = Math.min(Math.max(e, 0), count() - 1);
     for (const each of rooms) each.choose(w, state.episode);
     state.at = Math.min(Math.max(at, 0), ticks() - 1);
-    if (state.follow >= most()) state.follow = -1;
+    if (!known(state.follow)) state.follow = -1;
     selectors();
     lines();
     focus(state.focus);
   }
 
-  const most = () => Math.max(...rooms.map(({ episode }) => episode.description.agents.length));
+  // Whether there is such an agent: where counts vary, some are absent.
+  const known = (i) => rooms.some(({ episode }) => episode.description.agents[i]?.side >= 0);
 
   // The room whose agents and events are listed.
   function focus(n) {
@@ -77,7 +79,7 @@ const Player = { start: async (base64, { linked = false } = {}) => {
   }
 
   function follow(i) {
-    state.follow = i < 0 || i === state.follow || i >= most() ? -1 : i;
+    state.follow = i === state.follow || !known(i) ? -1 : i;
     redraw();
   }
 
@@ -124,8 +126,8 @@ const Player = { start: async (base64, { linked = false } = {}) => {
   function paint(now) {
     waiting = 0;
     if (state.playing) advance(now);
-    const k = room().row(state.at), exact = room().exact(state.at), { description } = episode();
-    views.fit(description, state.follow);
+    const k = room().row(state.at), exact = room().exact(state.at);
+    views.fit(rooms.map(({ episode }) => episode.description), state.follow);
     const moving = rooms.map((each, n) => each.paint(state.at, views.show, state.follow, n === state.focus)).some(Boolean);
     updateCards(exact, state.follow, Events.tallies(episode(), k));
     updateMind(episode(), state.follow, k);
@@ -145,6 +147,7 @@ const Player = { start: async (base64, { linked = false } = {}) => {
     options($("world"), worlds.map(({ world }) => `World ${world}`), state.world);
     options($("episode"), longest.map(({ number }) => `Episode ${number}`), state.episode);
     $("episodes").hidden = longest.length < 2;
+    $("episodes").classList.toggle("many", longest.length > MANY);
     $("episodes").replaceChildren();
     longest.forEach(({ length, number }, e) => {
       const button = Dom.make("button", "", $("episodes"));
@@ -164,19 +167,23 @@ const Player = { start: async (base64, { linked = false } = {}) => {
 
   // ---- the address of what is shown
 
+  // In a room that goes on: the one whose agents are listed, if it does.
   function place() {
-    const { world } = room().worlds[state.world], { number, start } = episode();
+    const on = room().shows(state.at) ? room() : rooms.find((each) => each.shows(state.at)), beside = rooms.indexOf(on);
+    const { world } = on.worlds[state.world], { number, start } = on.episode;
     const agent = state.follow < 0 ? {} : { agent: state.follow };
-    return { tick: start + room().row(state.at), world, episode: number, ...agent };
+    return { tick: start + on.row(state.at), world, episode: number, ...agent, ...(beside ? { beside } : {}) };
   }
 
   function go(address) {
-    const { w, e, at, missing } = Address.find(rooms[0], address);
+    const n = address.beside ?? 0, { w, e, at, missing } = Address.find(rooms[n] ?? rooms[0], address);
     pause();
     choose(w, e, at);
-    state.follow = address.agent < most() ? address.agent : -1;
-    const absent = [missing, address.agent >= most() ? `agent ${address.agent}` : ""].filter(Boolean).join(", ");
-    if (absent) Dom.say(`This page does not have ${absent}.`);
+    if (rooms[n]) focus(n);
+    state.follow = known(address.agent) ? address.agent : -1;
+    const who = address.agent === undefined || known(address.agent) ? "" : `agent ${address.agent}`;
+    const absent = [rooms[n] ? "" : `recording ${n}`, missing, who].filter(Boolean).join(", ");
+    Dom.say(absent && `This page does not have ${absent}.`);
   }
 
   async function link() {

@@ -27,7 +27,9 @@ const Room = (() => {
         room.episode.forget();
         room.missing = e >= episodes.length;
         room.episode = episodes[Math.min(e, episodes.length - 1)];
+        strips.hidden = room.missing; // it would be another episode's
       },
+      shows: (at) => !room.missing && at < room.episode.length,
       // The row of this recording at a position of all: its last one from its end on.
       row: (at) => (room.missing ? room.episode.length - 1 : Math.min(Math.floor(at), room.episode.length - 1)),
       exact: (at) => room.episode.snapshot(room.row(at)),

@@ -9,11 +9,13 @@ const Timeline = (() => {
   // onSeek(k) is called with the row that was clicked or dragged to. Returns {resize, show, draw}.
   function build(canvas, tip, onSeek) {
     const context = canvas.getContext("2d");
-    let episode = null, colors = null, scale = null, follow = -1, at = 0, ratio = 1, width = 0, height = 0, still = null, dragging = false;
+    let episode = null, order = [], colors = null, scale = null, follow = -1, at = 0, ratio = 1, width = 0, height = 0, still = null, dragging = false;
 
-    const strip = () => Math.max(3, Math.min(18, Math.floor((scale.dense ? DENSE : STRIPS) / Math.max(1, episode.description.agents.length))));
-    const top = (i) => (episode.description.zone ? ZONE + 4 : 0) + i * (strip() + (strip() < 8 ? 1 : 3));
-    const curves = () => top(episode.description.agents.length) + GAP;
+    const present = () => Math.max(...order, -1) + 1;
+    const strip = () => Math.max(1, Math.min(18, Math.floor((scale.dense ? DENSE : STRIPS) / Math.max(1, present()))));
+    const below = (n) => (episode.description.zone ? ZONE + 4 : 0) + n * (strip() + (strip() < 3 ? 0 : strip() < 8 ? 1 : 3));
+    const top = (i) => below(order[i]);
+    const curves = () => below(present()) + GAP;
     const tall = () => (scale.dense || window.innerHeight < 700 || width < 500 ? FLAT : CURVES);
     const last = () => Math.max(1, scale.ticks - 1);
     const place = (k) => LEFT + (width - LEFT - RIGHT) * k / last();
@@ -24,13 +26,15 @@ const Timeline = (() => {
     // by side have in common; low and high are 0 where nobody is paid; dense: whether there are two.
     function show(shown, theme, size) {
       [episode, colors, scale] = [shown, theme, size];
+      let strips = 0;
+      order = episode.description.agents.map(({ side }) => (side < 0 ? -1 : strips++)); // absent ones have none
       resize();
     }
 
     function resize() {
       if (!episode) return;
       width = canvas.clientWidth;
-      height = top(episode.description.agents.length) + (paid() ? GAP + tall() + GAP : 0) + AXIS;
+      height = below(present()) + (paid() ? GAP + tall() + GAP : 0) + AXIS;
       canvas.style.height = `${height}px`;
       ratio = window.devicePixelRatio || 1;
       canvas.width = Math.round(width * ratio);
@@ -63,10 +67,10 @@ const Timeline = (() => {
     }
 
     function health(pen, i) {
+      if (order[i] < 0) return;
       const { description } = episode, y = top(i), tall = strip();
       const points = episode.history("agent.health", i), alive = episode.history("agent.alive", i);
       const { health: full, side } = description.agents[i];
-      if (side < 0) return; // absent
       const whole = 1.25 * Math.max(1, full), color = description.sides[side].color;
       pen.fillStyle = colors.ink;
       pen.globalAlpha = 0.07;
@@ -97,7 +101,7 @@ const Timeline = (() => {
 
     function curve(pen, i, wide, alpha) {
       const { description } = episode, values = episode.returns()[i];
-      if (description.agents[i].side < 0) return;
+      if (order[i] < 0) return;
       pen.strokeStyle = description.sides[description.agents[i].side].color;
       pen.lineWidth = wide;
       pen.globalAlpha = alpha;
@@ -106,7 +110,7 @@ const Timeline = (() => {
       pen.stroke();
     }
 
-    const short = (value) => String(+value.toPrecision(2)).replace("-", "−");
+    const short = (value) => String(+value.toPrecision(4)).replace("-", "−");
 
     function area(pen, y, tall, share, color, alpha, stop = episode.length) {
       pen.fillStyle = color;
@@ -137,7 +141,7 @@ const Timeline = (() => {
       pen.textAlign = align;
       pen.textBaseline = "middle";
       pen.fillStyle = color;
-      pen.fillText(words, x, y);
+      pen.fillText(words, align === "center" ? Math.min(x, width - pen.measureText(words).width / 2) : x, y);
     }
 
     function sign(pen, { kind, at: k, agent, by, object }) {

@@ -16,7 +16,7 @@ const Views = (() => {
   const AT_FIRST = ["cones", "zone", "ids", "health", "bags", "attention", "close"];
   const NEEDS = { cones: "cone", lines: "cone", rays: "rays", blind: "cone", zone: "zone", health: "health", bags: "slots", attention: "entities" };
 
-  // Returns {show, toggle(name), fit(description, follow), byKey}; onChange() is called after every change.
+  // Returns {show, toggle(name), fit(descriptions, follow), byKey}; onChange() is called after every change.
   function build(root, onChange) {
     const show = Object.fromEntries(ALL.map(([name]) => [name, AT_FIRST.includes(name)])), buttons = {};
     for (const [name, key, label, about] of ALL) {
@@ -39,10 +39,12 @@ const Views = (() => {
       for (const [name] of ALL) buttons[name].setAttribute("aria-pressed", show[name]);
     }
 
-    function fit(description, follow) {
-      for (const [name] of ALL) buttons[name].disabled = name in NEEDS && !description[NEEDS[name]];
-      buttons.attention.hidden = !description.entities;
-      buttons.rays.hidden = !description.rays;
+    // What no recording of the page has cannot be switched.
+    function fit(descriptions, follow) {
+      const has = (what) => descriptions.some((description) => description[what]);
+      for (const [name] of ALL) buttons[name].disabled = name in NEEDS && !has(NEEDS[name]);
+      buttons.attention.hidden = !has("entities");
+      buttons.rays.hidden = !has("rays");
       for (const name of ["blind", "attention", "close"]) buttons[name].disabled ||= follow < 0;
     }
 
