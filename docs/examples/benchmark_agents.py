@@ -28,7 +28,7 @@ def striker(env, seed: int) -> Policy:
 
 
 def train_sb3(task: str, seed: int, steps: int = 10_000_000) -> None:
-    """Train PPO of Stable-Baselines3, a network of dense layers, in the game of a task; saves sb3-SEED.zip."""
+    """Train PPO of Stable-Baselines3, a network of dense layers, in the game of a task; saves sb3-GAME-SEED.zip."""
     from stable_baselines3 import PPO
 
     import outlast
@@ -37,14 +37,14 @@ def train_sb3(task: str, seed: int, steps: int = 10_000_000) -> None:
     env = outlast.make_sb3(task_of(task).scenario, 64, seed=seed)
     model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=4096, n_epochs=4, seed=seed, device="cpu")
     model.learn(steps)
-    model.save(f"sb3-{seed}")
+    model.save(f"sb3-{env.base_env.scenario.file_name}-{seed}")
 
 
 def sb3(env, seed: int) -> Policy:
     """What train_sb3 has saved."""
     from stable_baselines3 import PPO
 
-    model = PPO.load(f"sb3-{seed}.zip", device="cpu")
+    model = PPO.load(f"sb3-{env.scenario.file_name}-{seed}.zip", device="cpu")
 
     def act(observations: Observations) -> np.ndarray:
         agents = {key: array.reshape(-1, *array.shape[2:]) for key, array in observations.items()}

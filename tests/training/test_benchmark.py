@@ -411,6 +411,18 @@ def test_numbers_of_games_are_not_mixed(results: Path) -> None:
         scores._budget(BUDGET, [one, other])
 
 
+def test_nothing_is_played_where_there_are_no_scores(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(results, tmp_path / "a", ignore=shutil.ignore_patterns("trained", BEST, "cross*"))
+    own = result.read(tmp_path / "a" / str(BUDGET) / NAME / "fast" / "1" / result.NAME)
+    own.matches.pop(0)
+    own.write()
+    assert main(["benchmark", "score", str(tmp_path / "a"), "--quiet"]) == 2
+    assert "is not complete" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("cross*"))
+
+
 def test_scores_are_those_of_the_results(results: Path) -> None:
     found = scores.scores(results)["budgets"][str(BUDGET)]
     assert (found["track"], found["games"], found["common"]) == ("", GAMES, [NAME])
@@ -450,3 +462,24 @@ def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path
     text = (tmp_path / "one" / "table.md").read_text()
     assert "### 512 agent-steps (of no track: 4 games a match)" in text
     assert "mine†" in text
+    gone = tmp_path / "kept" / str(BUDGET) / NAME / "fast" / "7" / result.NAME
+    gone.parent.mkdir()
+    shutil.copy(gone.parents[1] / "0" / result.NAME, gone)
+    with pytest.raises(TrainingError, match="is of results that are not in "):
+        table.keep(results, tmp_path / "kept")
+
+
+def test_what_marl_eval_cannot_take_stops_no_table(
+    results: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    places = tmp_path / "results"
+    shutil.copytree(results, places, ignore=shutil.ignore_patterns("trained", BEST))
+    folder = places / str(BUDGET) / NAME
+    for seed in "01":
+        shutil.copytree(folder / "fast" / seed, folder / "Fast" / seed)
+        own = result.read(folder / "Fast" / seed / result.NAME)
+        own.content["agent"] = "Fast"
+        own.write()
+    written = {path.name for path in table.write(places, tmp_path / "tables")}
+    assert written == {"profile-512.png", "table.csv", "table.md"}
+    assert "marl_eval-512.json is left out: Fast and fast are one name to marl-eval" in caplog.text

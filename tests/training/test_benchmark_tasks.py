@@ -56,6 +56,15 @@ def test_what_is_tested_outside_is_never_trained_in(name: str) -> None:
     env.close()
 
 
+def test_each_side_plays_in_worlds_of_every_count() -> None:
+    """Sides alternate from world to world; what worlds are given must not alternate with them."""
+    given = [(game.name, game.numbers(320)) for task in tasks().values() for game in task.games if game.given]
+    assert len(given) >= 3
+    for name, numbers in given:
+        for values in numbers.values():
+            assert {*values[::2].tolist()} == {*values[1::2].tolist()}, name
+
+
 def _apart(one: object, other: object) -> bool:
     """Whether no value is of both. other: a distribution, or the values that worlds are given."""
     values = other if isinstance(other, tuple) else other.extremes()  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Pages of many or absent agents, of many episodes, and in small windows: nothing is pushed out, and nothing made up."""
+"""Pages of many or absent agents, of many episodes, in small windows: nothing is pushed out, and nothing made up."""
 
 from pathlib import Path
 from typing import Any

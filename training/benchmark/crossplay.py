@@ -9,7 +9,7 @@ from outlast.envs.scenarios.fingerprint import is_word
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from . import result
-from .agents import Made
+from .agents import Agent, Made
 from .matches import digest, play
 from .result import DIGEST, POLICY, Content, Result, read_json, write_json, wrong_with_match
 from .tasks import PROTOCOL, Task, task_of
@@ -22,7 +22,8 @@ def contender(entry: Result) -> Contender:
     content, path = entry.content, entry.folder / POLICY
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
-        made = Made(entry.name, content["source"], content["seed"])
+        source = Agent(entry.name, content["source"]).place(content["task"], content["seed"])
+        made = Made(entry.name, source, content["seed"])
         path = made.file
     if not path.exists():
         raise TrainingError(f"{path} is not there, and {entry.name} has to play: put it back, or run the entry again")
@@ -40,7 +41,8 @@ def load(folder: Path) -> dict[tuple[str, str], Content]:
 
 def pairs(entries: Sequence[Result]) -> list[tuple[Result, Result]]:
     """All pairs of entries of a task."""
-    return list(itertools.combinations(sorted(entries, key=lambda entry: entry.name), 2))
+    in_order = sorted(entries, key=lambda entry: (entry.content["agent"], entry.content["seed"]))
+    return list(itertools.combinations(in_order, 2))
 
 
 def recording(folder: Path, match: Content) -> Path:

@@ -2,9 +2,11 @@
 
 import csv
 import io
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..errors import TrainingError
 from ..evaluation.marl_eval import RunMetrics, marl_eval_json
 from ..files import write_files
 from ..tables import markdown_table
@@ -30,6 +32,7 @@ TASK_HEADS = (
 )
 PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # of self-play
 OF_NO_TRACK, MET = "†", "‡"
+logger = logging.getLogger("outlast")
 COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", "seeds")
 
 
@@ -63,6 +66,9 @@ def keep(places: Path, folder: Path) -> list[Path]:
                 copied[entry.folder / name] = folder / entry.folder.relative_to(places) / name
         cross = entries[0].folder.parents[1] / crossplay.NAME
         copied[cross] = folder / cross.relative_to(places)
+    there = {target for target in copied.values() if target.name in (NAME, crossplay.NAME)}
+    if gone := sorted({path for name in (NAME, crossplay.NAME) for path in folder.rglob(name)} - there):
+        raise TrainingError(f"{gone[0]} is of results that are not in {places}: remove it, or keep in an empty folder")
     write_files({target: source.read_bytes() for source, target in copied.items() if source.exists()})
     return [target for source, target in copied.items() if source.exists()]
 
@@ -198,7 +204,10 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
         if own["common"]:
             yield f"profile-{budget}.png", picture(own, f"{int(budget):,} agent-steps")
             if runs := list(_runs(int(budget), own)):
-                yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+                try:
+                    yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+                except TrainingError as error:  # it takes fewer names than we do
+                    logger.warning("marl_eval-%s.json is left out: %s", budget, error)
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:

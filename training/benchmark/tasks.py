@@ -139,7 +139,8 @@ def _generalisation() -> Iterator[Task]:
         duel.vary(**trained),
         {name: duel.vary(**(trained | change)) for name, change in changes.items()},
     )
-    items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 2)}
+    # Sides alternate from world to world: each plays in worlds of one box and of two.
+    items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)}
     yield _task(
         "counts",
         "many heals and boxes, tested with few",

@@ -163,8 +163,9 @@ def _about(entries: list[Any], at_once: int) -> str:
     from ..benchmark.entry import estimate
 
     matches = sum(len(entry.wanted) + entry.responds for entry in entries)
+    several = "entries" if len(entries) > 1 else "entry"
     return (
-        f"{len(entries)} entries, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
+        f"{len(entries)} {several}, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
         f"{tqdm.format_interval(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
     )
 
@@ -239,6 +240,7 @@ def _score(options: argparse.Namespace) -> int:
     from ..benchmark.result import write_json
 
     for place in _places(options):
+        scores.scores(place)  # refuses what has no scores before hours of cross-play are spent on it
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
         total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
         with tqdm(total=total, unit="game", disable=options.quiet) as bar:
