@@ -93,7 +93,7 @@ def train(
         memory: Numbers that each agent keeps from step to step; 0: none.
         critic: What values are learned from: "own", what the agent observes; "state", the whole world, too.
         warm_start: What policies are before PPO begins: "scripted", "FILE.zip"; "": random.
-        anneal: Numbers of the scenario that change in training: "rewards_kill=10:0@5e6", or several.
+        anneal: Numbers of the scenario that change in training: ``"rewards_kill=10:0@5e6"``, or several.
         levels: A function that chooses the levels to train in, asked before each rollout; see
             outlast.training.curriculum.TrainingProgress. None: worlds draw their own.
         dead: What becomes of the samples of dead agents: "keep" or "drop".

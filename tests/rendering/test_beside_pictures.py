@@ -100,6 +100,7 @@ def test_the_scoreboard_has_hit_points_kills_and_deaths() -> None:
         *("team 0: 1 kill", "team 1: 0 kills"),
         *("0", "100", "1", "150", "2", "dead", "3", "100"),
     ]
+    assert said(game.env.worlds, ScoresStrip(), 160)[:2] == ["1 kill", "0 kills"]  # of both, if there is room for both
     duel = killed(ScenarioBuilder("ffa_4"), 1, 0)
     assert said(duel.env.worlds, ScoresStrip()) == ["0", "100", "1 kill", "1", "dead", "0 kills"]
     duel.column(Episode).kills[0] = 0, 3

@@ -72,15 +72,18 @@ def _teams(scene: Scene) -> bool:
 
 
 def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
-    """Kills of the teams, as many as fit."""
-    for side in range(len(scene[Episode].kills)):
-        words = f"{printable(scene.side_name(side))}: {_kills(scene, side)}"
-        end = x + DISC * unit + canvas.length(words, unit)
-        if end > canvas.half:
-            return
-        canvas.circle(x + 0.5 * unit, y, 0.5 * unit, of_side(side))
-        canvas.text(x + DISC * unit, y, words, unit, PAPER, anchor=0)
-        x = end + 2 * unit
+    """Kills of the teams: of all of them or of none, with their names if there is room."""
+    sides = range(len(scene[Episode].kills))
+    named = [f"{printable(scene.side_name(side))}: {_kills(scene, side)}" for side in sides]
+    for words in (named, [_kills(scene, side) for side in sides]):
+        wide = [(DISC + 2) * unit + canvas.length(text, unit) for text in words]
+        if x + sum(wide) - 2 * unit > canvas.half:
+            continue
+        for side in sides:
+            canvas.circle(x + 0.5 * unit, y, 0.5 * unit, of_side(side))
+            canvas.text(x + DISC * unit, y, words[side], unit, PAPER, anchor=0)
+            x += wide[side]
+        return
 
 
 @dataclass(frozen=True)
