@@ -12,7 +12,7 @@ from outlast.ecs import AgentRoles, Clock
 
 from ..core.agents import alive, counts_vary, side
 from ..core.observations import each
-from ..core.validation import Array, check_choice, keys
+from ..core.validation import Array, check_choice, checked_actions, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
@@ -28,6 +28,10 @@ except ImportError as error:
     raise ModuleNotFoundError(f"make_torchrl needs TorchRL: {install('torchrl')}", name="torchrl") from error
 
 GROUPS = ("all", "sides", "roles")
+TAKEN = (  # names of entries, which groups cannot have
+    *("observation", "action", "action_mask", "mask", "reward", "state"),
+    *("done", "terminated", "truncated", "next", "_reset"),
+)
 Groups = str | Mapping[str, Sequence[str]]
 
 
@@ -99,6 +103,9 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     Worlds that are done are reset by TorchRL, each by itself ("_reset"). World w of seed s is world w of
     `outlast.make_vec` with that seed. Every step has tensors of its own, which the worlds write into.
 
+    `set_seed(s)`, or `reset(seed=s)`, is for all worlds: each gets it at its own next reset. A reset of some worlds
+    leaves the others as they are.
+
     Attributes:
         vector_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
         group_map: Names of agents by group.
@@ -109,6 +116,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
         self.vector_env, self.statistics = base_env, dict[str, Array]()
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
+        self._waiting = np.ones(base_env.num_worlds, bool)  # worlds that get it when they are reset
         names = [f"agent_{i}" for i in range(base_env.num_agents)]
         self.group_map = _group_map(base_env, groups, names)
         self._members = {
@@ -131,7 +139,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 action: Any = MultiCategorical(env.action_sizes.tolist(), (n, len(env.action_sizes)), device=device)
             else:
                 action = Categorical(env.action_mask_size, (n,), device=device)
-            reward = Unbounded((n, 1), device=device)
+            reward = Unbounded((n, 1), dtype=torch.float32, device=device)
             seen[group] = Composite(parts, shape=(n,), device=device)
             acts[group] = Composite({"action": action}, shape=(n,), device=device)
             rewards[group] = Composite({"reward": reward}, shape=(n,), device=device)
@@ -140,11 +148,22 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self.full_observation_spec_unbatched, self.full_action_spec_unbatched = seen, acts
         self.full_reward_spec_unbatched, self.full_done_spec_unbatched = rewards, ends
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        seed, self._seed = self._seed, None  # the first reset begins the first episode
+    def _reset(
+        self, tensordict: TensorDictBase | None = None, *, seed: int | None = None, **kwargs: Any
+    ) -> TensorDictBase:
+        if kwargs:
+            raise TypeError(f"reset() has no keyword {', '.join(kwargs)}: it takes seed, which is as set_seed")
+        if seed is not None:
+            self._set_seed(seed)
+        env = self.vector_env
         some = None if tensordict is None else tensordict.get("_reset", None)
-        options = None if some is None or seed is not None else {"reset_mask": some.cpu().numpy()[:, 0]}
-        self.vector_env.reset(seed=seed, options=options)
+        where = np.ones(env.num_worlds, bool) if some is None else some.cpu().numpy()[:, 0]
+        where = where | ~env._tracker.running  # all, at first
+        keyed = where & self._waiting
+        for seed, mask in ((self._seed, keyed), (None, where & ~keyed)):
+            if mask.any():
+                env.reset(seed=seed, options={"reset_mask": mask})
+        self._waiting &= ~where
         out = self._room()
         self.vector_env.observe(out["observations"])
         self.vector_env.state(out["state"])
@@ -156,10 +175,15 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
+        axes = "(worlds, n, actions)" if env.noop.ndim else "(worlds, n)"
         for group, own in self._members.items():
-            actions[:, own] = tensordict[group, "action"].cpu().numpy()
-        out |= {name: torch.empty(env.num_worlds, dtype=torch.bool) for name in ("terminated", "truncated")}
-        out["rewards"] = torch.empty(env.num_worlds, env.num_agents)
+            given, what = tensordict[group, "action"].cpu().numpy(), f"actions of the group {group}"
+            # numpy would round numbers and repeat single ones; the step checks ranges
+            actions[:, own] = checked_actions(
+                given, actions[:, own].shape, env.action_sizes, False, what=what, axes=axes
+            )
+        out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
+        out["rewards"] = _empty((env.num_worlds, env.num_agents))
         *_, info = env.step(actions, out=out)
         if "statistics" in info:
             self.statistics = {name: values[info["_statistics"]] for name, values in info["statistics"].items()}
@@ -169,15 +193,16 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         if seed is not None:
             keys(seed, 1, 0)
         self._seed = seed
+        self._waiting[:] = seed is not None
 
     def _room(self) -> dict[str, Any]:
         """Tensors that a step, or a reset, writes into."""
         env = self.vector_env
         rows = env.num_worlds, env.num_agents
         return {
-            "observations": each(env._reader.read(copy=False), lambda array: torch.empty(array.shape)),
-            "state": torch.empty(env.num_worlds, *env.state_space.shape),
-            "action_mask": torch.empty(*rows, env.action_mask_size, dtype=torch.bool),
+            "observations": each(env._reader.read(copy=False), lambda array: _empty(array.shape)),
+            "state": _empty((env.num_worlds, *env.state_space.shape)),
+            "action_mask": _empty((*rows, env.action_mask_size), torch.bool),
         }
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
@@ -209,7 +234,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
         given = [name for own in groups.values() for name in own]
         if sorted(given) != sorted(names):
             raise ValueError(f"groups = {groups!r}: each of {', '.join(names)} has to be in one of them, once")
-        return {group: list(own) for group, own in groups.items()}
+        return _checked({group: list(own) for group, own in groups.items()})
     check_choice("groups", groups, GROUPS, ", or names of agents by group")
     if groups == "all":
         return {"agents": names}
@@ -223,7 +248,17 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
     found: dict[str, list[str]] = {}
     for name, number in zip(names, numbers.tolist(), strict=True):
         found.setdefault(called[number].replace(" ", "_"), []).append(name)
-    return found
+    return _checked(found)
+
+
+def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Groups that can be. Raises ValueError."""
+    for group, own in groups.items():
+        if not isinstance(group, str) or group in TAKEN:
+            raise ValueError(f"groups: a group cannot be called {group!r}; take a text other than {', '.join(TAKEN)}")
+        if not own:
+            raise ValueError(f"groups: {group!r} has no agents; leave it out")
+    return groups
 
 
 def _selection(indices: list[int]) -> Any:
@@ -240,8 +275,13 @@ def _spec(space: Any, agents: Any, device: Any) -> Any:
     low, high = (torch.from_numpy(ends[agents]) for ends in (space.low, space.high))
     if torch.isfinite(low).all() and torch.isfinite(high).all():
         return Bounded(low, high, dtype=torch.float32, device=device)
-    return Unbounded(low.shape, device=device)
+    return Unbounded(low.shape, dtype=torch.float32, device=device)
 
 
 def _flags(shape: tuple[int, ...], device: Any) -> Any:
     return Categorical(2, shape, dtype=torch.bool, device=device)
+
+
+def _empty(shape: Sequence[int], dtype: Any = torch.float32) -> Any:
+    """Room for what the worlds write, whatever PyTorch's default type and device are."""
+    return torch.empty(tuple(shape), dtype=dtype, device="cpu")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.envs.errors import ActionError
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
@@ -107,6 +108,93 @@ def test_seeds() -> None:
         first.set_seed(-1)
 
 
+def played(plain: Any, env: Any, td: Any) -> tuple[Any, Any]:
+    """A step with actions drawn anew, in both; what they observe after it."""
+    td = env.rand_action(td)
+    seen, *_ = plain.step(td["agents", "action"].numpy())
+    return seen, env.step(td)["next"].exclude("_reset").clone()
+
+
+def flat_worlds(seed: int) -> Any:
+    form = {"observations": "flat", "actions": "joint", "autoreset_mode": "Disabled"}
+    return outlast.make_vec("teams_3", WORLDS, seed=seed, ending_limit=50, **form)
+
+
+@pytest.mark.parametrize("how", ["set_seed", "reset"])
+def test_a_seed_in_mid_run_leaves_worlds_that_go_on_alone(how: str) -> None:
+    """Those of the mask begin with it, the others go on bit for bit, and begin with it at their own next reset."""
+    env, old, new = outlast.make_torchrl("teams_3", WORLDS, seed=1, max_episode_steps=50), *map(flat_worlds, (1, 2))
+    old.reset()
+    torch.manual_seed(SEED)
+    seen, td = played(old, env, env.reset())
+    assert np.array_equal(td["agents", "observation"], seen)
+    if how == "set_seed":
+        env.set_seed(2)
+    some = np.array([True, False, False, True])
+    start, _ = new.reset()
+    td["_reset"] = torch.from_numpy(some[:, None])
+    td = env.reset(td, **({} if how == "set_seed" else {"seed": 2}))
+    assert np.array_equal(td["agents", "observation"], np.where(some[:, None, None], start, seen))
+    for _ in range(3):
+        seen, td = played(old, env, td)
+        assert np.array_equal(td["agents", "observation"][~some], seen[~some])
+    middle = td["agents", "observation"].clone()
+    for more in (np.array([True, True, False, False]), np.array([False, False, True, False])):
+        td["_reset"] = torch.from_numpy(more[:, None])
+        td = env.reset(td)
+        middle[more & ~some] = torch.from_numpy(start[more & ~some])
+        assert torch.equal(td["agents", "observation"][1:], middle[1:])
+    second, _ = new.reset()
+    assert np.array_equal(td["agents", "observation"][0], second[0])  # its seed was used up: the next episode
+
+
+def test_keywords_of_reset() -> None:
+    assert torch.equal(make(seed=None).reset(seed=SEED)["state"], make().reset()["state"])
+    with pytest.raises(TypeError, match="reset.. has no keyword sede: it takes seed"):
+        make().reset(sede=3)
+    with pytest.raises(ValueError, match="seed = -1"):
+        make().reset(seed=-1)
+
+
+@pytest.mark.parametrize(
+    ("form", "actions", "message"),
+    [
+        ("joint", torch.full((WORLDS, 4), 0.9), "actions of the group agents are float32: integers are needed"),
+        ("joint", torch.ones(WORLDS, 4, dtype=torch.bool), "actions of the group agents are bool: integers"),
+        ("joint", torch.ones(WORLDS, 4, 1, dtype=torch.int64), r"\(4, 4, 1\): \(worlds, n\) = \(4, 4\) is needed"),
+        ("joint", torch.full((WORLDS, 4), 216), "is 216: 0 to 215 is allowed"),
+        ("multi", torch.ones(WORLDS, 4, 1, dtype=torch.int64), r"\(worlds, n, actions\) = \(4, 4, 6\) is needed"),
+        ("multi", torch.full((WORLDS, 4, 6), 2), "is 2: 0 to 1 is allowed"),
+    ],
+)
+def test_actions_that_cannot_be_are_refused(form: str, actions: Any, message: str) -> None:
+    """As by make_vec; nothing has changed."""
+    env = make(actions=form)
+    td = env.reset()
+    before = td["state"].clone()
+    td["agents", "action"] = actions
+    with pytest.raises(ActionError, match=message):
+        env.step(td)
+    assert np.array_equal(env.vector_env.state(), before)
+
+
+@pytest.mark.parametrize("observations", ["flat", "dict"])
+def test_defaults_of_torch_change_nothing(observations: str) -> None:
+    reward = torch.float32
+    try:
+        torch.set_default_dtype(torch.float64)
+        torch.set_default_device("meta")
+        env = make(observations=observations)
+        check_env_specs(env)
+        rollout = env.rollout(3)
+    finally:
+        torch.set_default_dtype(torch.float32)
+        torch.set_default_device(None)
+    assert rollout["next", "agents", "reward"].dtype == env.full_reward_spec["agents", "reward"].dtype == reward
+    assert rollout["state"].dtype == torch.float32
+    assert rollout["state"].device == torch.device("cpu")
+
+
 def test_tensors_of_a_step_stay_as_they_are() -> None:
     env = make()
     one = env.rollout(1)
@@ -145,6 +233,11 @@ def test_processes() -> None:
     [
         ({"groups": "teams"}, "groups = 'teams': allowed are 'all', 'sides', 'roles', or names of agents by group"),
         ({"groups": {"a": ["agent_0"]}}, "each of agent_0, agent_1, agent_2, agent_3 has to be in one of them, once"),
+        ({"groups": {"a": [f"agent_{i}" for i in range(4)], "b": []}}, "groups: 'b' has no agents; leave it out"),
+        *[
+            ({"groups": {name: [f"agent_{i}" for i in range(4)]}}, f"groups: a group cannot be called '{name}'; take a")
+            for name in ("state", "done", "next", "reward", "action_mask", "terminated")
+        ],
         ({"groups": "roles"}, "this scenario has no roles, or draws who has them"),
         ({"name": COUNTS, "groups": "sides"}, "the number of agents varies, so groups would, too; take 'all'"),
         ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint'"),
