@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from outlast.ecs import Clock
+
 from ..errors import install
 from ..rendering.notebook import Pictured
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
@@ -15,6 +17,8 @@ try:
     from ray.rllib.env.multi_agent_env import MultiAgentEnv
 except ImportError as error:
     raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
+
+CHECK = (42, {})  # seed and options by which check_multiagent_environments resets; runs themselves have no options
 
 
 class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -30,7 +34,8 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     takes actions="joint" and observations="flat".
 
     reset(seed=s) gives world 0 of a batch with that seed; in a training run, where copies play a world of their own
-    each, another one: a function of s, config["seed"], worker and copy.
+    each, another one: a function of s, config["seed"], worker and copy. Without any seed, worlds cannot be foreseen.
+    RLlib checks an environment before a run, by an episode of its own: that uses up no seed.
 
     Args:
         config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
@@ -52,13 +57,18 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self.action_spaces = {agent: self._parallel.action_space(agent) for agent in self.agents}
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
-        self._config, self._seed = config, (config or {}).get("seed")
-        self.base_env = self._parallel.base_env
+        self._config, self.base_env = config, self._parallel.base_env
+        self._seed: int | None = int(
+            self.base_env.worlds[Clock].seed[0, 0]
+        )  # the configuration's, or one that is drawn
+        self._unchecked = isinstance(config, EnvContext)
         self.base_env.first_world = _world(config)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start an episode: of `seed`, or the next one. The first reset takes the configuration's seed."""
-        seed, self._seed = self._seed if seed is None else seed, None
+        checking, self._unchecked = self._unchecked and (seed, options) == CHECK, False
+        if not checking:
+            seed, self._seed = self._seed if seed is None else seed, None
         observations, infos = self._parallel.reset(seed=seed, options=options)
         self.agents = self._parallel.agents
         return self._with_masks(observations, infos), infos

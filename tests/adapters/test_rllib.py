@@ -141,6 +141,34 @@ def test_copies_of_a_run_play_worlds_of_their_own():
     assert alone == [batch["own"][0, 0].tolist()] * 2
 
 
+def after_the_check(seed, config, worker=1):
+    """The states of the first two episodes of a run, whose environment RLlib has checked before."""
+    env = SurvivalMultiAgentEnv(EnvContext({"scenario": "ffa_1", **config}, worker_index=worker))
+    check_multiagent_environments(env)
+    states = []
+    for each in (seed, None):
+        env.reset(seed=each)
+        states.append(env._parallel.state().tobytes())
+    return states
+
+
+@pytest.mark.parametrize("seed", [0, 42])
+def test_what_rllib_checks_uses_up_no_seed(seed):
+    """Without a seed runs differ, in all episodes; with one, of the run or the configuration, they repeat."""
+    free = [after_the_check(None, {}) for _ in range(3)]
+    assert len({state for states in free for state in states}) == 6
+    assert after_the_check(seed, {}) == after_the_check(seed, {})
+    given = {"seed": 4}
+    assert after_the_check(None, given) == after_the_check(None, given) == after_the_check(4, given)
+    assert len(set(after_the_check(None, given) + after_the_check(None, {"seed": 5}))) == 4
+    unchecked = SurvivalMultiAgentEnv(EnvContext({"scenario": "ffa_1"}, worker_index=1))
+    states = []
+    for each in (seed, None):
+        unchecked.reset(seed=each)
+        states.append(unchecked._parallel.state().tobytes())
+    assert states == after_the_check(seed, {})
+
+
 def test_a_wrong_configuration_is_reported():
     for config, words in (
         ({"scenario": "ffa_9"}, "did you mean"),
