@@ -14,13 +14,14 @@ from outlast.ecs import Worlds
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics, alive, counts_vary, present
+from ..core.concurrency import check_callable
 from ..core.described import Actions, Arrays
 from ..core.observations import each
-from ..core.validation import Array, as_array, check_choice, check_count, reset_mask
+from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
-from ..errors import ClosedError, NotResetError
+from ..errors import NotResetError
 from ..rendering.notebook import Pictured
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
@@ -55,7 +56,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     """Agents of every world as sub-environments, world by world. All those of a world end, and are reset, together.
 
     Episodes end and are reset by base_env, a SurvivalVectorEnv without copies. It resets as autoreset_mode says, but
-    under SAME_STEP, where its own mode is DISABLED: the last observations and infos are taken here before the reset.
+    under SAME_STEP, where its own mode is NEXT_STEP: the last observations and infos are taken here before the reset,
+    and only worlds that went on from a state of their end are left for the next step.
 
     Args:
         scenario: The scenario of all worlds, or its name.
@@ -82,8 +84,9 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         action_masks: bool = False,
         **options: Any,
     ) -> None:
+        check_flags(copy=copy, check_actions=check_actions, action_masks=action_masks)
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
-        inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
+        inner = AutoresetMode.NEXT_STEP if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
         self.base_env = SurvivalVectorEnv(
             resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, check_actions=check_joint, **options
         )
@@ -184,6 +187,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def action_masks(self) -> Array:
         """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
+        check_callable(self.base_env)
         return self._rows(self._actions.masks())
 
     def get_state(self) -> State:
@@ -280,8 +284,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def _check_running(self) -> None:
         """ClosedError or NotResetError unless every world can take a step."""
-        if self.closed:
-            raise ClosedError("the environment is closed; make a new one")
+        check_callable(self.base_env)
         tracker = self.base_env._tracker
         tracker.check_running("step")
         if self.autoreset_mode is AutoresetMode.DISABLED and (done := tracker.done).any():

@@ -9,10 +9,12 @@ import numpy as np
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import alive, counts_vary, present
+from ..core.concurrency import check_callable
 from ..core.observations import each
-from ..core.validation import Array, check_choice, check_count
+from ..core.spaces import statistics
+from ..core.validation import Array, check_choice, check_count, check_flags
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import ActionError, ClosedError, NotResetError, install
+from ..errors import ActionError, NotResetError, install
 from ..rendering import modes
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
@@ -68,7 +70,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     whether the episode has the agent.
 
     Attributes:
-        statistics: Of the episode that ended last, by key; {} before that.
+        statistics: Of the episode that ended last, by key; {} before that. An episode ends where no agent is left, also
+            in a world that would go on.
         base_env: The SurvivalVectorEnv of one world below.
 
     Copies and pickles hold how an environment was made, not where it is: what comes out has not been reset. `get_state`
@@ -88,6 +91,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         action_masks: bool = False,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        check_flags(action_masks=action_masks)
         spaces: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
         spaces["action_masks"] = action_masks
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **spaces)
@@ -163,11 +167,12 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             return {}, {}, {}, {}, {}  # as wrappers expect that step on when the last agent is gone
         if not self.agents:
             raise NotResetError("step() with no agents: the episode is over or has not begun; call reset() first")
-        _, reward, terminated, truncated, info = self.base_env.step(self._joint(actions))
+        _, reward, terminated, truncated, _ = self.base_env.step(self._joint(actions))
         reported, done, cut = self.agents, bool(terminated[0]), bool(truncated[0])
         self.agents = self._remaining(reported)
-        if "statistics" in info:
-            self.statistics = {key: values[0] for key, values in info["statistics"].items()}
+        if not self.agents:
+            found = statistics(self.base_env.worlds, np.ones(1, bool))
+            self.statistics = {key: values[0] for key, values in found.items()}
         self._show()
         rewards, infos = reward[0].tolist(), self._infos(reported)
         return (
@@ -186,6 +191,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     def action_masks(self) -> dict[str, Array]:
         """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        self._check_open()
         masks = self._actions.masks()[0]
         return {agent: masks[self._index[agent]] for agent in self.agents}
 
@@ -277,8 +283,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return self._index[agent]
 
     def _check_open(self) -> None:
-        if self.base_env.closed:
-            raise ClosedError("the environment is closed; make a new one")
+        check_callable(self.base_env)
 
     def _check_running(self, call: str) -> None:
         self._check_open()

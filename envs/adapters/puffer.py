@@ -6,7 +6,8 @@ import numpy as np
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import alive
-from ..core.validation import Array, check_choice
+from ..core.concurrency import check_callable
+from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
@@ -46,8 +47,9 @@ def make_puffer(
     Args:
         scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
-        seed: World w is keyed by (seed, w), so that environments with seeds 1 apart, as PufferLib makes them, have no
-            world in common. None: a seed that cannot be foreseen.
+        seed: World w is keyed by (seed, w), so that environments with different seeds have no world in common. None: a
+            seed that cannot be foreseen. PufferLib resets environment j of worker i with seed + i + j: give every
+            environment a worker of its own (num_workers=num_envs, its default), or some play the same worlds.
         threads: How many threads step the worlds.
         max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
@@ -61,6 +63,7 @@ def make_puffer(
         ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+    check_flags(check_actions=check_actions)
     scenario = requested(make_puffer, scenario, numbers, max_episode_steps)
     base_env = SurvivalVectorEnv(
         scenario,
@@ -150,6 +153,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
 
     def action_masks(self) -> Array:
         """Which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
+        check_callable(self.base_env)
         masks: Array = self._actions.masks().reshape(self.num_agents, -1)
         return masks
 

@@ -93,7 +93,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     not know of them, and counts their episodes with a return of 0.
 
     Attributes:
-        base_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
+        base_env: The SurvivalVectorEnv below, whose autoreset mode is NEXT_STEP.
     """
 
     def __init__(self, agents: SurvivalAgentVectorEnv, *, seed: int | None, render_worlds: int) -> None:

@@ -96,6 +96,22 @@ def test_max_episode_steps_truncates(name: str) -> None:
     assert cut == [False, False, True]
 
 
+FLAGS = {
+    "copy": ("make_vec", "make_agents", "gymnasium.make_vec"),
+    "check_actions": ("make_vec", "make_agents", "make_sb3", "make_puffer"),
+    "action_masks": ("make_vec", "make_agents", "gymnasium.make", "gymnasium.make_vec", "parallel_env"),
+    "scaled": ALL,
+}
+
+
+@pytest.mark.parametrize(("flag", "name"), [(flag, name) for flag, names in FLAGS.items() for name in names])
+def test_other_words_than_true_and_false_are_no_flags(flag: str, name: str) -> None:
+    make(name, **{flag: np.bool_(True)}).close()
+    for value in ("no", 1, None):
+        with pytest.raises(ValueError, match=f"{flag} = {value!r}: allowed are True and False"):
+            make(name, **{flag: value})
+
+
 @pytest.mark.parametrize("name", ["make_agents", "make_sb3", "make_puffer"])
 def test_where_all_agents_end_together_the_dead_are_kept(name: str) -> None:
     make(name, dead="keep").close()

@@ -256,6 +256,32 @@ def test_states_go_on_where_they_were(mode: str) -> None:
             assert all(same(*pair) for pair in zip(*results, strict=True))
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_state_of_an_end_begins_the_next_episode(mode: str) -> None:
+    """In the next step, as in the batched environment, also where only some worlds had ended."""
+    ended = make_vec(short("teams_3"), 3, seed=SEED, autoreset_mode="Disabled")
+    ended.reset()
+    done = np.zeros(3, bool)
+    while not done.any():
+        _, _, terminated, truncated, _ = ended.step(np.tile(ended.noop, (3, 4, 1)))
+        done = terminated | truncated
+    env, batch = make(worlds=3, autoreset_mode=mode), make_vec(short("teams_3"), 3, autoreset_mode=mode)
+    for each in (env, batch):
+        each.reset()
+        each.set_state(ended.get_state())
+    for tick in range(STEPS):
+        actions = drawn(env, tick)
+        seen, rewards, *ends, info = env.step(actions)
+        expected, reward, terminated, truncated, there = batch.step(actions.reshape(3, 4, 6))
+        assert equal(seen, {key: rows(values) for key, values in expected.items()})
+        assert np.array_equal(rewards, rows(reward))
+        assert all(np.array_equal(one, np.repeat(other, 4)) for one, other in zip(ends, (terminated, truncated)))
+        assert np.array_equal(info["alive"], rows(there["alive"]))
+        if tick == 0:
+            assert not rewards.reshape(3, 4)[done].any()
+    assert not done.all()
+
+
 # ---- bad input
 
 
@@ -264,7 +290,7 @@ def test_close_twice_and_then_nothing_works() -> None:
     env.reset()
     env.close()
     env.close()
-    for call in (env.reset, lambda: env.step(drawn(env, 0))):
+    for call in (env.reset, lambda: env.step(drawn(env, 0)), env.action_masks):
         with pytest.raises(ClosedError):
             call()
 

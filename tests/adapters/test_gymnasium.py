@@ -417,6 +417,6 @@ def test_before_reset_and_after_close() -> None:
     env.reset()
     env.close()
     env.close()
-    for call in (env.reset, lambda: env.step(IDLE)):
+    for call in (env.reset, lambda: env.step(IDLE), env.unwrapped.action_masks):
         with pytest.raises(ClosedError):
             call()

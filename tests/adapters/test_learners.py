@@ -132,6 +132,26 @@ def test_others_with_a_memory_are_told_where_episodes_begin(mode: AutoresetMode,
     assert clock.episode.max() > 1
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_state_of_an_end_begins_the_next_episode(mode: str) -> None:
+    """In the next step: of a learner that died, whose world had not ended by itself, as in the batch that it left."""
+    ended = SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), autoreset_mode="Disabled")
+    ended.reset(seed=SEED)
+    done, tick = np.zeros(WORLDS, bool), 0
+    while not done.any():
+        _, _, terminated, truncated, _ = ended.step(drawn(ended, tick))
+        done, tick = terminated | truncated, tick + 1
+    env = SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), autoreset_mode=mode)
+    env.reset(seed=0)
+    env.set_state(ended.get_state())
+    before = env.base_env.worlds[Clock].episode[:, 0].copy()
+    seen, rewards, *_ = env.step(drawn(env, tick))
+    assert (env.base_env.worlds[Clock].episode[:, 0] - before).tolist() == done.astype(int).tolist()
+    assert not rewards[done].any()
+    start, _ = ended.reset(options={"reset_mask": done})
+    assert all(np.array_equal(seen[key][done], start[key][done]) for key in seen)
+
+
 def test_both_modes_of_make_vec() -> None:
     """The entry point is what gymnasium.make_vec takes by itself; both pass max_episode_steps on."""
     for options in ({}, {"max_episode_steps": 3}, {"scenario": "ffa_1", "others": "noop"}):

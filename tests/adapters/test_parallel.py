@@ -241,6 +241,25 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
     assert same(env.statistics, {key: values[1] for key, values in info["statistics"].items()})
 
 
+def test_statistics_where_all_leave_a_world_that_goes_on() -> None:
+    """They are of the last death, and of no episode before."""
+    numbers = {"ending_rule": "never", "safe_zone_radii": (1.0,), "safe_zone_stand": 1000, "agents_health": 2}
+    env = outlast.parallel_env("ffa_2", dead="end", seed=1, ending_limit=60, **numbers)
+    batch = make_vec("ffa_2", 1, seed=1, ending_limit=60, **numbers)
+    batch.reset()
+    for _ in range(2):
+        env.reset()
+        ticks, returns = 0, np.zeros(2)
+        while env.agents:
+            env.step({})
+            _, reward, *_ = batch.step(np.tile(batch.noop, (1, 2, 1)))
+            ticks, returns = ticks + 1, returns + reward[0]
+        assert ticks < 60
+        assert env.statistics["length"] == ticks
+        np.testing.assert_allclose(env.statistics["return"], returns, rtol=1e-6)
+        batch.reset()
+
+
 @both
 def test_whole_episodes_repeat(dead: str) -> None:
     """Two in a row; reset() without a seed goes on to the next one, which is another."""

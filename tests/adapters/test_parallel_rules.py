@@ -217,7 +217,7 @@ def test_calls_out_of_order() -> None:
     assert env.state_space.contains(env.state())  # the end can be looked at
     env.close()
     env.close()
-    for call in (env.reset, lambda: env.step({}), env.state, env.render, env.get_state):
+    for call in (env.reset, lambda: env.step({}), env.state, env.render, env.get_state, env.action_masks):
         with pytest.raises(ClosedError, match="closed"):
             call()
 

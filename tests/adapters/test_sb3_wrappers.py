@@ -130,7 +130,7 @@ def test_a_closed_one_says_so() -> None:
     env.reset()
     env.close()
     env.close()
-    for call in (env.reset, lambda: env.step(np.ones((4, 6), int))):
+    for call in (env.reset, lambda: env.step(np.ones((4, 6), int)), env.action_masks):
         with pytest.raises(ClosedError):
             call()
 
