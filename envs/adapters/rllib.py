@@ -58,9 +58,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
         self._config, self.base_env = config, self._parallel.base_env
-        self._seed: int | None = int(
-            self.base_env.worlds[Clock].seed[0, 0]
-        )  # the configuration's, or one that is drawn
+        self._seed: int | None = int(self.base_env.worlds[Clock].seed[0, 0])  # that of config, or one that is drawn
         self._unchecked = isinstance(config, EnvContext)
         self.base_env.first_world = _world(config)
 
