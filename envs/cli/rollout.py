@@ -3,10 +3,11 @@
 import argparse
 import contextlib
 import json
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tqdm import tqdm
 
@@ -90,9 +91,9 @@ def run(options: argparse.Namespace) -> int:
     if options.json not in (None, STDOUT):
         checked_target(options.json, "summaries", (".json",))  # before anything is played
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
-    asked, place = scenario(options), _here if options.ray is None else _on_ray
+    asked, place, out = scenario(options), _here if options.ray is None else _on_ray, sys.stdout
     with deaths, place(options, asked) as (agents, work):
-        return _run_with_bar(options, asked, agents, work)
+        return _run_with_bar(options, asked, agents, work, out)
 
 
 @contextlib.contextmanager
@@ -108,9 +109,9 @@ def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, W
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    here = ("log_deaths", "record", "events", "csv", "specialize", "interpret")
+    here = ("log_deaths", "record", "record_policy", "events", "csv", "specialize", "interpret")
     if options.threads > 1 or any(getattr(options, name) for name in here):
-        given = "--threads, --log-deaths, --record, --events, --csv, --specialize and --interpret"
+        given = "--threads, --log-deaths, --record, --record-policy, --events, --csv, --specialize and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.others:
         raise ClusterError("--others plays on one machine: leave it out with --ray")
@@ -123,12 +124,12 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
     with contextlib.closing(make_vec(asked, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
         agents = env.num_agents
     task = Task(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
-    with cluster.connected(options.ray):
+    with contextlib.redirect_stdout(sys.stderr), cluster.connected(options.ray):  # Ray writes of lost workers there
         yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
 
 
-def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, work: Work) -> int:
-    """Do the work behind a progress bar and report, also what was done when it is stopped; the exit status."""
+def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, work: Work, out: TextIO) -> int:
+    """Do the work behind a progress bar and report to `out`, also what was done when it is stopped; the exit status."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
     total, scale = options.worlds * each, bool(options.steps)
@@ -153,19 +154,21 @@ def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, wor
     finally:
         bar.close()
     if failure is None or latest.world_steps:
-        _report(options, asked, latest, time.perf_counter() - start, agents)
+        _report(options, asked, latest, time.perf_counter() - start, agents, out)
     if failure:
         raise failure
     return status
 
 
-def _report(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> None:
+def _report(
+    options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int, out: TextIO
+) -> None:
     """Print the table or the JSON, and write the latter where that is asked for. Raises UsageError."""
     if options.json != STDOUT:
-        print(_heading(options, asked, summary, seconds, agents), summary, sep="\n")
+        print(_heading(options, asked, summary, seconds, agents), summary, sep="\n", file=out)
     if options.json is not None:
         text = json.dumps(_as_dict(options, asked, summary, seconds, agents), indent=2) + "\n"
-        print(text, end="") if options.json == STDOUT else _write(options.json, text)
+        print(text, end="", file=out) if options.json == STDOUT else _write(options.json, text)
 
 
 def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:

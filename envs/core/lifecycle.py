@@ -24,24 +24,25 @@ def check_playable(worlds: Worlds, name: str) -> None:
         )
 
 
-def check_faults(worlds: Worlds) -> None:
+def check_faults(worlds: Worlds, first_world: int) -> None:
     """FaultError if a body of some world got a number that physics cannot take, or found no place at reset."""
-    check_places(worlds)
+    check_places(worlds, first_world)
     if Fault in worlds and worlds[Fault].physics.any():
         w = int(worlds[Fault].physics[:, 0].argmax())
         raise FaultError(
-            f"world {w}: a body has a position, speed or size that physics cannot take (NaN, or 1e6 and more); "
-            "some mechanic wrote it into Body or Shape. Reset the world: it starts afresh"
+            f"world {first_world + w}: a body has a position, speed or size that physics cannot take (NaN, or 1e6 and "
+            "more); some mechanic wrote it into Body or Shape. Reset the world: it starts afresh"
         )
 
 
-def check_places(worlds: Worlds) -> None:
-    """FaultError if a body of some world found no place at reset."""
+def check_places(worlds: Worlds, first_world: int) -> None:
+    """FaultError if a body of some world found no place at reset. first_world: the number of the first one."""
     if Unplaced in worlds and worlds[Unplaced].bodies.any():
         w = int(worlds[Unplaced].bodies[:, 0].argmax())
         raise FaultError(
-            f"world {w}: {worlds[Unplaced].bodies[w, 0]} bodies found no free place among the walls (or in their start "
-            "areas) at reset, and overlap something; take fewer or smaller agents, items and boxes, or leave more floor"
+            f"world {first_world + w}: {worlds[Unplaced].bodies[w, 0]} bodies found no free place among the walls (or "
+            "in their start areas) at reset, and overlap something; take fewer or smaller agents, items and boxes, or "
+            "leave more floor"
         )
 
 

@@ -164,7 +164,7 @@ class SurvivalVectorEnv(Described):
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._tracker.reset(self._runner, mask, given)
-        check_places(self.worlds)
+        check_places(self.worlds, self.first_world)
         self._step_events.forget(mask)
         return self._observe(), self._info()
 
@@ -218,7 +218,7 @@ class SurvivalVectorEnv(Described):
         ended: dict[str, Any] = {}
         try:
             if flags & FAULTY:
-                check_faults(self.worlds)
+                check_faults(self.worlds, self.first_world)
         finally:  # the other worlds go on
             if (flags & DONE or self._stops is not None) and (done := tracker.done).any():
                 ended = self._finish(done)

@@ -9,7 +9,7 @@ from typing import Any
 
 import outlast
 
-from ..errors import ClusterError, EndlessError, install
+from ..errors import ClusterError, OutlastError, install
 from .local import Task, run_task, split_worlds
 from .summary import Summary
 
@@ -55,13 +55,15 @@ def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], No
     Args:
         task: What to roll out.
         worlds: How many.
-        progress: Called with the numbers of episodes and world-steps done, and no sums.
+        progress: Called with the numbers of episodes and world-steps done, and no sums; ahead of an error with the
+            summary of the finished batches.
 
     Returns:
         The same as that of one machine.
 
     Raises:
         ClusterError: A batch lost too many workers.
+        OutlastError: What a worker raised, such as a FaultError of a world.
         KeyboardInterrupt: After Ctrl-C, with the summary of the finished batches as its argument.
     """
     remote = ray.remote(max_retries=MAX_RETRIES)(_run_on_worker)
@@ -84,10 +86,13 @@ def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], No
                     world_steps=sum(summary.world_steps for summary in done.values()),
                 )
             )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OutlastError) as error:
         summary = _merged(done)
         summary.episodes_per_world = 0  # batches of short episodes are done first
-        raise KeyboardInterrupt(summary) from None
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(summary) from None
+        progress(summary)
+        raise
     finally:
         _stop(list(waiting))
     return _merged(done)
@@ -120,7 +125,7 @@ def _result(reference: Any, first: int, count: int) -> Summary:
         result: Summary = ray.get(reference)
         return result
     except RayTaskError as error:
-        if isinstance(error.cause, (ClusterError, EndlessError)):
+        if isinstance(error.cause, OutlastError):  # in one line, as on one machine
             raise error.cause from None
         raise
     except RayError as error:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import os
 import re
 import signal
@@ -14,7 +15,7 @@ import pytest
 
 import outlast
 from outlast.envs.cli import main as cli
-from outlast.envs.errors import ClusterError, EndlessError
+from outlast.envs.errors import ClusterError, EndlessError, FaultError
 from outlast.envs.rollout import local
 from outlast.envs.rollout.local import Task, run_task
 from outlast.envs.rollout.policies import POLICIES
@@ -143,6 +144,59 @@ def test_what_a_policy_raises_comes_back(workers):
         cluster.rollout_on_cluster(task(broken), WORLDS)
 
 
+def test_a_fault_of_a_world_is_one_line_below_the_finished_batches(workers, monkeypatch, capsys):
+    """The batch of the last worlds faults, when the first is done."""
+
+    make = POLICIES["random"]
+
+    def faulty(env, seed):
+        act = make(env, seed)
+
+        def policy(observations):
+            if env.first_world == 8:
+                time.sleep(3)
+                raise FaultError("world 9: a body is nowhere")
+            return act(observations)
+
+        return policy
+
+    monkeypatch.setattr(local, "MAX_BATCH", 8)
+    monkeypatch.setitem(POLICIES, "random", faulty)
+    arguments = ["rollout", "ffa_2", "--worlds", "10", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
+    assert cli.main([*arguments, "--ray"]) == 2
+    out, error = capsys.readouterr()
+    assert error.strip().splitlines()[-1] == "outlast: world 9: a body is nowhere"
+    assert "Traceback" not in error
+    monkeypatch.undo()
+    assert cli.main([*arguments[:3], "8", *arguments[4:]]) == 0
+    table = capsys.readouterr().out.partition("agent-steps/s")[2].partition("\n")[2]
+    assert out.partition("agent-steps/s")[2].partition("\n")[2] == table
+    assert "deaths_zone" in table
+
+
+@pytest.mark.slow
+def test_json_is_json_where_a_worker_is_lost(tmp_path):
+    """Ray's own words about it are not among it: the first worker of a batch ends itself."""
+    program = tmp_path / "deadly.py"
+    program.write_text(
+        "import os, pathlib, sys\n"
+        "from outlast.envs.cli import main\n"
+        "from outlast.envs.rollout.policies import POLICIES\n"
+        "act, place = POLICIES['random'], pathlib.Path(__file__).with_suffix('.lost')\n"
+        "def fragile(env, seed):\n"
+        "    if not place.exists():\n"
+        "        place.touch()\n"
+        "        os.kill(os.getpid(), 9)\n"
+        "    return act(env, seed)\n"
+        "POLICIES['random'] = fragile\n"
+        "sys.exit(main.main('rollout ffa_2 --worlds 4 --steps 20 --quiet --json - --ray local'.split()))\n"
+    )
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert program.with_suffix(".lost").exists()
+    assert json.loads(done.stdout)["world_steps"] == 80
+
+
 def test_workers_with_another_version_are_refused(workers, monkeypatch):
     monkeypatch.setattr(outlast, "__version__", "0.0.7")
     with pytest.raises(ClusterError, match=r"this machine 0\.0\.7: install the same"):
@@ -190,7 +244,9 @@ def test_the_command_prints_the_same_table(workers, capsys):
     assert "deaths_zone" in tables[0]
 
 
-@pytest.mark.parametrize("more", [("--threads", "2"), ("--log-deaths",), ("--interpret", "melee.aim")])
+@pytest.mark.parametrize(
+    "more", [("--threads", "2"), ("--log-deaths",), ("--interpret", "melee.aim"), ("--record-policy",)]
+)
 def test_options_for_one_machine_are_refused(capsys, more):
     assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
     assert "leave them out with --ray" in capsys.readouterr().err
