@@ -22,6 +22,12 @@ except ImportError as error:
 
 DEFAULTS = {"groups": "sides", "scaled": True}  # arguments of make_torchrl
 LONGEST = 10_000  # ticks of an evaluation, where the scenario has no limit
+TAKEN = {  # arguments of make_torchrl that a task cannot have, and where else they are
+    "seed": "take seed= of BenchMARL's Experiment",
+    "device": "take sampling_device of BenchMARL's ExperimentConfig",
+    "num_worlds": "take on_policy_n_envs_per_worker or off_policy_n_envs_per_worker of BenchMARL's ExperimentConfig",
+    "actions": "BenchMARL's algorithms take joint actions, which is what a task has",
+}
 
 
 class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
@@ -29,9 +35,15 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
 
     name: That of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario. Sides are
     groups, and observations scaled, unless it says otherwise. scenario: It, if it is not found by its name.
+
+    Raises:
+        ValueError: An argument of make_torchrl that BenchMARL sets by itself, see TAKEN.
     """
 
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
+        for argument in TAKEN.keys() & config.keys():
+            if (argument, config[argument]) != ("actions", "joint"):
+                raise ValueError(f"{argument} = {config[argument]!r} of a task: {TAKEN[argument]}; leave it out")
         super().__init__(name, config)
         self.scenario = scenario
 
@@ -52,7 +64,10 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return True
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
-        """Ticks of an evaluation: the scenario's limit, where it varies the longest."""
+        """Ticks of an evaluation: the scenario's limit, where it varies the longest; LONGEST where there is none.
+
+        BenchMARL goes on for as many ticks, also where all episodes have ended: take max_episode_steps for the task.
+        """
         scenario, name = env.vector_env.scenario, "ending_limit"
         drawn = dict(scenario.varied).get(name)
         limits = drawn.extremes() if drawn else (scenario.numbers()[name],)
@@ -119,10 +134,11 @@ def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
 
     Args:
         scenario: It, or the name of one: "teams_2+bounty", "mygame.py:arena".
-        config: Arguments of `outlast.make_torchrl`, and numbers of the scenario.
+        config: Arguments of `outlast.make_torchrl`, but for those of TAKEN, and numbers of the scenario.
 
     Raises:
         ScenarioError: There is none of that name.
+        ValueError: An argument of TAKEN.
     """
     found = resolve(scenario)
     return OutlastClass(found.name, config, found)

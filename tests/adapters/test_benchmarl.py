@@ -81,6 +81,29 @@ def test_specs(name: str) -> None:
     env.close()
 
 
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"seed": 4}, "seed = 4 of a task: take seed= of BenchMARL's Experiment; leave it out"),
+        ({"device": "cpu"}, "device = 'cpu' of a task: take sampling_device"),
+        ({"num_worlds": 4}, "num_worlds = 4 of a task: take on_policy_n_envs_per_worker"),
+        ({"actions": "multi"}, "actions = 'multi' of a task: BenchMARL's algorithms take joint actions"),
+    ],
+)
+def test_what_benchmarl_sets_by_itself_is_refused(config: dict[str, Any], message: str) -> None:
+    for make in (lambda: task("teams_2", **config), lambda: OutlastTask.TEAMS_2.get_task(config=config)):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_ticks_of_an_evaluation() -> None:
+    for config, ticks in (({"max_episode_steps": 30}, 30), ({}, 10_000)):
+        for own in (task("teams_2", actions="joint", **config), OutlastTask.TEAMS_2.get_task(config=config)):
+            env = own.get_env_fun(2, continuous_actions=False, seed=0, device="cpu")()
+            assert own.max_steps(env) == ticks
+            env.close()
+
+
 def test_every_variant_is_a_task() -> None:
     assert [each.name.lower() for each in OutlastTask] == list(outlast.VARIANTS)
     assert OutlastTask.FFA_1.get_task().name == "FFA_1"
