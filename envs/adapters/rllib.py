@@ -18,7 +18,10 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
-CHECK = (42, {})  # seed and options by which check_multiagent_environments resets; runs themselves have no options
+CHECK: tuple[int, dict[str, Any]] = (
+    42,
+    {},
+)  # seed and options by which check_multiagent_environments resets; runs themselves have no options
 
 
 class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
