@@ -254,7 +254,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
 def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
     """Groups that can be. Raises ValueError."""
     for group, own in groups.items():
-        if not isinstance(group, str) or group in TAKEN:
+        if type(group) is not str or group in TAKEN:
             raise ValueError(f"groups: a group cannot be called {group!r}; take a text other than {', '.join(TAKEN)}")
         if not own:
             raise ValueError(f"groups: {group!r} has no agents; leave it out")

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import outlast
+from outlast.ecs.errors import OutlastError
 
-from ..errors import ClusterError, OutlastError, install
+from ..errors import ClusterError, install
 from .local import Task, run_task, split_worlds
 from .summary import Summary
 
