@@ -154,7 +154,7 @@ def test_a_fault_of_a_world_is_one_line_below_the_finished_batches(workers, monk
 
         def policy(observations):
             if env.first_world == 8:
-                time.sleep(3)
+                time.sleep(6)
                 raise FaultError("world 9: a body is nowhere")
             return act(observations)
 
@@ -162,7 +162,7 @@ def test_a_fault_of_a_world_is_one_line_below_the_finished_batches(workers, monk
 
     monkeypatch.setattr(local, "MAX_BATCH", 8)
     monkeypatch.setitem(POLICIES, "random", faulty)
-    arguments = ["rollout", "ffa_2", "--worlds", "10", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
+    arguments = ["rollout", "ffa_2", "--worlds", "16", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
     assert cli.main([*arguments, "--ray"]) == 2
     out, error = capsys.readouterr()
     assert error.strip().splitlines()[-1] == "outlast: world 9: a body is nowhere"
