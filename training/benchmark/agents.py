@@ -71,6 +71,10 @@ class Agent:
         """The source of a task and a seed."""
         return self.source.replace("{task}", task).replace("{seed}", str(seed))
 
+    def made(self, task: str, seed: int) -> "Made":
+        """What a function makes for a task and a seed. Raises TrainingError, ScenarioError."""
+        return Made(self.name, self.place(task, seed), seed)
+
     def policy(self, task: str, seed: int) -> Path:
         """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError."""
         place = Path(self.place(task, seed))

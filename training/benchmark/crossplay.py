@@ -9,7 +9,7 @@ from outlast.envs.scenarios.fingerprint import is_word
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from . import result
-from .agents import Agent, Made
+from .agents import Agent
 from .matches import digest, play
 from .result import DIGEST, POLICY, Content, Result, read_json, write_json, wrong_with_match
 from .tasks import PROTOCOL, Task, task_of
@@ -22,8 +22,7 @@ def contender(entry: Result) -> Contender:
     content, path = entry.content, entry.folder / POLICY
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
-        source = Agent(entry.name, content["source"]).place(content["task"], content["seed"])
-        made = Made(entry.name, source, content["seed"])
+        made = Agent(entry.name, content["source"]).made(content["task"], content["seed"])
         path = made.file
     if not path.exists():
         raise TrainingError(f"{path} is not there, and {entry.name} has to play: put it back, or run the entry again")

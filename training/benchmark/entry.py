@@ -25,7 +25,7 @@ from ..paper.results import policy_only
 from ..run import TrainingRun
 from ..workload import Workload
 from . import result
-from .agents import FUNCTION, PRESET, Agent, Made
+from .agents import FUNCTION, PRESET, Agent
 from .described import STEPS, described
 from .matches import digest, play
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
@@ -157,8 +157,9 @@ class EntryRun:
     def _enter(self) -> None:
         """Have the policy in the folder: train it, or take the one that exists, which is the one that has played."""
         content, kept = self.result.content, self.entry.folder / POLICY
-        played = self.result.matches or content["response"] or self.entry.agent.kind == PRESET
-        if content["policy"] is None or not played:  # what a user mends meanwhile is taken anew
+        played = self.result.matches or content["response"]
+        mended = not played and self.entry.agent.kind != PRESET  # what a user may have changed meanwhile is taken anew
+        if content["policy"] is None or mended:
             content["policy"] = self._policy()
             self.result.write()
             return
@@ -173,7 +174,7 @@ class EntryRun:
         """What is said of the policy in the result; it is in the folder, unless it is a function."""
         entry = self.entry
         if entry.agent.kind == FUNCTION:
-            made = self._made()
+            made = entry.agent.made(entry.task.name, entry.seed)
             return {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
         path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
         return self._keep(path, POLICY)
@@ -196,12 +197,10 @@ class EntryRun:
         return checkpoint.newest(folder)
 
     def _contender(self) -> Contender:
-        agent = self.entry.agent
-        return self._made() if agent.kind == FUNCTION else Contender(agent.name, str(self.entry.folder / POLICY))
-
-    def _made(self) -> Made:
-        agent, task, seed = self.entry.agent, self.entry.task.name, self.entry.seed
-        return Made(agent.name, agent.place(task, seed), seed)
+        entry = self.entry
+        if entry.agent.kind == FUNCTION:
+            return entry.agent.made(entry.task.name, entry.seed)
+        return Contender(entry.agent.name, str(entry.folder / POLICY))
 
     def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
         """Play a match, and enter it. other, known: who is neither itself nor of the suite, and its digest."""
