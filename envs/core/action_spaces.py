@@ -95,7 +95,8 @@ class ActionSpace:
         """
         if self._table is None:
             axes = f"({axes}, actions)" if axes else "(actions,)"
-            return checked_actions(given, (*shape, len(self.sizes)), self.sizes, ranges, axes=axes, who=who, what=what)
+            named = {"axes": axes, "who": who, "what": what}
+            return checked_actions(given, (*shape, len(self.keys)), self.sizes, ranges, keys=self.keys, **named)
         joint: Array = as_array(given)
         if joint.shape != shape:
             wanted = f"({axes}) = {shape}" if axes else "a single one"

@@ -107,6 +107,7 @@ def checked_actions(
     what: str = "actions",
     axes: str = "(worlds, agents, actions)",
     who: str = "agent {1} in world {0}",
+    keys: Sequence[str] = (),
 ) -> Array:
     """Actions that a caller gave, as an array.
 
@@ -118,6 +119,7 @@ def checked_actions(
         what: What `given` is called in errors ("others").
         axes: What `shape` is called in errors.
         who: What the agent of the indices ahead of the last one is called in errors ("sub-environment {0}").
+        keys: What the actions of an agent are called in errors.
 
     Returns:
         `given` as an integer array of that shape.
@@ -136,8 +138,8 @@ def checked_actions(
     bad = actions.view(unsigned) >= sizes.astype(unsigned)
     if bad.any():
         *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
-        name = who.format(*agent)
-        raise ActionError(f"action {k} of {name} is {actions[index]}: 0 to {sizes[k] - 1} is allowed")
+        called = f"action {k}{f' ({keys[k]})' if keys else ''} of {who.format(*agent)}"
+        raise ActionError(f"{called} is {actions[index]}: 0 to {sizes[k] - 1} is allowed")
     return actions
 
 

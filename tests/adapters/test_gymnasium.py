@@ -382,8 +382,8 @@ ACTIONS: dict[str, tuple[Any, str]] = {
     "one number": (3, r"shape \(\)"),
     "floats": ([0.0] * 6, "float64: integers"),
     "truth": ([True] * 6, "bool: integers"),
-    "too high": ([0, 0, 3, 0, 0, 0], "action 2 of .* is 3: 0 to 2"),
-    "below zero": ([0, 0, 0, 0, 0, -1], "action 5 of .* is -1: 0 to 1"),
+    "too high": ([0, 0, 3, 0, 0, 0], "action 2 .turn. of .* is 3: 0 to 2"),
+    "below zero": ([0, 0, 0, 0, 0, -1], "action 5 .give. of .* is -1: 0 to 1"),
 }
 
 

@@ -64,11 +64,12 @@ class Contender:
     def _checked(self, function: Policy, env: SurvivalVectorEnv) -> Policy:
         """A user's function, whose actions are checked."""
         shape, playing = (env.num_worlds, env.num_agents, len(env.action_sizes)), told(function, env)
-        what, axes = f"the actions that {self.label} returned", "(worlds, agents, actions)"
+        named = {"what": f"the actions that {self.label} returned", "axes": "(worlds, agents, actions)"}
+        keys = [key for key, _ in env.action_columns]
 
         def act(seen: Arrays) -> Actions:
             own = {key: values.copy() for key, values in seen.items()}  # which it may keep, as in a rollout
-            return checked_actions(playing(own), shape, env.action_sizes, what=what, axes=axes)
+            return checked_actions(playing(own), shape, env.action_sizes, keys=keys, **named)
 
         return act
 
