@@ -22,7 +22,6 @@ from .observation_layout import Array, ObservationLayout, earlier_scales, scales
 from .policy import ActorCritic
 
 HEAVIEST = 1000  # weight: with larger ones sums may overflow, and what is not a number chooses no action
-NAME = "steps_{:010d}.zip"
 
 
 def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
@@ -110,27 +109,6 @@ def check_state(given: Any, like: Any, name: str) -> None:
     else:
         for key, value in like.items():
             check_state(given[key], value, f"{name} {key}")
-
-
-def checkpoints(folder: Path) -> list[Path]:
-    """The checkpoints in the folder of a run, by their steps."""
-    return sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
-
-
-def runs_in(place: Path) -> list[Path]:
-    """The folder of a run itself, or the folders of runs in it; each with a checkpoint. Raises TrainingError."""
-    found = [place] if checkpoints(place) else sorted(path for path in place.iterdir() if checkpoints(path))
-    if not found:
-        raise TrainingError(f"there is no checkpoint in {place} yet, nor in folders in it")
-    return found
-
-
-def newest(folder: Path) -> Path:
-    """The checkpoint with the most steps in the folder of a run."""
-    found = checkpoints(folder)
-    if not found:
-        raise TrainingError(f"there is nothing to resume in {folder}")
-    return found[-1]
 
 
 def tensor_bytes(content: Any) -> bytes:

@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Integral
+from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
-from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode
+from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, newest
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
@@ -40,7 +41,8 @@ def parse_warm_start(text: str) -> tuple[str, int]:
 
     Args:
         text: One of TEACHERS, "scripted" or "scripted:2e6": what has learned to do as it does, in so many agent-steps.
-            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random.
+            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random. The
+            folder of a run is one, too: its newest checkpoint.
 
     Returns:
         The name or the path, and agent-steps of imitation; 0: its weights are taken.
@@ -49,9 +51,9 @@ def parse_warm_start(text: str) -> tuple[str, int]:
         TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
     name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
-    if text and name not in TEACHERS and not name.endswith(SAVED):
-        known = ", ".join(TEACHERS)
-        raise TrainingError(f"warm start {text}: {known} or a checkpoint, FILE{SAVED}, is needed, perhaps with :STEPS")
+    if text and name not in TEACHERS and not name.endswith(SAVED) and not Path(name).is_dir():
+        known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
+        raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")
     try:
         steps = float(length or (IMITATED if name in TEACHERS else 0))
     except ValueError:
@@ -143,7 +145,10 @@ class TrainingConfig:
             raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
         if type(self.memory) is not int or not 0 <= self.memory <= MOST:
             raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
-        _, _, (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
+        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
+        if teacher and teacher not in TEACHERS and Path(teacher).is_dir():  # the run says which file it was
+            file = self.warm_start.replace(teacher, str(newest(Path(teacher))), 1)
+            object.__setattr__(self, "warm_start", file)
         self._check_cameras()
         if self.memory and rollout // worlds % CHUNK:
             fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))

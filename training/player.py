@@ -12,7 +12,7 @@ import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import REVEALED, cameras_mode
+from outlast.envs.rollout.saved import REVEALED, cameras_mode, newest
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -251,7 +251,7 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
 
     Args:
-        path: The file, `steps_0001000000.zip`.
+        path: The file, `steps_0001000000.zip`; or the folder of a run, for its newest one.
         seed: Of the generator that samples actions; None: the likeliest actions.
 
     Returns:
@@ -260,5 +260,6 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
 
     Raises:
         TrainingError: The file cannot be read, or is broken.
+        UsageError: A folder is not that of one run.
     """
-    return Player(path, seed)
+    return Player(newest(Path(path)), seed)

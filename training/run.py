@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import SAVED
+from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
@@ -152,8 +152,8 @@ class TrainingRun:
                 if last or self.done // self.config.every > self.saved // self.config.every:
                     self._save(kept)
                     if self.film:
-                        newest = self.folder / checkpoint.NAME.format(self.saved)
-                        film_checkpoint(newest, self.folder, self.config.scenario)
+                        latest = self.folder / CHECKPOINT.format(self.saved)
+                        film_checkpoint(latest, self.folder, self.config.scenario)
                 progress(self)
         finally:
             with interrupts_held(), self._disk_errors():  # a cluster may signal this process and the one above it
@@ -220,7 +220,7 @@ class TrainingRun:
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
         steps, files = kept
         with self._disk_errors():
-            checkpoint.write_checkpoint(self.folder / checkpoint.NAME.format(steps), files)
+            checkpoint.write_checkpoint(self.folder / CHECKPOINT.format(steps), files)
         self.saved = steps
 
     def _find_checkpoint(self, resume: bool) -> dict[str, bytes] | None:
@@ -230,10 +230,13 @@ class TrainingRun:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
             return None
-        if self.folder / run_header.NAME in there and not any(self.folder.glob("steps_*.zip")):
+        found = checkpoints(self.folder)
+        if self.folder / run_header.NAME in there and not found:
             self._check_begun()
             return None
-        return checkpoint.read_checkpoint(checkpoint.newest(self.folder))
+        if not found:
+            raise TrainingError(f"there is nothing to resume in {self.folder}")
+        return checkpoint.read_checkpoint(found[-1])
 
     def _check_begun(self) -> None:
         """Refuse a run without a checkpoint that was begun with another config."""

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
-from . import checkpoint
 from .annealing import parse_anneal
 from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, Choose, TrainingConfig
 from .errors import TrainingError
@@ -144,7 +144,7 @@ def train(
     place = Path(folder) if folder is not None else usual_folder(config)
     run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
     shown(run, quiet=quiet)
-    return TrainedRun(place, checkpoint.newest(place), run.saved, run.tags or _logged_last(place))
+    return TrainedRun(place, newest(place), run.saved, run.tags or _logged_last(place))
 
 
 def _logged_last(folder: Path) -> dict[str, float]:

@@ -9,10 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.web.replay.pack import Room, pack
 from outlast.envs.web.replay.write import record_ticks
 
-from . import checkpoint, log_file
+from . import log_file
 from .episode import episode
 from .errors import TrainingError
 from .headline import headline
@@ -106,7 +107,7 @@ class RunWatcher:
     def _checkpoints(self) -> list[tuple[Path, int]]:
         """The checkpoints and when they were written (nanoseconds since 1970), the newest first."""
         found = []
-        for path in reversed(checkpoint.checkpoints(self.folder)):
+        for path in reversed(checkpoints(self.folder)):
             try:
                 found.append((path, path.stat().st_mtime_ns))
             except OSError:  # it was removed meanwhile

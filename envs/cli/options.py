@@ -130,7 +130,7 @@ def _save(asked: Scenario, options: argparse.Namespace) -> None:
 
 def add_policy(command: Parser, default: str) -> None:
     """--policy; what it names is loaded where worlds are made for it."""
-    text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
+    text = f"{', '.join(POLICIES)}; FILE{SAVED}, or the folder of a run for its newest (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
@@ -181,12 +181,11 @@ def add_common(command: Parser, *options: str) -> None:
 
 
 def policy(text: str) -> str:
-    """The name of a policy, or the path of a saved one."""
+    """The name of a policy, or the path of a saved one's file."""
     try:
-        checked_entries([(text, 1)])
+        return str(checked_entries([(text, 1)])[0][0])
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-    return text
 
 
 def mixture(text: str) -> dict[str, float]:

@@ -4,6 +4,7 @@ import difflib
 import math
 import os
 from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import has_memory, tell
 from .policies import POLICIES, Policy, hashed, others_policy
-from .saved import SAVED, load_saved
+from .saved import SAVED, load_saved, newest
 
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
@@ -28,11 +29,12 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     """The weights in a text as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
-        text: Names, or paths of saved policies (FILE.zip), each with a weight behind a colon, or without for 1.
+        text: Names, or paths of saved policies (FILE.zip, or the folder of a run), each with a weight behind a colon,
+            or without for 1.
         names: The names that are allowed.
 
     Returns:
-        Weights by name or path, in the order of the text.
+        Weights by name or path of a file, in the order of the text.
 
     Raises:
         UsageError: An unknown name, one that is given twice, or a weight that is no finite number above 0.
@@ -50,8 +52,8 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
     """Policies with their weights.
 
     Args:
-        pairs: A name, the path of a saved policy, or a function (observations) -> actions; and its weight, a finite
-            number above 0.
+        pairs: A name, the path of a saved policy, or of the folder of a run, whose newest one is taken; or a function
+            (observations) -> actions; and its weight, a finite number above 0.
         names: The names that are allowed.
 
     Raises:
@@ -61,7 +63,7 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
     for given, weight in pairs:
         policy = os.fspath(given) if isinstance(given, os.PathLike) else given
         if isinstance(policy, str):
-            _check_name(policy, names)
+            policy = _named(policy, names)
         elif not callable(policy):
             raise UsageError(f"{policy!r} is no policy: {_needed(names)}, or a function (observations) -> actions")
         if _same(policy) in [_same(other) for other, _ in entries]:
@@ -173,15 +175,21 @@ class Mixture:
         return checked_actions(actions, self._shape, sizes, False, what=self._whats[k], axes=self._axes)
 
 
-def _check_name(name: str, names: Collection[str]) -> None:
-    if name not in names and (not name.endswith(SAVED) or name == SAVED):
-        near = difflib.get_close_matches(name, names, 1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"{name or 'nothing'}: {hint}{_needed(names)}")
+def _named(name: str, names: Collection[str]) -> str:
+    """The name, or the path of a file."""
+    if name in names:
+        return name
+    if name and Path(name).is_dir():
+        return str(newest(Path(name)))
+    if name.endswith(SAVED) and name != SAVED:
+        return name
+    near = difflib.get_close_matches(name, names, 1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise UsageError(f"{name or 'nothing'}: {hint}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:
-    return f"{', '.join(names)} or a saved policy, FILE{SAVED}, is needed"
+    return f"{', '.join(names)} or a saved policy, FILE{SAVED} or the folder of a run, is needed"
 
 
 def _checked_weight(policy: object, weight: Any) -> float:

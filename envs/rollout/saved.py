@@ -1,12 +1,14 @@
-"""Saved policies, where environments play them: loading, and the observations that they need."""
+"""Saved policies, where environments play them: where they lie, loading, and the observations that they need."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
 
 SAVED = ".zip"  # what a saved policy's file ends in
+CHECKPOINT = "steps_{:010d}" + SAVED  # of one in the folder of a run, by its agent-steps
 MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
 
 
@@ -14,6 +16,29 @@ def cameras_mode(scenario: Scenario) -> str | None:
     """What cameras_mode is there, or what it is drawn from; None without cameras."""
     mode = dict(scenario.varied).get("cameras_mode", scenario.numbers().get("cameras_mode"))
     return None if mode is None else str(mode)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """The saved policies in the folder of a run, by their steps."""
+    return sorted(folder.glob(CHECKPOINT.format(0).replace("0" * 10, "*")))
+
+
+def runs_in(place: Path) -> list[Path]:
+    """The folder of a run itself, or the folders of runs in it; each with a checkpoint. Raises UsageError."""
+    found = [place] if checkpoints(place) else sorted(path for path in place.iterdir() if checkpoints(path))
+    if not found:
+        raise UsageError(f"there is no checkpoint in {place} yet, nor in folders in it")
+    return found
+
+
+def newest(place: Path) -> Path:
+    """The file itself; of the folder of a run, or around a single one, that with the most steps. Raises UsageError."""
+    if not place.is_dir():
+        return place
+    found = runs_in(place)
+    if len(found) > 1:
+        raise UsageError(f"{place} holds {len(found)} runs: name one of them, such as {found[0]}")
+    return checkpoints(found[0])[-1]
 
 
 def load_saved(path: str, seed: int = 0) -> Any:

@@ -17,6 +17,7 @@ from typing import Any
 import torch
 
 from outlast import variant
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training import checkpoint
 from outlast.training.config import TrainingConfig
@@ -84,7 +85,7 @@ def race(
         clock += time.process_time() - start
         if clock >= due or trainer.steps >= config.steps:
             due += every
-            path = folder / checkpoint.NAME.format(trainer.steps)
+            path = folder / CHECKPOINT.format(trainer.steps)
             checkpoint.write_checkpoint(path, capture(trainer, config.header()))
             row = {"cpu": clock, "steps": trainer.steps, "wins": wins(config.scenario, path)}
             row["length"] = length(config.scenario, path)

@@ -117,6 +117,7 @@ def test_units_of_others_have_arrays_that_count_from_the_end_and_are_checked() -
 @compiled_only
 def test_with_bounds_checks_there_are_no_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     view = arguments.View(np.dtype("f4"), 1)
+    monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 0)
     assert view.type == Column(types.float32, 1, readonly=True)
     monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 1)
     assert type(view.type) is types.Array

@@ -15,6 +15,7 @@ import torch
 
 import outlast
 from outlast.envs.errors import FaultError, StateError
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import checkpoint, resume
 from outlast.training.config import TrainingConfig
@@ -128,7 +129,7 @@ class Checkpoints:
         run = self.folder / "run"
         shutil.rmtree(run, ignore_errors=True)
         run.mkdir()
-        shutil.copy(path, run / checkpoint.NAME.format(1))
+        shutil.copy(path, run / CHECKPOINT.format(1))
         TrainingRun(dataclasses.replace(CONFIG, steps=1), run, resume=True).log.close()
 
     def _go_on(self) -> None:

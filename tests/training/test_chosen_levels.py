@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from outlast import Level, integers, variant
+from outlast.envs.rollout.saved import CHECKPOINT
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
@@ -52,7 +53,7 @@ def anything(progress: TrainingProgress) -> list[Level]:
 
 
 def weights(folder: Path, steps: int) -> bytes:
-    return checkpoint.read_checkpoint(folder / checkpoint.NAME.format(steps))["policy.pt"]
+    return checkpoint.read_checkpoint(folder / CHECKPOINT.format(steps))["policy.pt"]
 
 
 def test_episodes_are_drawn_from_what_is_chosen() -> None:

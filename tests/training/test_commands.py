@@ -14,11 +14,13 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.components import Body
+from outlast.envs.adapters.opponents import checked_others
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.errors import ActionError, FilmError
+from outlast.envs.errors import ActionError, FilmError, UsageError
 from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
+from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game
 from tests.conftest import interrupted_after
@@ -28,6 +30,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast import load_policy  # noqa: E402
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
 from outlast.training.columns import COLUMNS, explained  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
 
@@ -220,7 +223,8 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", "--policy", "best"))
-    assert f"best: {', '.join(POLICIES)} or a saved policy, FILE.zip, is needed" in capsys.readouterr().err
+    needed = "or a saved policy, FILE.zip or the folder of a run, is needed"
+    assert f"best: {', '.join(POLICIES)} {needed}" in capsys.readouterr().err
 
 
 def test_without_torch_the_message_names_the_cure() -> None:
@@ -249,8 +253,32 @@ def test_folders_of_runs_stand_for_their_newest_checkpoints(capsys, tmp_path: Pa
     assert f"a: {tmp_path}/runs/a/steps_0000002000.zip\nb.5: {tmp_path}/runs/b.5/steps_0000000300.zip" in printed
     assert evaluate("teams_3", tmp_path / "runs/a", *small) == 0
     (tmp_path / "runs/empty").mkdir()
-    with pytest.raises(TrainingError, match=r"there is no checkpoint in .*empty yet"):
+    with pytest.raises(UsageError, match=r"there is no checkpoint in .*empty yet"):
         evaluate("teams_3", tmp_path / "runs/empty", *small)
+
+
+def test_the_folder_of_a_run_is_its_newest_policy_everywhere(capsys, tmp_path: Path, monkeypatch) -> None:
+    folder = run_folder(tmp_path / "a", 100, 2000)
+    newest = str(folder / "steps_0000002000.zip")
+    seen = []
+    for policy in (newest, folder):
+        words = ("--policy", policy, "--others", f"{policy}:0.5,noop", "--worlds", 2, "--quiet", "--json", "-", *QUICK)
+        assert cli.main(tuple(map(str, ("rollout", "teams_3", *words)))) == 0
+        seen.append({key: value for key, value in json.loads(capsys.readouterr().out).items() if "seconds" not in key})
+    assert seen[0] == seen[1]
+    assert parse_mixture(f"{folder}:0.5,noop") == {newest: 0.5, "noop": 1.0}
+    assert checked_others({folder: 1}) == [(newest, 1.0)]
+    weights = [load_policy(path).policies[0].state_dict() for path in (folder, newest)]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[1])
+    assert TrainingConfig(variant("teams_3"), warm_start=f"{folder}:3e6").warm_start == f"{newest}:3e6"
+    assert TrainingConfig(variant("teams_3"), preset="paper", warm_start=str(folder)).warm_start == newest
+    run_folder(tmp_path / "b", 100)
+    for act in (load_policy, parse_mixture):
+        with pytest.raises(UsageError, match=rf"{tmp_path} holds 2 runs: name one of them, such as .*/a$"):
+            act(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "noop").mkdir()  # names come first
+    assert parse_mixture("noop,a") == {"noop": 1.0, "a/steps_0000002000.zip": 1.0}
 
 
 def test_nothing_complete_leaves_no_tables(capsys, monkeypatch, tmp_path: Path) -> None:

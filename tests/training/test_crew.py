@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from outlast import variant
+from outlast.envs.rollout.saved import CHECKPOINT, newest
 from outlast.envs.snapshots import state
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -51,7 +52,7 @@ def config(rollouts: int, **changes: Any) -> TrainingConfig:
 def trained(folder: Path, rollouts: int, *, resume: bool = False, **changes: Any) -> dict[str, bytes]:
     """The files of the last checkpoint of a run."""
     TrainingRun(config(rollouts, **changes), folder, resume=resume).train()
-    return checkpoint.read_checkpoint(checkpoint.newest(folder))
+    return checkpoint.read_checkpoint(newest(folder))
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +143,7 @@ def test_imitation_of_a_saved_policy_is_that_of_one_process(how: dict[str, Any])
 
 
 def test_a_run_that_has_imitated_goes_on_in_halves(alone: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
-    teacher = {"warm_start": f"{checkpoint.newest(alone[0])}:{EACH}"}
+    teacher = {"warm_start": f"{newest(alone[0])}:{EACH}"}
     trained(tmp_path, 1, **teacher)
     with pytest.raises(TrainingError, match="imitate it with one process and without halves, then resume"):
         trained(tmp_path / "new", 1, halves=True, **teacher)
@@ -179,7 +180,7 @@ def test_a_process_that_is_killed_ends_the_run_which_can_be_resumed(
     with pytest.raises(TrainingError, match=r"^process 2 of 2 was ended by signal 9; go on with --resume$"):
         run.train(kill)
     assert stopped(run)
-    assert checkpoint.newest(tmp_path).name == checkpoint.NAME.format(EACH)
+    assert newest(tmp_path).name == CHECKPOINT.format(EACH)
     same(trained(tmp_path, 3, resume=True), alone[1])
 
 
@@ -194,7 +195,7 @@ def test_a_full_disk_ends_all(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="No space left on device; make room there, and go on with --resume"):
         run.train()
     assert stopped(run)
-    assert checkpoint.newest(tmp_path).name == checkpoint.NAME.format(0)
+    assert newest(tmp_path).name == CHECKPOINT.format(0)
 
 
 def failing(crew: Crew, text: str) -> None:

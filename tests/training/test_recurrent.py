@@ -11,6 +11,7 @@ import pytest
 from outlast import make_vec, variant
 from outlast.envs.cli import main as cli
 from outlast.envs.rollout.memory import told
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.training.config import CHUNK, TrainingConfig
 from outlast.training.errors import TrainingError
 
@@ -217,7 +218,7 @@ def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
     TrainingRun(config(steps=2 * each, **given), tmp_path / "parts").train()
     TrainingRun(config(steps=4 * each, **given), tmp_path / "parts", resume=True).train()
     assert points(tmp_path / "whole") == points(tmp_path / "parts")
-    last = checkpoint.NAME.format(4 * each)
+    last = CHECKPOINT.format(4 * each)
     one, other = (checkpoint.read_checkpoint(tmp_path / name / last) for name in ("whole", "parts"))
     assert one.keys() == other.keys()
     one, other = (checkpoint.load_tensors(files, "policy.pt") for files in (one, other))
@@ -341,7 +342,7 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert cli.main([*words.split(), "--out", str(out)]) == 0
     plan = json.loads((out / "run.json").read_text())["plan"]
     assert (plan["memory"], plan["critic"]) == (8, "state")
-    path = out / checkpoint.NAME.format(256)
+    path = out / CHECKPOINT.format(256)
     assert cli.main(["rollout", "ffa_2", "--policy", str(path), "--worlds", "2", "--steps", "20", "--quiet"]) == 0
     assert cli.main(["rollout", "ffa_2", "--policy", "random", "--others", str(path), "--steps", "20", "--quiet"]) == 0
     assert cli.main(["train", "ffa_2", "--memory", "8", "--rollout", "2560", "--out", str(tmp_path / "no")]) != 0

@@ -23,7 +23,7 @@ from outlast import choice, variant
 from outlast.ecs import Module, Singleton, column
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import StateError, UsageError
-from outlast.envs.rollout.saved import common_scenario
+from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
@@ -68,7 +68,7 @@ def names(folder: Path) -> list[str]:
 def assert_same(one: Path, other: Path) -> None:
     """Two runs logged the same, and their last checkpoints hold the same, bit for bit."""
     assert points(one) == points(other)
-    files = [checkpoint.read_checkpoint(checkpoint.newest(folder)) for folder in (one, other)]
+    files = [checkpoint.read_checkpoint(newest(folder)) for folder in (one, other)]
     assert files[0].keys() == files[1].keys()
     assert [name for name in files[0] if files[0][name] != files[1][name]] == []
 
@@ -92,13 +92,13 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     for updates in (2, 3):
         with pytest.raises(KeyboardInterrupt):
             run.train(lambda run, done=updates * EACH: interrupted(run) if run.done == done else None)
-        assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
+        assert names(tmp_path / "parts")[-1] == CHECKPOINT.format(updates * EACH)
         run = TrainingRun(fast, tmp_path / "parts", resume=True)
     run.train()
     assert_same(tmp_path / "whole", tmp_path / "parts")
     rates = [rate for _, rate in points(tmp_path / "whole")["train/learning_rate"]]
     assert rates == pytest.approx([fast.numbers.learning_rate * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
-    files = checkpoint.read_checkpoint(checkpoint.newest(tmp_path / "whole"))
+    files = checkpoint.read_checkpoint(newest(tmp_path / "whole"))
     assert torch.load(io.BytesIO(files["rest.pt"]))["rewards"]["count"] == 5 * EACH
     with pytest.raises(TrainingError, match=f"was begun with steps = {5 * EACH}, not {6 * EACH}"):
         TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
@@ -109,8 +109,8 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
 def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> None:
     TrainingRun(config(4 * EACH), tmp_path).train()
     expected, lines = points(tmp_path), (tmp_path / "log.csv").read_text()
-    assert names(tmp_path) == [checkpoint.NAME.format(steps * EACH) for steps in (2, 4)]
-    (tmp_path / checkpoint.NAME.format(4 * EACH)).unlink()  # as if it had crashed before
+    assert names(tmp_path) == [CHECKPOINT.format(steps * EACH) for steps in (2, 4)]
+    (tmp_path / CHECKPOINT.format(4 * EACH)).unlink()  # as if it had crashed before
     (tmp_path / "log.csv").write_text(lines + "rollout/steps,999999")
     TrainingRun(config(4 * EACH), tmp_path, resume=True).train()
     assert points(tmp_path) == expected
@@ -139,7 +139,7 @@ def test_a_second_ctrl_c_waits_for_the_checkpoint(tmp_path: Path, monkeypatch: p
 
     with pytest.raises(KeyboardInterrupt):
         run.train(stop)
-    assert names(tmp_path)[-1] == checkpoint.NAME.format(3 * EACH)
+    assert names(tmp_path)[-1] == CHECKPOINT.format(3 * EACH)
 
 
 def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path) -
     finally:
         sys.settrace(before)
     assert came
-    assert names(tmp_path) == [checkpoint.NAME.format(2 * EACH)]
+    assert names(tmp_path) == [CHECKPOINT.format(2 * EACH)]
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
@@ -179,7 +179,7 @@ def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) ->
         interrupted(run)
     with pytest.raises(KeyboardInterrupt):
         run.train(lambda run: interrupted(run) if (run.done, run.now) == (updates * EACH, now) else None)
-    assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
+    assert names(tmp_path / "parts")[-1] == CHECKPOINT.format(updates * EACH)
     TrainingRun(config(6 * EACH), tmp_path / "parts", resume=True).train()
     TrainingRun(config(6 * EACH), tmp_path / "whole").train()
     assert points(tmp_path / "parts") == points(tmp_path / "whole")
@@ -202,7 +202,7 @@ def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     TrainingRun(config(4 * EACH), tmp_path).train()
-    (tmp_path / checkpoint.NAME.format(4 * EACH)).unlink()  # as if it had crashed before
+    (tmp_path / CHECKPOINT.format(4 * EACH)).unlink()  # as if it had crashed before
     TrainingRun(config(5 * EACH), tmp_path, resume=True).train()
     events = EventAccumulator(str(tmp_path)).Reload()
     for tag, values in points(tmp_path).items():
@@ -244,7 +244,7 @@ def test_many_opponents_with_strange_names_can_be_gone_on_with(tmp_path: Path) -
     places = [tmp_path / f"lr=1,{k}$" / ("x" * 40 + ".zip") for k in range(3)]
     for place in places:
         place.parent.mkdir()
-        shutil.copy(checkpoint.newest(tmp_path / "rival"), place)
+        shutil.copy(newest(tmp_path / "rival"), place)
     given = {"opponents": {str(place): 1.0 for place in places}}
     TrainingRun(config(EACH, **given), tmp_path / "run").train()
     TrainingRun(config(2 * EACH, **given), tmp_path / "run", resume=True).train()
@@ -279,7 +279,7 @@ def test_what_agents_see_is_not_changed_without_a_word(scenario: Any, preset: st
     TrainingRun(config(EACH), tmp_path / "run").train()
     if scenario.varied:
         with pytest.raises(UsageError, match=r"cameras_mode is choice.*the same in all worlds"):
-            common_scenario(scenario, [outlast.load_policy(checkpoint.newest(tmp_path / "run"))])
+            common_scenario(scenario, [outlast.load_policy(newest(tmp_path / "run"))])
 
 
 def test_hyperparameters_are_given_once() -> None:
@@ -295,7 +295,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
 def test_a_run_goes_on_where_the_files_of_its_opponents_lie_elsewhere(tmp_path: Path) -> None:
     for name, seed in (("rival", 1), ("stranger", 2)):
         TrainingRun(config(EACH, seed=seed), tmp_path / name).train()
-    rival, stranger = (checkpoint.newest(tmp_path / name) for name in ("rival", "stranger"))
+    rival, stranger = (newest(tmp_path / name) for name in ("rival", "stranger"))
     TrainingRun(config(EACH, opponents={str(rival): 1.0}), tmp_path / "run").train()
     shutil.move(rival, tmp_path / "moved.zip")
 
@@ -336,17 +336,17 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path
 def test_a_folder_with_nothing_but_a_temporary_file_is_empty(tmp_path: Path, resume: bool) -> None:
     (tmp_path / ".run.json-0123abcd.tmp").write_text("half")
     TrainingRun(config(EACH), tmp_path, resume=resume).train()
-    assert names(tmp_path) == [checkpoint.NAME.format(EACH)]
+    assert names(tmp_path) == [CHECKPOINT.format(EACH)]
     assert not list(tmp_path.glob("*.tmp"))
 
 
 def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     TrainingRun(config(EACH), tmp_path).train()
     header = json.loads((tmp_path / "run.json").read_text())
-    saved = checkpoint.header_of(checkpoint.read_checkpoint(checkpoint.newest(tmp_path)))
+    saved = checkpoint.header_of(checkpoint.read_checkpoint(newest(tmp_path)))
     assert header == {key: saved[key] for key in ("plan", "scenario", "modules")}
     (tmp_path / "run.json").write_text("{")
-    (tmp_path / checkpoint.NAME.format(EACH)).unlink()
+    (tmp_path / CHECKPOINT.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
         TrainingRun(config(EACH), tmp_path, resume=True)
 
@@ -365,7 +365,7 @@ def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
     """
     run = tmp_path / "run"
     run.mkdir()
-    path = run / checkpoint.NAME.format(1024)
+    path = run / CHECKPOINT.format(1024)
     path.write_bytes(lzma.decompress((BEFORE / f"ffa_2-{preset}.zip.xz").read_bytes()))
     files = checkpoint.read_checkpoint(path)
     weights, rest = (torch.load(io.BytesIO(files[name])) for name in ("policy.pt", "rest.pt"))
@@ -379,7 +379,7 @@ def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
         assert all(torch.equal(value, rest["optimiser"]["state"][k][name]) for name, value in kept.items())
         assert float(kept["exp_avg_sq"].max()) > 0
     resumed.train()
-    assert names(run)[-1] == checkpoint.NAME.format(2048)
+    assert names(run)[-1] == CHECKPOINT.format(2048)
     assert [step for step, _ in points(run)["train/epochs"]] == [1536, 2048]
     with pytest.raises(TrainingError, match="was begun with worlds = 4, not 8"):
         TrainingRun(config(4096, scenario=variant("ffa_2"), **(given | {"worlds": 8})), run, resume=True)
@@ -388,7 +388,7 @@ def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
 def test_what_is_not_in_a_plan_was_as_usual(tmp_path: Path) -> None:
     """In files of before it could be chosen: here `dead`."""
     TrainingRun(config(EACH), tmp_path).train()
-    path = checkpoint.newest(tmp_path)
+    path = newest(tmp_path)
     files = checkpoint.read_checkpoint(path)
     header = checkpoint.header_of(files)
     del header["plan"]["dead"]
@@ -404,7 +404,7 @@ def test_what_is_not_in_a_plan_was_as_usual(tmp_path: Path) -> None:
 def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
     """The files of tensors are those that torch reads with weights_only, its default."""
     TrainingRun(config(EACH), tmp_path).train()
-    files = checkpoint.read_checkpoint(checkpoint.newest(tmp_path))
+    files = checkpoint.read_checkpoint(newest(tmp_path))
     assert set(files) == {"run.json", "policy.pt", "rest.pt", "worlds.npz"}
     for name in ("policy.pt", "rest.pt"):
         assert torch.load(io.BytesIO(files[name]), weights_only=True)
@@ -438,7 +438,7 @@ def test_a_checkpoint_of_a_game_with_another_mechanic_is_refused(tmp_path: Path)
 
 @pytest.mark.parametrize("content", [b"", b"PK\x05\x06" + bytes(18), b"no archive"])
 def test_a_broken_checkpoint_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / checkpoint.NAME.format(1)
+    path = tmp_path / CHECKPOINT.format(1)
     path.write_bytes(content)
     with pytest.raises(TrainingError, match="is not a checkpoint"):
         checkpoint.read_checkpoint(path)
@@ -478,7 +478,7 @@ def test_the_command_trains_resumes_and_counts_both_steps(
     assert "2,048 agent-steps = 1,024 environment steps in runs/ffa_2-paper-0" in capsys.readouterr().out
     assert outlast_train("ffa_2", "--steps", "3e3", "--resume", *numbers) == 0
     assert "4,096 agent-steps = 2,048" in capsys.readouterr().out
-    assert names(tmp_path / "runs/ffa_2-paper-0") == [checkpoint.NAME.format(n * 2048) for n in (1, 2)]
+    assert names(tmp_path / "runs/ffa_2-paper-0") == [CHECKPOINT.format(n * 2048) for n in (1, 2)]
 
 
 @pytest.mark.parametrize("steps", ["0", "1.5", "many", "-3"])

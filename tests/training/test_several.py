@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.envs.cli.main import parser  # noqa: E402
-from outlast.training import checkpoint  # noqa: E402
 from outlast.training.children import ChildRun, side_by_side  # noqa: E402
 from outlast.training.cli import train  # noqa: E402
 from outlast.training.live_view import LiveView  # noqa: E402
@@ -35,7 +35,7 @@ def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys: pyt
     output = capsys.readouterr().out
     for name in ("ffa_1-original-0", "ffa_1-original-3", "ffa_2-original-0", "ffa_2-original-3"):
         assert f"{name}: 1,024 agent-steps of them in" in output
-        assert names(tmp_path / name) == [checkpoint.NAME.format(1024)]
+        assert names(tmp_path / name) == [CHECKPOINT.format(1024)]
     assert outlast_train("ffa_2", "--seed", "3", "--threads", "1", *options, str(tmp_path / "one")) == 0
     assert points(tmp_path / "one") == points(tmp_path / "ffa_2-original-3")
     assert points(tmp_path / "one") != points(tmp_path / "ffa_2-original-0")
@@ -52,7 +52,7 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys: pytest.
     assert "is not empty: go on with --resume" in output
     assert "ffa_1-original-1: 2,048 agent-steps of them" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
-    assert names(tmp_path / "ffa_1-original-0") == [checkpoint.NAME.format(n) for n in (1024, 2048)]
+    assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
 
 
 def test_a_run_ends_well_while_its_input_is_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,12 +8,12 @@ import pytest
 import outlast
 from outlast.ecs import NumberError
 from outlast.envs.errors import UsageError
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.training.live_view import LiveView
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.workload import Workload  # noqa: E402
@@ -41,7 +41,7 @@ def test_a_run_in_one_call_is_that_of_the_command(tmp_path: Path) -> None:
     more = ("--steps", "1500", "--seed", "3", "--set", "melee_damage=20", "--out", str(tmp_path / "b"))
     assert outlast_train("ffa_1", *WORDS, *more) == 0
     assert points(tmp_path / "a") == points(tmp_path / "b")
-    assert (run.folder, run.steps, run.policy.name) == (tmp_path / "a", 2048, checkpoint.NAME.format(2048))
+    assert (run.folder, run.steps, run.policy.name) == (tmp_path / "a", 2048, CHECKPOINT.format(2048))
     assert run.logged["time/env_steps"] == 1024
     again = outlast.train("ffa_1", tmp_path / "a", steps=2500, seed=3, **TINY, quiet=True, resume=True, melee_damage=20)
     assert again.steps == 3072
@@ -87,7 +87,7 @@ def test_ctrl_c_saves_and_is_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(LiveView, "update", interrupt)
     with pytest.raises(KeyboardInterrupt):
         outlast.train("ffa_1", tmp_path, steps=10_000, **TINY, quiet=True)
-    assert names(tmp_path) == [checkpoint.NAME.format(1024)]
+    assert names(tmp_path) == [CHECKPOINT.format(1024)]
 
 
 # ---- what a run comprises

@@ -8,6 +8,7 @@ import pytest
 
 from outlast import variant
 from outlast.ecs import NumberError
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -24,7 +25,7 @@ from outlast.training.trainer import Trainer  # noqa: E402
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
 EACH = 8 * 24 * 2  # agent-steps of a rollout
-START = checkpoint.NAME.format(0)
+START = CHECKPOINT.format(0)
 
 
 def config(steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:
@@ -66,14 +67,14 @@ def test_a_policy_learns_to_do_as_the_teacher_does() -> None:
 def test_its_checkpoint_is_the_start_of_a_run_that_never_imitates_again(tmp_path: Path) -> None:
     own = config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH)
     TrainingRun(own, tmp_path / "whole").train()
-    assert names(tmp_path / "whole") == [checkpoint.NAME.format(k * EACH) for k in range(5)]
+    assert names(tmp_path / "whole") == [CHECKPOINT.format(k * EACH) for k in range(5)]
     found = points(tmp_path / "whole")
     assert found["imitation/agent_steps"] == [(0, 2 * EACH)]
     assert [step for step, _ in found["train/loss"]] == [EACH * k for k in (1, 2, 3, 4)]
     TrainingRun(config(4 * EACH, every=EACH), tmp_path / "random").train()
-    assert not same(weights(tmp_path / "whole" / START), weights(tmp_path / "random" / checkpoint.NAME.format(EACH)))
+    assert not same(weights(tmp_path / "whole" / START), weights(tmp_path / "random" / CHECKPOINT.format(EACH)))
     for k in range(1, 5):  # as if it had been killed behind its first checkpoint
-        (tmp_path / "whole" / checkpoint.NAME.format(k * EACH)).unlink()
+        (tmp_path / "whole" / CHECKPOINT.format(k * EACH)).unlink()
     TrainingRun(own, tmp_path / "whole", resume=True).train()
     assert points(tmp_path / "whole") == found
     with pytest.raises(TrainingError, match="begun with warm_start = "):
@@ -96,7 +97,7 @@ def test_ctrl_c_while_it_imitates_saves_nothing_and_it_begins_again(tmp_path: Pa
 
 def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
     TrainingRun(config(EACH), tmp_path / "first").train()
-    file = tmp_path / "first" / checkpoint.NAME.format(EACH)
+    file = tmp_path / "first" / CHECKPOINT.format(EACH)
     TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second").train()
     assert same(weights(tmp_path / "second" / START), weights(file))
     file.unlink()  # a run that goes on needs it no more
@@ -110,7 +111,7 @@ def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
 @pytest.mark.parametrize("critic", ["own", "state"])
 def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Path) -> None:
     TrainingRun(config(EACH, critic=critic), tmp_path).train()
-    file = str(tmp_path / checkpoint.NAME.format(EACH))
+    file = str(tmp_path / CHECKPOINT.format(EACH))
     plain, large = (
         Trainer(config(warm_start=file, critic=critic, scenario=SHORT.replace(room_size=size)))
         for size in (SHORT.numbers()["room_size"], 50.0)
@@ -130,7 +131,7 @@ def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Pa
 
 def test_other_networks_can_be_imitated_but_not_taken(tmp_path: Path) -> None:
     TrainingRun(config(EACH, preset="scaled"), tmp_path / "first").train()
-    file = tmp_path / "first" / checkpoint.NAME.format(EACH)
+    file = tmp_path / "first" / CHECKPOINT.format(EACH)
     with pytest.raises(TrainingError, match=rf"preset 'scaled'.*imitate it instead: --warm-start .*\.zip:{IMITATED}"):
         TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second")
     assert not (tmp_path / "second").exists()
@@ -168,7 +169,7 @@ def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
     found = points(tmp_path / "whole")
     assert found["anneal/rewards_alive"] == [(k * EACH, value) for k, value in ((1, 5.0), (2, 3.0), (3, 1.0), (4, 1.0))]
     assert found["anneal/safe_zone_damage"] == [(k * EACH, value) for k, value in ((1, 3), (2, 2), (3, 2), (4, 2))]
-    last = tmp_path / "whole" / checkpoint.NAME.format(4 * EACH)
+    last = tmp_path / "whole" / CHECKPOINT.format(4 * EACH)
     assert checkpoint.header_of(checkpoint.read_checkpoint(last))["scenario"] == fingerprint(SHORT)
     last.unlink()
     TrainingRun(own, tmp_path / "whole", resume=True).train()

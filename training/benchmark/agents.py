@@ -8,10 +8,9 @@ from typing import Any
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy
-from outlast.envs.rollout.saved import SAVED
+from outlast.envs.rollout.saved import SAVED, newest
 from outlast.envs.scenarios.imports import module_of
 
-from .. import checkpoint
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..evaluation.matches import Act
@@ -82,7 +81,7 @@ class Agent:
             return place
         if not place.is_dir():
             raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {place}; {FORMS} is needed")
-        return checkpoint.newest(place)
+        return newest(place)
 
 
 class Made(Contender):

@@ -13,9 +13,10 @@ from typing import Any
 
 from outlast.envs.errors import ActionError
 from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.atomic_write import is_temporary, remove
 
-from .. import checkpoint, log_file
+from .. import log_file
 from ..config import FAST, OPPONENTS, TrainingConfig
 from ..config import SELF as OWN
 from ..errors import TrainingError
@@ -194,7 +195,7 @@ class EntryRun:
         with self._timed(name):
             run = TrainingRun(config, folder, resume=folder.exists())
             run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
-        return checkpoint.newest(folder)
+        return newest(folder)
 
     def _contender(self) -> Contender:
         entry = self.entry

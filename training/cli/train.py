@@ -66,7 +66,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--policies", choices=POLICIES, default="shared", help="one for all agents, or one for each side or agent"
     )
-    text = f"who they play against, with weights: {', '.join(OPPONENTS)}, FILE.zip (default self)"
+    text = f"who they play against, with weights: {', '.join(OPPONENTS)}, FILE.zip or a run's folder (default self)"
     command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
     text = "draw opponents the more often, the more they win"
     command.add_argument("--prioritised", action="store_true", help=text)
@@ -77,7 +77,7 @@ def add(commands: Any) -> None:
     command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
     text = "values are learned from what the agent observes (own, the default), or from the whole world, too (state)"
     command.add_argument("--critic", choices=CRITICS, default="own", help=text)
-    text = f"before: imitate {', '.join(TEACHERS)}, or FILE.zip:STEPS, or begin with the weights of FILE.zip"
+    text = f"before: imitate {', '.join(TEACHERS)}, or FILE.zip:STEPS, or begin with the weights of FILE.zip (or a run)"
     command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
     text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"
     command.add_argument("--anneal", action="append", default=[], metavar="NUMBER=FROM:TO[@STEPS]", help=text)

@@ -14,9 +14,8 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.policies import POLICIES, Policy
-from outlast.envs.rollout.saved import SAVED
+from outlast.envs.rollout.saved import SAVED, newest, runs_in
 
-from .. import checkpoint
 from ..errors import TrainingError
 from ..player import Player
 from .matches import Act
@@ -64,12 +63,12 @@ class Contender:
     def _checked(self, function: Policy, env: SurvivalVectorEnv) -> Policy:
         """A user's function, whose actions are checked."""
         shape, playing = (env.num_worlds, env.num_agents, len(env.action_sizes)), told(function, env)
-        named = {"what": f"the actions that {self.label} returned", "axes": "(worlds, agents, actions)"}
+        what, axes = f"the actions that {self.label} returned", "(worlds, agents, actions)"
         keys = [key for key, _ in env.action_columns]
 
         def act(seen: Arrays) -> Actions:
             own = {key: values.copy() for key, values in seen.items()}  # which it may keep, as in a rollout
-            return checked_actions(playing(own), shape, env.action_sizes, keys=keys, **named)
+            return checked_actions(playing(own), shape, env.action_sizes, what=what, axes=axes, keys=keys)
 
         return act
 
@@ -118,8 +117,7 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
             raise TrainingError(f"{policy} is neither a folder of a run nor a checkpoint, FILE{SAVED}")
         checked_entries([(policy, 1)])
         return [(str(policy), str(policy))]
-    found = checkpoint.runs_in(place)
-    return [(f"{folder}/", str(checkpoint.newest(folder))) for folder in found]
+    return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
 
 
 def labels(texts: Sequence[str]) -> list[str]:

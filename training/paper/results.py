@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from outlast.envs.errors import ScenarioError
+from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
@@ -264,5 +265,5 @@ def policy_only(checkpoint: Path) -> bytes:
 
 def _newest_checkpoint(origin: Path) -> Path | None:
     """The last checkpoint of a run's folder, or the policy beside a kept file."""
-    found = sorted(origin.glob("steps_*.zip")) if origin.is_dir() else [origin.with_suffix(".zip")]
+    found = checkpoints(origin) if origin.is_dir() else [origin.with_suffix(".zip")]
     return found[-1] if found and found[-1].exists() else None

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from statistics import mean
 
+from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
@@ -28,7 +29,6 @@ PARTS = {
     "mended": "games without the flaws that the paper names, against a pool of opponents",
 }
 SECONDS = "seconds.csv"  # how long runs took, beside this file
-SAVED = "steps_*.zip"  # the checkpoints in a run's folder
 GUESS = 20_000  # agent-steps a second of a run of a preset of which nobody has timed any
 SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # by which presets take about as long
 FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
@@ -110,7 +110,7 @@ class Experiment:
         """Of all its whole runs that are there, in order of seeds: their folders, or what is kept of them."""
         name = f"{self.name}-{self.preset}-"
         found = [*self.kept(out, 0).parent.glob(f"{glob.escape(name)}*.csv")]
-        found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if any(path.glob(SAVED))]
+        found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if checkpoints(path)]
         whole = [path for path in found if _steps(path) >= self.steps]
         by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in whole}  # folders come last
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Behaviour
 
-from .. import checkpoint
 from ..errors import TrainingError
 from ..evaluation.contenders import contenders
 from ..evaluation.evaluation import Evaluation
@@ -55,7 +55,7 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
     Raises:
         TrainingError: The run has a single checkpoint.
     """
-    saved = checkpoint.checkpoints(run)
+    saved = checkpoints(run)
     if len(saved) < 2:
         raise TrainingError(f"{run} has {len(saved)} checkpoints: its policy has no past to play against; train on")
     chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})

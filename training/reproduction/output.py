@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import outlast
+from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 
-from .. import checkpoint
 from ..curves import format_curves, thinned
 from ..files import write_files
 from ..paper.report import figures_and_tables
@@ -83,7 +83,7 @@ def _kept(run: Path, place: Path) -> dict[Path, bytes]:
     """Curves and policy of a run, by path."""
     (result,) = load_runs([run])
     text = format_curves(result.about, thinned(result.curves, POINTS))
-    return {place: text.encode(), place.with_suffix(".zip"): policy_only(checkpoint.newest(run))}
+    return {place: text.encode(), place.with_suffix(".zip"): policy_only(newest(run))}
 
 
 def _written(contents: dict[Path, bytes]) -> list[Path]:
@@ -93,7 +93,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 def _film(game: Scenario, run: Path, path: Path) -> Path:
     """An episode of a run's last policy."""
-    policy = checkpoint.newest(run) if run.is_dir() else run.with_suffix(".zip")
+    policy = newest(run) if run.is_dir() else run.with_suffix(".zip")
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
     return outlast.film(game, path, policy=policy, worlds=1, seed=0, steps=length, **FILM)

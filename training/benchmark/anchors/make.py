@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from outlast.envs.rollout.saved import checkpoints, runs_in
 from outlast.envs.scenarios.fingerprint import fingerprint
 
-from ... import checkpoint
 from ...evaluation.contenders import Contender, labels
 from ...evaluation.ratings import elo
 from ...files import write_files
@@ -28,8 +28,8 @@ def chosen(places: Sequence[Path]) -> list[Path]:
         if not place.is_dir():
             found.append(place)
             continue
-        for folder in checkpoint.runs_in(place):
-            kept = checkpoint.checkpoints(folder)
+        for folder in runs_in(place):
+            kept = checkpoints(folder)
             steps = np.array([int(path.stem.rpartition("_")[2]) for path in kept])
             found += [kept[int(np.abs(steps - age * steps[-1]).argmin())] for age in AGES]
     return list(dict.fromkeys(found))
