@@ -51,7 +51,7 @@ def parse_warm_start(text: str) -> tuple[str, int]:
         TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
     name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
-    if text and name not in TEACHERS and not name.endswith(SAVED) and not Path(name).is_dir():
+    if text and name not in TEACHERS and not name.endswith(SAVED) and not (name and Path(name).is_dir()):
         known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
         raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")
     try:
