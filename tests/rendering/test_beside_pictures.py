@@ -1,6 +1,7 @@
 """What films show beside and over the picture: title, scoreboard, deaths, ends of episodes, own items and bodies."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -228,6 +229,17 @@ def test_the_smallest_films_have_a_scoreboard_of_agents(size: int) -> None:
     shown = words.count("100")
     assert shown > 0
     assert shown == 4 or words[-1] in (f"and {4 - shown} more", f"+{4 - shown}")
+
+
+@pytest.mark.parametrize("size", range(96, 256, 8))
+def test_the_line_of_teams_stays_as_it_is_when_somebody_kills(size: int) -> None:
+    game = ScenarioBuilder("teams_3")
+    seen = []
+    for kills in ((0, 0), (1, 0), (1, 1), (2, 0)):
+        game.column(Episode).kills[0] = kills
+        line = strip_words(game.env.worlds, ScoresStrip(), size)[:2]
+        seen.append([(re.sub(r"\d kills?", "", words), left) for words, left, *_ in line])
+    assert all(each == seen[0] for each in seen)
 
 
 # ---- items and bodies of mechanics without a layer

@@ -74,14 +74,14 @@ def _teams(scene: Scene) -> bool:
 def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
     """Kills of the teams: of all of them or of none, with their names if there is room."""
     sides = range(len(scene[Episode].kills))
-    named = [f"{printable(scene.side_name(side))}: {_kills(scene, side)}" for side in sides]
-    for words in (named, [_kills(scene, side) for side in sides]):
-        wide = [(DISC + 2) * unit + canvas.length(text, unit) for text in words]
+    most = "0" * len(str(max(*scene[Episode].kills, len(scene.rows(Side))))) + " kills"  # so that nothing moves
+    for names in ([f"{printable(scene.side_name(side))}: " for side in sides], [""] * len(sides)):
+        wide = [(DISC + 2) * unit + canvas.length(name + most, unit) for name in names]
         if x + sum(wide) - 2 * unit > canvas.half:
             continue
         for side in sides:
             canvas.circle(x + 0.5 * unit, y, 0.5 * unit, of_side(side))
-            canvas.text(x + DISC * unit, y, words[side], unit, PAPER, anchor=0)
+            canvas.text(x + DISC * unit, y, names[side] + _kills(scene, side), unit, PAPER, anchor=0)
             x += wide[side]
         return
 
