@@ -25,7 +25,7 @@ class StepCounterLayer(Layer):
         """In the margin, which nothing of the game reaches."""
         if (place := _line(canvas, scene, 1)) is not None:
             y, height = place
-            canvas.text(-scene.room, y, f"step {scene[Clock].tick[0]}", height, PAPER, anchor=0)
+            canvas.text(-scene.room, y, f"tick {scene[Clock].tick[0]}", height, PAPER, anchor=0)
 
 
 @dataclass(frozen=True)
