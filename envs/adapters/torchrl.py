@@ -117,6 +117,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self.vector_env, self.statistics = base_env, dict[str, Array]()
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
         self._waiting = np.ones(base_env.num_worlds, bool)  # worlds that get it when they are reset
+        self._cut_off = torch.from_numpy(np.zeros(base_env.num_worlds, bool))  # worlds that their last step truncated
         names = [f"agent_{i}" for i in range(base_env.num_agents)]
         self.group_map = _group_map(base_env, groups, names)
         self._members = {
@@ -168,8 +169,9 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self.vector_env.observe(out["observations"])
         self.vector_env.state(out["state"])
         self.vector_env.action_masks(out["action_mask"])
-        out["terminated"] = torch.from_numpy(self.vector_env._tracker.done)
-        out["truncated"] = torch.zeros_like(out["terminated"])
+        done = torch.from_numpy(self.vector_env._tracker.done)  # of worlds that are not reset
+        out["truncated"] = done & self._cut_off
+        out["terminated"] = done & ~self._cut_off
         return self._entries(out, ())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -185,6 +187,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
         *_, info = env.step(actions, out=out)
+        self._cut_off = out["truncated"] & ~out["terminated"]
         if "statistics" in info:
             self.statistics = {name: values[info["_statistics"]] for name, values in info["statistics"].items()}
         return self._entries(out, ("rewards",))

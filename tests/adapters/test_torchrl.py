@@ -18,6 +18,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install 'outlast[torchrl]'")
     import torch
+    from tensordict import TensorDict
     from torchrl.envs import ParallelEnv, SerialEnv
     from torchrl.envs.utils import check_env_specs
 
@@ -146,6 +147,21 @@ def test_a_seed_in_mid_run_leaves_worlds_that_go_on_alone(how: str) -> None:
         assert torch.equal(td["agents", "observation"][1:], middle[1:])
     second, _ = new.reset()
     assert np.array_equal(td["agents", "observation"][0], second[0])  # its seed was used up: the next episode
+
+
+def test_worlds_that_are_not_reset_say_how_they_ended() -> None:
+    env = make("ffa_1", agents_health=100, max_episode_steps=2)
+    td = env.reset()
+    for _ in range(2):
+        td["agents", "action"] = torch.ones_like(env.full_action_spec["agents", "action"].rand())
+        td = env.step(td)["next"]
+    assert td["truncated"].all()
+    assert not td["terminated"].any()
+    some = torch.tensor([[True], [False], [True], [False]])
+    after = env.reset(TensorDict({"_reset": some}, batch_size=[WORLDS]))
+    assert torch.equal(after["truncated"], ~some)
+    assert not after["terminated"].any()
+    assert torch.equal(after["done"], ~some)
 
 
 def test_keywords_of_reset() -> None:
