@@ -11,7 +11,7 @@ LOGGER.setLevel(logging.WARNING)  # set INFO here to see deaths; that of "outlas
 
 def log_deaths(worlds: Worlds, first_world: int = 0) -> None:
     """Log the deaths of the last tick at level INFO: world, tick, agent, cause and the side that did it."""
-    if LOGGER.level > logging.INFO or not LOGGER.isEnabledFor(logging.INFO):  # the first of them takes no time
+    if not LOGGER.isEnabledFor(logging.INFO):
         return
     first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]  # of the number -1
     for death in worlds.entries(Death):

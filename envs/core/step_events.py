@@ -11,10 +11,14 @@ Array = np.ndarray[Any, Any]
 
 
 class StepEvents:
-    """The events of every world's last step, also of worlds that were reset at once after it."""
+    """The events of every world's last step, also of worlds that were reset at once after it.
+
+    Attributes:
+        some: Whether those of some worlds are kept.
+    """
 
     def __init__(self, worlds: Worlds) -> None:
-        self._worlds = worlds
+        self._worlds, self.some = worlds, False
         self._kept = np.zeros(worlds.count, bool)
         self._memory = worlds.event_memory.of(slice(0))
         self._clock = np.empty((0, 2), np.int64)
@@ -25,19 +29,21 @@ class StepEvents:
         self._kept = where.copy()
         self._memory = self._worlds.event_memory.of(where)
         self._clock = np.stack([clock.episode[where, 0], clock.tick[where, 0]], 1)
+        self.some = len(self._clock) > 0
 
     def forget(self, where: Any = slice(None)) -> None:
         """The worlds `where` (mask, indices or slice) have gone on: what is kept of them is not their last step."""
-        if not len(self._clock):
+        if not self.some:
             return
         left = self._kept.copy()
         left[where] = False
         still = left[self._kept]
         self._kept, self._memory, self._clock = left, self._memory.of(still), self._clock[still]
+        self.some = len(self._clock) > 0
 
     def read(self) -> dict[str, Array]:
         """By name of the event: see ecs.Worlds.entries."""
-        if not len(self._clock):
+        if not self.some:
             return self._worlds.events()
         clock, now = self._worlds[Clock], self._worlds.event_memory
         memory = EventMemory(now.counts.copy(), now.lists.copy())
