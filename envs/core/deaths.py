@@ -6,15 +6,16 @@ from outlast.components import Death
 from outlast.ecs import Worlds
 
 LOGGER = logging.getLogger("outlast.deaths")
+LEVEL = logging.INFO
 LOGGER.setLevel(logging.WARNING)  # set INFO here to see deaths; that of "outlast" is not enough
 
 
-def log_deaths(worlds: Worlds, first_world: int = 0) -> None:
+def log(worlds: Worlds, first_world: int = 0) -> None:
     """Log the deaths of the last tick at level INFO: world, tick, agent, cause and the side that did it."""
-    if not LOGGER.isEnabledFor(logging.INFO):
+    if not LOGGER.isEnabledFor(LEVEL):
         return
     first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]  # of the number -1
     for death in worlds.entries(Death):
         by = f" by side {death['side']}" if death["side"] >= 0 else ""
         w, i, cause = first_world + death["world"], death["agent"] - first, causes[death["damage_type"]]
-        LOGGER.info("world %d, tick %d: agent %d died of %s%s", w, death["tick"], i, cause, by)
+        LOGGER.log(LEVEL, "world %d, tick %d: agent %d died of %s%s", w, death["tick"], i, cause, by)

@@ -1,9 +1,7 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
-import logging
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
-from threading import get_ident
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,10 +15,9 @@ from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
+from . import deaths
 from .action_spaces import ActionSpace
-from .concurrency import CallGuard, check_callable, exclusive
-from .deaths import LOGGER as DEATHS
-from .deaths import log_deaths
+from .concurrency import CallGuard, check_callable, exclusive, exclusive_step
 from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
@@ -171,6 +168,7 @@ class SurvivalVectorEnv(Described):
         self._step_events.forget(mask)
         return self._observe(), self._info()
 
+    @exclusive_step
     def step(
         self, actions: Actions, *, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -197,18 +195,10 @@ class SurvivalVectorEnv(Described):
             ValueError: `out` has other names, shapes or types.
             TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
-        guard, me = self._guard, get_ident()  # what `exclusive` does, without its call: a tenth of one world's step
-        if self.closed or guard.pending is not None:
-            check_callable(self)
-        if guard.inside.setdefault("thread", me) != me:
-            guard.enter()
-        try:
-            if not self._wrappers_checked:  # once between two resets
-                refuse_reward_sums(sys._getframe(1))
-                self._wrappers_checked = True
-            return self._step(actions, out)
-        finally:
-            guard.inside.pop("thread", None)
+        if not self._wrappers_checked:  # once between two resets
+            refuse_reward_sums(sys._getframe(2))
+            self._wrappers_checked = True
+        return self._step(actions, out)
 
     def _step(
         self, actions: Actions, out: Mapping[str, Any] | None = None
@@ -224,8 +214,8 @@ class SurvivalVectorEnv(Described):
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self._stops is not None:
             self._stop(slice(None), terminated, truncated)
-        if DEATHS.level <= logging.INFO:
-            log_deaths(self.worlds, self.first_world)
+        if deaths.LOGGER.level <= deaths.LEVEL:
+            deaths.log(self.worlds, self.first_world)
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
         ended: dict[str, Any] = {}
         try:

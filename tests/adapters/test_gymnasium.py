@@ -347,7 +347,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no such policy": (
         {"others": "clever"},
         ValueError,
-        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip, is",
+        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip or",
     ),
     "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
     "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip, is needed"),

@@ -34,14 +34,14 @@ def test_texts_are_weights_in_their_order(text: str) -> None:
 
 def test_other_names_can_be_allowed() -> None:
     assert parse_mixture("self:2,past", ("self", "past")) == {"self": 2, "past": 1}
-    with pytest.raises(UsageError, match=r"pst: did you mean past\? self, past or a saved policy, FILE.zip, is needed"):
+    with pytest.raises(UsageError, match=r"pst: did you mean past\? self, past or a saved policy, FILE.zip or"):
         parse_mixture("self,pst", ("self", "past"))
     with pytest.raises(UsageError, match="scripted: self, past or"):
         parse_mixture("scripted", ("self", "past"))
 
 
 REFUSED = {
-    "": f"nothing: {', '.join(POLICIES)} or a saved policy, FILE.zip, is needed",
+    "": f"nothing: {', '.join(POLICIES)} or a saved policy, FILE.zip or",
     "random,": "nothing: random",
     "scriptd:2": "scriptd: did you mean scripted",
     ".zip": "zip: random, noop",
