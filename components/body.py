@@ -69,7 +69,7 @@ class Floor(Singleton):
 class Fault(Singleton):
     """An unrecoverable error in this world; an environment that finds it set raises."""
 
-    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)
+    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, 1e6 and more, no size)
 
 
 def room_sides(layout: Layout) -> tuple[float, float] | None:
