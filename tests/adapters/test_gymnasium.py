@@ -350,7 +350,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
         f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip or",
     ),
     "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
-    "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip or the folder of a run, is needed"),
+    "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip or .* is needed"),
     "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
     "a mixture of nothing": ({"others": {}}, ValueError, f"a mixture of nothing: {', '.join(POLICIES)} or"),
