@@ -31,7 +31,7 @@ def check_faults(worlds: Worlds, first_world: int) -> None:
         w = int(worlds[Fault].physics[:, 0].argmax())
         raise FaultError(
             f"world {first_world + w}: a body has a position, speed, size or mass that physics cannot take (NaN, 1e6 "
-            "and more, no size, or no mass where it moves); some mechanic wrote it into Body, Shape or Solid. Reset the "
+            "and more, no size, or no mass where it moves); a mechanic wrote it into Body, Shape or Solid. Reset the "
             "world: it starts afresh"
         )
 
