@@ -42,7 +42,7 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     pairs = []
     for part in text.split(","):
         name, weight = part.strip(), "1"
-        if ":" in name and not name.endswith(SAVED):
+        if ":" in name and not name.endswith(SAVED) and not Path(name).is_dir():  # which C:/runs may be
             name, _, weight = (piece.strip() for piece in name.rpartition(":"))
         pairs.append((name, weight))
     return {str(name): weight for name, weight in checked_entries(pairs, names)}
