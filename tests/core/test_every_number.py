@@ -63,7 +63,7 @@ REFUSED = {
     "inventory_slots": TABLES, "maze_columns": TABLES, "maze_rows": TABLES, "maze_blocks": TABLES,
     "rooms_columns": TABLES, "rooms_rows": TABLES, "rooms_blocks": TABLES, "room_walls": TABLES,
     "spawn_grid_cells": TABLES, "teams_count": f"{TABLES}|are 2 teams, but teams.count is 1",
-    "room_size": BEGINS, "room_thickness": BEGINS, "room_width": f"{BEGINS}|{TABLES}",
+    "room_size": f"{BEGINS}|means nothing beside", "room_thickness": BEGINS, "room_width": f"{BEGINS}|{TABLES}",
     "room_height": f"{BEGINS}|{TABLES}", "preparation_frozen": RUNS, "preparation_blind": RUNS,
     "physics_backend": "no system of physics gets it", "ending_rule": "agents come back, so an episode",
     "teams_sizes": "tuples of one length are needed",
