@@ -58,13 +58,13 @@ OTHERS: dict[str, Any] = {  # where another value than a little less is one that
     "boxes_least": 0.4, "agents_radius": 0.4, "heals_radius": 0.1, "melee_reach": 1.5, "cameras_depth": 2.0,
 }  # fmt: skip
 TABLES, BEGINS = "it decides how large tables are", "with which episodes begin, is computed from it"
-RUNS = "it decides which systems run"
+RUNS, BESIDE = "it decides which systems run", "means nothing beside"
 REFUSED = {
     "inventory_slots": TABLES, "maze_columns": TABLES, "maze_rows": TABLES, "maze_blocks": TABLES,
     "rooms_columns": TABLES, "rooms_rows": TABLES, "rooms_blocks": TABLES, "room_walls": TABLES,
     "spawn_grid_cells": TABLES, "teams_count": f"{TABLES}|are 2 teams, but teams.count is 1",
-    "room_size": f"{BEGINS}|means nothing beside", "room_thickness": BEGINS, "room_width": f"{BEGINS}|{TABLES}",
-    "room_height": f"{BEGINS}|{TABLES}", "preparation_frozen": RUNS, "preparation_blind": RUNS,
+    "room_size": BEGINS, "room_thickness": BEGINS, "room_width": f"{BEGINS}|{TABLES}|{BESIDE}",
+    "room_height": f"{BEGINS}|{TABLES}|{BESIDE}", "preparation_frozen": RUNS, "preparation_blind": RUNS,
     "physics_backend": "no system of physics gets it", "ending_rule": "agents come back, so an episode",
     "teams_sizes": "tuples of one length are needed",
 }  # fmt: skip

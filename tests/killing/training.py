@@ -46,6 +46,7 @@ class Train(Writer):
         return f"{len(saved)} checkpoints" if len(saved) != 1 else "1 checkpoint"
 
     def check_resumed(self, folder: Path, reference: Path) -> None:
+        from outlast.envs.rollout.saved import newest
         from outlast.training import checkpoint
         from outlast.training.log_file import read_log
 
@@ -53,10 +54,7 @@ class Train(Writer):
         assert one == other, "the logs differ"
         assert scalars(folder / "run") == one, "TensorBoard shows something else than log.csv"
         assert not temporary_files(folder)
-        last = [
-            checkpoint.read_checkpoint(checkpoint.newest(directory / "run"))["policy.pt"]
-            for directory in (folder, reference)
-        ]
+        last = [checkpoint.read_checkpoint(newest(directory / "run"))["policy.pt"] for directory in (folder, reference)]
         assert last[0] == last[1], "the policies differ"
 
 

@@ -17,6 +17,7 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.envs.cli.grammar import Parser
+from outlast.envs.rollout.saved import newest
 from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
 from outlast.training.curves import Curves, format_curves
@@ -284,7 +285,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
         assert outlast_plot(folder, "--out", tmp_path / "out", "--keep", kept) == 0
         folder = kept
     (policy,) = kept.glob("*.zip")
-    whole = checkpoint.newest(tmp_path / "run")
+    whole = newest(tmp_path / "run")
     assert policy.stat().st_size < whole.stat().st_size / 3
     players = [outlast.load_policy(path) for path in (policy, whole)]
     with contextlib.closing(make_vec(players[0].scenario(variant("ffa_1")), 8, seed=1)) as env:

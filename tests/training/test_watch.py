@@ -24,8 +24,8 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.cli.grammar import Parser  # noqa: E402
 from outlast.envs.errors import PlayError  # noqa: E402
+from outlast.envs.rollout.saved import CHECKPOINT  # noqa: E402
 from outlast.training import watch  # noqa: E402
-from outlast.training.checkpoint import NAME  # noqa: E402
 from outlast.training.cli import watch as command  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import HEADER, read_log  # noqa: E402
@@ -63,7 +63,7 @@ def watched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunWatche
 def add(folder: Path, steps: int, policy: Path) -> Path:
     """A checkpoint, as training writes it: at once."""
     shutil.copy(policy, folder / "new")
-    return (folder / "new").replace(folder / NAME.format(steps))
+    return (folder / "new").replace(folder / CHECKPOINT.format(steps))
 
 
 def until(watcher: RunWatcher, condition: Callable[[Any], bool]) -> Any:
@@ -120,7 +120,7 @@ def test_a_newer_checkpoint_takes_its_place(watched: RunWatcher, folder: Path, p
     status = until(watched, lambda status: status["episode"]["number"] > first)
     assert status["newest"]["steps"] == status["episode"]["steps"] == 2048
     assert watched.source is not None
-    assert watched.source[0].name == NAME.format(2048)
+    assert watched.source[0].name == CHECKPOINT.format(2048)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"x" * 1000], ids=["empty", "cut", "noise"])
@@ -128,7 +128,7 @@ def test_a_broken_checkpoint_is_reported_and_an_older_one_played(
     watched: RunWatcher, folder: Path, policy: Path, content: bytes
 ) -> None:
     add(folder, 1024, policy)
-    broken = folder / NAME.format(2048)
+    broken = folder / CHECKPOINT.format(2048)
     broken.write_bytes(content)
     status = until(watched, lambda status: bool(status["episode"]))
     assert re.match(f"{broken.name} cannot be played: .+", status["message"])
