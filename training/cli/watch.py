@@ -30,6 +30,8 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit status. Raises TrainingError, PlayError."""
     try:
+        import torch  # noqa: F401, which policies need, before anything is served
+
         from ..watch import RunWatcher
     except ModuleNotFoundError as error:
         raise TrainingError(f"watching needs {error.name}: {install('train')}") from error
