@@ -4,13 +4,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Integral
-from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
-from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, newest
+from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, policy_file
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
@@ -51,7 +50,7 @@ def parse_warm_start(text: str) -> tuple[str, int]:
         TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
     name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
-    if text and name not in TEACHERS and not name.endswith(SAVED) and not (name and Path(name).is_dir()):
+    if text and name not in TEACHERS and not policy_file(name, TEACHERS).endswith(SAVED):
         known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
         raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")
     try:
@@ -146,9 +145,8 @@ class TrainingConfig:
         if type(self.memory) is not int or not 0 <= self.memory <= MOST:
             raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
         _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
-        if teacher and teacher not in TEACHERS and Path(teacher).is_dir():  # the run says which file it was
-            file = self.warm_start.replace(teacher, str(newest(Path(teacher))), 1)
-            object.__setattr__(self, "warm_start", file)
+        if (file := policy_file(teacher, TEACHERS)) != teacher:  # the run says which file it was
+            object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
         self._check_cameras()
         if self.memory and rollout // worlds % CHUNK:
             fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))

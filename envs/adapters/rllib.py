@@ -18,10 +18,8 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
-CHECK: tuple[int, dict[str, Any]] = (
-    42,
-    {},
-)  # seed and options by which check_multiagent_environments resets; runs themselves have no options
+# Seed and options by which check_multiagent_environments resets; runs themselves have no options.
+CHECK: tuple[int, dict[str, Any]] = (42, {})
 
 
 class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml

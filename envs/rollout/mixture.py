@@ -17,7 +17,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import has_memory, tell
 from .policies import POLICIES, Policy, hashed, others_policy
-from .saved import SAVED, load_saved, newest
+from .saved import SAVED, load_saved, policy_file
 
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
@@ -177,11 +177,8 @@ class Mixture:
 
 def _named(name: str, names: Collection[str]) -> str:
     """The name, or the path of a file."""
-    if name in names:
-        return name
-    if name and Path(name).is_dir():
-        return str(newest(Path(name)))
-    if name.endswith(SAVED) and name != SAVED:
+    name = policy_file(name, names)
+    if name in names or (name.endswith(SAVED) and name != SAVED):
         return name
     near = difflib.get_close_matches(name, names, 1)
     hint = f"did you mean {near[0]}? " if near else ""

@@ -1,6 +1,6 @@
 """Saved policies, where environments play them: where they lie, loading, and the observations that they need."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,11 @@ def newest(place: Path) -> Path:
     if len(found) > 1:
         raise UsageError(f"{place} holds {len(found)} runs: name one of them, such as {found[0]}")
     return checkpoints(found[0])[-1]
+
+
+def policy_file(name: str, names: Collection[str]) -> str:
+    """A name, if it is one of `names`, or a path; of the folder of a run that of its newest policy. See `newest`."""
+    return str(newest(Path(name))) if name and name not in names and Path(name).is_dir() else name
 
 
 def load_saved(path: str, seed: int = 0) -> Any:

@@ -323,8 +323,8 @@ ACTIONS: dict[str, tuple[Any, str]] = {
     "too few": (np.zeros((7, 6), int), r"\(7, 6\)"),
     "ragged": ([[0, 1], [0]], r"\(num_envs, actions\)"),
     "floats": (np.zeros((8, 6)), "float64: integers"),
-    "too high": (rows_with(2), "action 3 .attack. of sub-environment 5 is 2: 0 to 1"),
-    "below zero": (rows_with(-1), "action 3 .attack. of sub-environment 5 is -1"),
+    "too high": (rows_with(2), r"action 3 \(attack\) of sub-environment 5 is 2: 0 to 1"),
+    "below zero": (rows_with(-1), r"action 3 \(attack\) of sub-environment 5 is -1"),
 }
 RESETS: dict[str, tuple[dict[str, Any], str]] = {
     "agents disagree on the seed": ({"seed": [1] * 7 + [2]}, r"seed: sub-environments 4 to 7 .* world 1 .*1, 1, 1, 2"),

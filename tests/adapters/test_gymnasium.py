@@ -347,10 +347,14 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no such policy": (
         {"others": "clever"},
         ValueError,
-        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip or",
+        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip or the folder of a run, is",
     ),
     "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
-    "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip or .* is needed"),
+    "no saved policy": (
+        {"others": "policy.pt"},
+        ValueError,
+        r"policy.pt: .* FILE.zip or the folder of a run, is needed",
+    ),
     "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
     "a mixture of nothing": ({"others": {}}, ValueError, f"a mixture of nothing: {', '.join(POLICIES)} or"),
@@ -382,8 +386,8 @@ ACTIONS: dict[str, tuple[Any, str]] = {
     "one number": (3, r"shape \(\)"),
     "floats": ([0.0] * 6, "float64: integers"),
     "truth": ([True] * 6, "bool: integers"),
-    "too high": ([0, 0, 3, 0, 0, 0], "action 2 .turn. of .* is 3: 0 to 2"),
-    "below zero": ([0, 0, 0, 0, 0, -1], "action 5 .give. of .* is -1: 0 to 1"),
+    "too high": ([0, 0, 3, 0, 0, 0], r"action 2 \(turn\) of .* is 3: 0 to 2"),
+    "below zero": ([0, 0, 0, 0, 0, -1], r"action 5 \(give\) of .* is -1: 0 to 1"),
 }
 
 

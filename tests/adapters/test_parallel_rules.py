@@ -153,10 +153,10 @@ def one(action: Any) -> Callable[[Env], Any]:
 
 
 REFUSED: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
-    "too high": (one([1, 1, 1, 0, 0, 2]), ActionError, "action 5 .give. of agent_2 is 2: 0 to 1 is allowed"),
-    "below zero": (one([-1, 1, 1, 0, 0, 0]), ActionError, "action 0 .ahead. of agent_2 is -1: 0 to 2 is allowed"),
+    "too high": (one([1, 1, 1, 0, 0, 2]), ActionError, r"action 5 \(give\) of agent_2 is 2: 0 to 1 is allowed"),
+    "below zero": (one([-1, 1, 1, 0, 0, 0]), ActionError, r"action 0 \(ahead\) of agent_2 is -1: 0 to 2 is allowed"),
     "far too high": (one(np.full(6, 2**64 - 1, np.uint64)), ActionError, f"of agent_2 is {2**64 - 1}: 0 to 2"),
-    "wraps around": (one([256, 1, 1, 0, 0, 0]), ActionError, "action 0 .ahead. of agent_2 is 256"),
+    "wraps around": (one([256, 1, 1, 0, 0, 0]), ActionError, r"action 0 \(ahead\) of agent_2 is 256"),
     "one too few": (one([1, 1, 1, 0, 0]), ActionError, r"of agent_2 have shape \(5,\): \(actions,\) = \(6,\)"),
     "a row too many": (one([IDLE]), ActionError, r"of agent_2 have shape \(1, 6\): \(actions,\) = \(6,\)"),
     "floats": (one(np.ones(6)), ActionError, "of agent_2 are float64: integers are needed"),

@@ -179,7 +179,7 @@ def test_a_refused_call_changes_nothing() -> None:
     before = copies(env)
     bad = drawn(env, 0).astype(np.int64)
     bad[3, 1] = 3
-    wrong = ((bad, "action 1 .left. of sub-environment 3 is 3"), (bad[1:], "shape"), (bad * 0.5, "integers"))
+    wrong = ((bad, r"action 1 \(left\) of sub-environment 3 is 3"), (bad[1:], "shape"), (bad * 0.5, "integers"))
     for actions, message in wrong:
         with pytest.raises(ActionError, match=message):
             env.step(actions)

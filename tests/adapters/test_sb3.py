@@ -267,7 +267,7 @@ def test_step_async_and_step_wait_take_turns() -> None:
         (np.zeros((2, 2, 6), int), r"shape \(2, 2, 6\): \(num_envs, actions\) = \(4, 6\)"),
         ([[0] * 6] * 3 + [[0]], r"\(num_envs, actions\) = \(4, 6\)"),
         (np.zeros((4, 6)), "float64: integers"),
-        (np.tile([0, 0, 0, 0, 0, 2], (4, 1)), "action 5 .give. of sub-environment 0 is 2: 0 to 1"),
+        (np.tile([0, 0, 0, 0, 0, 2], (4, 1)), r"action 5 \(give\) of sub-environment 0 is 2: 0 to 1"),
     ],
 )
 def test_bad_actions_change_nothing(actions: Any, message: str) -> None:

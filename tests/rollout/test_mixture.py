@@ -26,6 +26,8 @@ TEXTS: dict[str, dict[str, float]] = {
     "C:\\runs\\a.zip,b:c.zip:3": {"C:\\runs\\a.zip": 1, "b:c.zip": 3},
 }
 
+NEEDED = "or a saved policy, FILE.zip or the folder of a run, is needed"
+
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_texts_are_weights_in_their_order(text: str) -> None:
@@ -34,14 +36,14 @@ def test_texts_are_weights_in_their_order(text: str) -> None:
 
 def test_other_names_can_be_allowed() -> None:
     assert parse_mixture("self:2,past", ("self", "past")) == {"self": 2, "past": 1}
-    with pytest.raises(UsageError, match=r"pst: did you mean past\? self, past or a saved policy, FILE.zip or"):
+    with pytest.raises(UsageError, match=rf"pst: did you mean past\? self, past {NEEDED}"):
         parse_mixture("self,pst", ("self", "past"))
     with pytest.raises(UsageError, match="scripted: self, past or"):
         parse_mixture("scripted", ("self", "past"))
 
 
 REFUSED = {
-    "": f"nothing: {', '.join(POLICIES)} or a saved policy, FILE.zip or",
+    "": f"nothing: {', '.join(POLICIES)} {NEEDED}",
     "random,": "nothing: random",
     "scriptd:2": "scriptd: did you mean scripted",
     ".zip": "zip: random, noop",

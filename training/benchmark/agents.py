@@ -75,7 +75,7 @@ class Agent:
         return Made(self.name, self.place(task, seed), seed)
 
     def policy(self, task: str, seed: int) -> Path:
-        """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError."""
+        """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError, UsageError."""
         place = Path(self.place(task, seed))
         if place.suffix == SAVED and place.exists():
             return place

@@ -80,8 +80,8 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
         given: Names, paths, functions; perhaps by label, else labels are made out of names and paths.
 
     Raises:
-        TrainingError: There are none, one is named twice, or there is no such checkpoint.
-        UsageError: One is no policy.
+        TrainingError: There are none, one is named twice, or there is no such file.
+        UsageError: One is no policy, or a folder without a checkpoint.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]
