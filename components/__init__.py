@@ -9,7 +9,7 @@ from .health import Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
 from .lidar import LidarView, Rays
 from .melee import Attack, Strike, Weapon
-from .motor import Drive, Steer
+from .motor import Drive, Steer, Throttle
 from .phase import Phase
 from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Reward, Score
@@ -76,6 +76,7 @@ __all__ = [
     "Spawned",
     "Steer",
     "Strike",
+    "Throttle",
     "Track",
     "Travelled",
     "Unplaced",

@@ -1,10 +1,14 @@
-"""Actions of movement: Drive with Motors, Steer with Steering."""
+"""Actions of movement: Drive with Motors, Steer with Steering, Throttle with FineMotors or FineSteering."""
+
+import numpy as np
 
 from outlast.ecs import Action, Array, column
 
+HUNDREDTH = np.float32(0.01)  # of Throttle
+
 
 class Control:
-    """What agents move by: Motors or Steering, of which a scenario has at most one (see ecs.Module.slot)."""
+    """What agents move by: Motors, Steering or the fine ones; a scenario has at most one (see ecs.Module.slot)."""
 
 
 class Drive(Action, order=0):
@@ -21,3 +25,11 @@ class Steer(Action, order=0):
     ahead: Array = column("i1", "agents", low=-3, high=3)
     left: Array = column("i1", "agents", low=-3, high=3)
     turn: Array = column("i1", "agents", low=-3, high=3)
+
+
+class Throttle(Action, order=0):
+    """Push or speed in the agent's own frame, in hundredths of the most: ahead, to the left, and counter-clockwise."""
+
+    ahead: Array = column("i1", "agents", low=-100, high=100)
+    left: Array = column("i1", "agents", low=-100, high=100)
+    turn: Array = column("i1", "agents", low=-100, high=100)

@@ -18,7 +18,7 @@ from .lidar import Lidar
 from .maze import Maze
 from .melee import Melee
 from .mortality import Mortality
-from .motors import Motors
+from .motors import FineMotors, Motors
 from .observe_roles import ObserveRoles
 from .physics import Physics
 from .pickup import Pickup
@@ -31,7 +31,7 @@ from .room import Room
 from .rooms import Rooms
 from .safe_zone import SafeZone
 from .spawn_grid import SpawnGrid
-from .steering import Steering
+from .steering import FineSteering, Steering
 from .teams import Teams
 from .walls import Walls
 
@@ -43,6 +43,8 @@ __all__ = [
     "DeathDrop",
     "DropLast",
     "Ending",
+    "FineMotors",
+    "FineSteering",
     "FreeForAll",
     "GiveLast",
     "Heals",

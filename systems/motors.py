@@ -1,15 +1,15 @@
-"""Motors: agents push themselves ahead, sideways and around, in their own frame."""
+"""Motors: agents push themselves ahead, sideways and around, in their own frame. FineMotors do by hundredths."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.components import Body, Drive, Phase, Push, Side, Solid
+from outlast.components import Body, Drive, Phase, Push, Side, Solid, Throttle
 from outlast.components.body import inverse
 from outlast.components.limits import STRONG
-from outlast.components.motor import Control
+from outlast.components.motor import HUNDREDTH, Control
 from outlast.components.respawn import inactive
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, number, of
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, Worlds, Write, kernel, number, of
 
 
 @dataclass(frozen=True)
@@ -62,17 +62,54 @@ def drive(
     """Turn actions into momentum."""
     for i in range(agents.size):
         e = agents[i]
-        if not entities.alive[e]:
-            continue
-        forward, sideways = of(ahead, e) * drive.ahead[i], of(left, e) * drive.left[i]
-        around = of(turn, e) * drive.turn[i]
-        x = body.cosine[e] * forward - body.sine[e] * sideways
-        y = body.sine[e] * forward + body.cosine[e] * sideways
-        if give == 0:
-            push.x[e], push.y[e], push.turn[e] = x, y, around
-        else:
-            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
-            inverse_mass = inverse(solid.mass[e])
-            body.vx[e] += inverse_mass * x
-            body.vy[e] += inverse_mass * y
-            body.omega[e] += inverse(solid.inertia[e]) * around
+        if entities.alive[e]:
+            forward, sideways = of(ahead, e) * drive.ahead[i], of(left, e) * drive.left[i]
+            push_by(body, push, solid, e, forward, sideways, of(turn, e) * drive.turn[i], give)
+
+
+@kernel
+def push_by(body: Any, push: Any, solid: Any, e: int, forward: Any, sideways: Any, around: Any, give: int) -> None:
+    """Push an agent, in its own frame: newton-seconds and newton-metre-seconds in this tick."""
+    x = body.cosine[e] * forward - body.sine[e] * sideways
+    y = body.sine[e] * forward + body.cosine[e] * sideways
+    if give == 0:
+        push.x[e], push.y[e], push.turn[e] = x, y, around
+    else:
+        push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
+        inverse_mass = inverse(solid.mass[e])
+        body.vx[e] += inverse_mass * x
+        body.vy[e] += inverse_mass * y
+        body.omega[e] += inverse(solid.inertia[e]) * around
+
+
+@dataclass(frozen=True)
+class FineMotors(Motors):
+    """Motors whose thrust is given in hundredths, as for continuous actions. Not in the paper."""
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Throttle()]
+
+    def systems(self) -> Iterable[System]:
+        return [system for system in super().systems() if system.name != "drive"]
+
+
+@FineMotors.system(Phase.DRIVE)
+def drive_finely(
+    body: Write[Body],
+    push: Write[Push],
+    solid: Read[Solid],
+    throttle: Read[Throttle],
+    entities: Read[Entity],
+    agents: Rows[Side, Push],
+    ahead: float,
+    left: float,
+    turn: float,
+    give: int,
+) -> None:
+    """Turn actions into momentum."""
+    for i in range(agents.size):
+        e = agents[i]
+        if entities.alive[e]:
+            forward = of(ahead, e) * (throttle.ahead[i] * HUNDREDTH)
+            sideways = of(left, e) * (throttle.left[i] * HUNDREDTH)
+            push_by(body, push, solid, e, forward, sideways, of(turn, e) * (throttle.turn[i] * HUNDREDTH), give)

@@ -1,4 +1,4 @@
-"""Steering: agents set their velocity, in their own frame."""
+"""Steering: agents set their velocity, in their own frame, in seven levels. FineSteering: in hundredths."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Phase, Push, Side, Steer
+from outlast.components import Body, Phase, Push, Side, Steer, Throttle
 from outlast.components.limits import FAST
-from outlast.components.motor import Control
+from outlast.components.motor import HUNDREDTH, Control
 from outlast.components.respawn import inactive
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, number, of
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, Worlds, Write, kernel, number, of
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -57,6 +57,41 @@ def steer(
         if entities.alive[e]:
             most = of(speed, e)
             forward, sideways = most * (steer.ahead[i] * THIRD), most * (steer.left[i] * THIRD)
-            body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
-            body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
-            body.omega[e] = of(spin, e) * (steer.turn[i] * THIRD)
+            move_by(body, e, forward, sideways, of(spin, e) * (steer.turn[i] * THIRD))
+
+
+@kernel
+def move_by(body: Any, e: int, forward: Any, sideways: Any, spin: Any) -> None:
+    """Set an agent's velocity, in its own frame: metres and radians a second."""
+    body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
+    body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
+    body.omega[e] = spin
+
+
+@dataclass(frozen=True)
+class FineSteering(Steering):
+    """Steering whose velocity is given in hundredths, as for continuous actions. Not in the paper."""
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Throttle()]
+
+    def systems(self) -> Iterable[System]:
+        return [system for system in super().systems() if system.name != "steer"]
+
+
+@FineSteering.system(Phase.DRIVE)
+def steer_finely(
+    body: Write[Body],
+    throttle: Read[Throttle],
+    entities: Read[Entity],
+    agents: Rows[Side, Push],
+    speed: float,
+    spin: float,
+) -> None:
+    """Turn actions into velocity."""
+    for i in range(agents.size):
+        e = agents[i]
+        if entities.alive[e]:
+            most = of(speed, e)
+            forward, sideways = most * (throttle.ahead[i] * HUNDREDTH), most * (throttle.left[i] * HUNDREDTH)
+            move_by(body, e, forward, sideways, of(spin, e) * (throttle.turn[i] * HUNDREDTH))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig, VdnConfig
+from benchmarl.algorithms import IppoConfig, MaddpgConfig, MappoConfig, MasacConfig, QmixConfig, VdnConfig
 from benchmarl.environments.common import TaskClass
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models.mlp import MlpConfig
@@ -17,7 +17,8 @@ from torch import nn
 
 from outlast.envs.adapters.benchmarl import task
 
-ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig, "vdn": VdnConfig}
+CONTINUOUS = {"maddpg": MaddpgConfig, "masac": MasacConfig}  # those that have continuous actions
+ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig, "vdn": VdnConfig, **CONTINUOUS}
 WORLDS, BATCH = 64, 8192  # worlds that are stepped together; frames of all of them between two updates
 
 
@@ -96,7 +97,8 @@ def main() -> None:
     options = parser.parse_args()
     if not options.show:
         options.out.mkdir(parents=True)
-        own = task(options.scenario, max_episode_steps=600)
+        actions = "continuous" if options.algorithm in CONTINUOUS else "joint"
+        own = task(options.scenario, max_episode_steps=600, actions=actions)
         experiment(own, options.algorithm, options.frames, options.out, options.seed).run()
     frames, values = returns(options.out)
     if options.figure:

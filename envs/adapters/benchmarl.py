@@ -26,15 +26,16 @@ TAKEN = {  # arguments of make_torchrl that a task cannot have, and where else t
     "seed": "take seed= of BenchMARL's Experiment",
     "device": "take sampling_device of BenchMARL's ExperimentConfig",
     "num_worlds": "take on_policy_n_envs_per_worker or off_policy_n_envs_per_worker of BenchMARL's ExperimentConfig",
-    "actions": "BenchMARL's algorithms take joint actions, which is what a task has",
+    "actions": "BenchMARL's algorithms take joint actions, which a task has, or continuous ones",
 }
 
 
 class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
-    """A scenario as a task of BenchMARL; vectorised, with discrete actions, masks and a state.
+    """A scenario as a task of BenchMARL; vectorised, with a state, and with discrete actions and masks.
 
     name: That of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario. Sides are
-    groups, and observations scaled, unless it says otherwise. scenario: It, if it is not found by its name.
+    groups, and observations scaled, unless it says otherwise. With actions="continuous" there are continuous actions
+    only, and no masks. scenario: It, if it is not found by its name.
 
     Raises:
         ValueError: An argument of make_torchrl that BenchMARL sets by itself, see TAKEN.
@@ -42,7 +43,7 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
 
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
         for argument in TAKEN.keys() & config.keys():
-            if (argument, config[argument]) != ("actions", "joint"):
+            if argument != "actions" or config[argument] not in ("joint", "continuous"):
                 raise ValueError(f"{argument} = {config[argument]!r} of a task: {TAKEN[argument]}; leave it out")
         super().__init__(name, config)
         self.scenario = scenario
@@ -56,12 +57,12 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return lambda: make_torchrl(scenario, num_envs, seed=seed, device=device, **options)
 
     def supports_continuous_actions(self) -> bool:
-        """No."""
-        return False
+        """If the task has actions="continuous"."""
+        return bool(self.config.get("actions") == "continuous")
 
     def supports_discrete_actions(self) -> bool:
-        """Yes: joint actions."""
-        return True
+        """Yes, joint ones, if they are not continuous."""
+        return not self.supports_continuous_actions()
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
         """Ticks of an evaluation: the scenario's limit, where it varies the longest; LONGEST where there is none.
@@ -85,9 +86,9 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         """Of what agents observe, by group."""
         return _entries(env, "observation")
 
-    def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Of action masks, by group."""
-        return _entries(env, "action_mask")
+    def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite | None:
+        """Of action masks, by group; None of continuous actions."""
+        return None if self.supports_continuous_actions() else _entries(env, "action_mask")
 
     def action_spec(self, env: SurvivalTorchEnv) -> Composite:
         """Of actions, by group."""

@@ -19,7 +19,8 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
 
     ## Action Space
     MultiDiscrete (num_envs, actions), in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0,
-    +1), attack, use, give. With actions="joint" Discrete, (num_envs,), 0 to 215. What the dead do is ignored.
+    +1), attack, use, give. With actions="joint" Discrete, (num_envs,), 0 to 215, with "continuous" Box(-1, 1), float32
+    (num_envs, actions). What the dead do is ignored.
 
     ## Observation Space
     Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare; with observations="flat" a
@@ -85,7 +86,8 @@ def make_agents(
             overwrites them (also under tensors that share their memory, as those of jax.device_put do).
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, "rgb_array" or "ansi".
-        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
+            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
         observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
         scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
         action_masks: Whether info has "action_mask", int8 (num_envs, entries): what `action_masks` returns.

@@ -32,7 +32,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
 
     ## Action Space
     MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
-    With actions="joint" Discrete(216).
+    With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
     Dict of float32 arrays, by the keys that the scenario's mechanics declare; with observations="flat" a single one.

@@ -66,7 +66,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         copy: Whether observations are copies, and not views of the engine's memory.
         check_actions: Whether to check the range of actions.
         check_joint: Whether base_env checks the range of the actions of all agents.
-        actions: "multi" or "joint", see action_spaces.ActionSpace; base_env has "multi".
+        actions: "multi", "joint" or "continuous", see action_spaces.ActionSpace; base_env has "multi".
         action_masks: Whether info has masks.
         options: Further arguments of base_env: seed, threads, render_mode, observations, scaled.
     """
@@ -97,7 +97,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         chosen = range(self.num_agents)[self._indices]
         self._each = len(chosen)
         self.num_envs = self.num_worlds * self._each
-        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions), bool(action_masks)
+        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
         self.single_observation_space = self.base_env._reader.of_agent(chosen[0])
         self.single_action_space = self._actions.single
 
@@ -144,7 +144,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         info["final_obs"] and info["final_info"] are of the end. DISABLED: reset it yourself.
 
         Args:
-            actions: Integers of any type, (num_envs, actions); with actions="joint" (num_envs,).
+            actions: Integers of any type, (num_envs, actions); with actions="joint" (num_envs,); with
+                actions="continuous" floats from -1 to 1, (num_envs, actions).
 
         Returns:
             Observations, float32 (num_envs, ...); rewards, float32 (num_envs,); terminated and truncated, bool

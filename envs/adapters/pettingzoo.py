@@ -50,7 +50,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     ## Action Space
     MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
-    attack, use, give. With actions="joint" Discrete(216).
+    attack, use, give. With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
     Dict of float32 arrays for each agent, new in every step; with observations="flat" a single one.
@@ -114,7 +114,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.agents: list[str] = []
         self.statistics: dict[str, Any] = {}
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
-        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions), bool(action_masks)
+        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
         self._observation_spaces = [self.base_env._reader.of_agent(i) for i in self._index.values()]
         self._action_spaces = [self._actions.single for _ in self.possible_agents]
         self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
@@ -124,7 +124,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return self._observation_spaces[self._number(agent)]
 
     def action_space(self, agent: str) -> Any:
-        """What the agent does: MultiDiscrete, [3, 3, 3, 2, 2, 2] in the paper, or Discrete; always the same object."""
+        """What the agent does: MultiDiscrete, [3, 3, 3, 2, 2, 2] in the paper, Discrete, Box; always one object."""
         return self._action_spaces[self._number(agent)]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
@@ -315,7 +315,8 @@ def parallel_env(
         dead: "end": who dies leaves. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
         max_episode_steps: Ticks until the world is truncated: the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
-        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
+            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
         observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
         scaled: Whether observations and `state` are divided by the scales of their fields, see `make_vec`.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.

@@ -54,7 +54,8 @@ def make_puffer(
         max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, "rgb_array" or "ansi".
-        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
+            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
         scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
         buf: PufferLib's arrays.
         numbers: Other numbers of the scenario, as in Scenario.replace.
@@ -129,7 +130,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
     def step(self, actions: Array) -> Outcome:
         """One tick of every world, then new episodes where it was the last.
 
-        actions: integers (num_agents, actions), or (num_agents,). Returns (observations, rewards, terminals,
+        actions: as the space has them, of all rows. Returns (observations, rewards, terminals,
         truncations, infos). A refused call (ActionError, NotResetError, ClosedError) changes nothing.
         """
         shape, who = (self.num_agents,), "sub-environment {0}"

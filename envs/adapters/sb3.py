@@ -51,7 +51,8 @@ def make_sb3(
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, or "rgb_array", which render(mode="human") needs, too.
         render_worlds: render() shows the first so many worlds.
-        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
+            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
         observations: "dict", arrays by key, or "flat", one array with all keys one behind the other ("MlpPolicy").
         scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
         numbers: Other numbers of the scenario, as in Scenario.replace.
@@ -80,7 +81,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     """All agents of all worlds: sub-environment w * num_agents + i is agent i of world w.
 
     Observations: dict of float32 (num_envs, ...), or a flat array, copies, because SB3's algorithms keep the last ones
-    during a step. Actions: integers (num_envs, actions), or (num_envs,). `action_masks` is what MaskablePPO of
+    during a step. Actions: as the space has them. `action_masks` is what MaskablePPO of
     sb3-contrib asks for. Rewards: float32 (num_envs,). Dones: bool (num_envs,).
 
     An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays (dead="keep" of

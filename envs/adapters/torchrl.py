@@ -12,7 +12,7 @@ from outlast.ecs import AgentRoles, Clock
 
 from ..core.agents import alive, counts_vary, side
 from ..core.observations import each
-from ..core.validation import Array, check_choice, checked_actions, keys
+from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
@@ -62,7 +62,8 @@ def make_torchrl(
         seed: World w is keyed by (seed, w), as by `set_seed`. None: a seed that cannot be foreseen.
         threads: How many threads step the worlds.
         max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
-        actions: "joint", an integer for all actions of an agent, as TorchRL's discrete losses need it; or "multi".
+        actions: "joint", an integer for all actions of an agent, as TorchRL's discrete losses need it; "multi"; or
+            "continuous", as its losses with continuous actions do.
         observations: "flat", an array, or "dict", arrays by key.
         scaled: Whether observations and the state are divided by the scales of their fields, see `make_vec`.
         device: Where tensors are; the worlds are on the CPU.
@@ -91,8 +92,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     ==================== ========================================================================================
     (group, observation) float32 (worlds, n, ...): n agents of the group; with observations="dict" entries by key
-    (group, action)      int64 (worlds, n), or (worlds, n, actions)
-    (group, action_mask) bool (worlds, n, entries), see SurvivalVectorEnv.action_masks
+    (group, action)      int64 (worlds, n), or (worlds, n, actions); float32 with actions="continuous"
+    (group, action_mask) bool (worlds, n, entries), see SurvivalVectorEnv.action_masks; not with actions="continuous"
     (group, mask)        bool (worlds, n): whether the agent is alive
     (group, reward)      float32 (worlds, n, 1)
     state                float32 (worlds, size): what no agent sees, for critics, see SurvivalVectorEnv.state
@@ -115,6 +116,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:
         super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
         self.vector_env, self.statistics = base_env, dict[str, Array]()
+        self._masked = base_env.action_mask_size > 0
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
         self._waiting = np.ones(base_env.num_worlds, bool)  # worlds that get it when they are reset
         self._cut_off = torch.from_numpy(np.zeros(base_env.num_worlds, bool))  # worlds that their last step truncated
@@ -133,11 +135,14 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             n = len(self.group_map[group])
             parts = {
                 "observation": _spec(env.single_observation_space, own, device),
-                "action_mask": _flags((n, env.action_mask_size), device),
                 "mask": _flags((n,), device),
             }
-            if env.noop.ndim:
-                action: Any = MultiCategorical(env.action_sizes.tolist(), (n, len(env.action_sizes)), device=device)
+            if self._masked:
+                parts["action_mask"] = _flags((n, env.action_mask_size), device)
+            if env._actions.kind == "continuous":
+                action: Any = _spec(env.single_action_space, own, device)
+            elif env.noop.ndim:
+                action = MultiCategorical(env.action_sizes.tolist(), (n, len(env.action_sizes)), device=device)
             else:
                 action = Categorical(env.action_mask_size, (n,), device=device)
             reward = Unbounded((n, 1), dtype=torch.float32, device=device)
@@ -168,7 +173,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         out = self._room()
         self.vector_env.observe(out["observations"])
         self.vector_env.state(out["state"])
-        self.vector_env.action_masks(out["action_mask"])
+        if self._masked:
+            self.vector_env.action_masks(out["action_mask"])
         done = torch.from_numpy(self.vector_env._tracker.done)  # of worlds that are not reset
         out["truncated"] = done & self._cut_off
         out["terminated"] = done & ~self._cut_off
@@ -177,13 +183,11 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
-        axes = "(worlds, n, actions)" if env.noop.ndim else "(worlds, n)"
         for group, own in self._members.items():
-            given, what = tensordict[group, "action"].cpu().numpy(), f"actions of the group {group}"
-            # numpy would round numbers and repeat single ones; the step checks ranges
-            actions[:, own] = checked_actions(
-                given, actions[:, own].shape, env.action_sizes, False, what=what, axes=axes
-            )
+            given, shape = tensordict[group, "action"].cpu().numpy(), (env.num_worlds, len(self.group_map[group]))
+            who, what = f"agent {{1}} of {group} in world {{0}}", f"actions of the group {group}"
+            # numpy would round numbers and repeat single ones
+            actions[:, own] = env._actions.checked(given, shape, False, axes="worlds, n", who=who, what=what)
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
         *_, info = env.step(actions, out=out)
@@ -202,11 +206,13 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         """Tensors that a step, or a reset, writes into."""
         env = self.vector_env
         rows = env.num_worlds, env.num_agents
-        return {
+        room = {
             "observations": each(env._reader.read(copy=False), lambda array: _empty(array.shape)),
             "state": _empty((env.num_worlds, *env.state_space.shape)),
-            "action_mask": _empty((*rows, env.action_mask_size), torch.bool),
         }
+        if self._masked:
+            room["action_mask"] = _empty((*rows, env.action_mask_size), torch.bool)
+        return room
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
         """What TorchRL gets of a reset, or with rewards of a step."""
@@ -215,9 +221,10 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         for group, own in self._members.items():
             parts = {
                 "observation": each(out["observations"], lambda array: array[:, own]),  # noqa: B023
-                "action_mask": out["action_mask"][:, own],
                 "mask": living[:, own],
             }
+            if self._masked:
+                parts["action_mask"] = out["action_mask"][:, own]
             if more:
                 parts["reward"] = out["rewards"][:, own, None]
             told[group] = TensorDict(parts, batch_size=(len(living), len(self.group_map[group])))

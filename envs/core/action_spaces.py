@@ -11,11 +11,11 @@ from gymnasium import spaces
 
 from outlast.ecs import Action, DeclarationError, Module, Worlds
 
-from ..errors import ActionError
+from ..errors import ActionError, UsageError
 from .spaces import published
-from .validation import Array, as_array, check_choice, checked_actions
+from .validation import Array, as_array, check_choice, checked_actions, checked_fractions
 
-KINDS = ("multi", "joint")
+KINDS = ("multi", "joint", "continuous")
 MOST = 1 << 16  # joint actions: learners have an output for each
 MASKED = 20  # actions: there is a mask for each set of them
 
@@ -25,19 +25,23 @@ class ActionSpace:
 
     "multi": an integer for each action, as in `MultiDiscrete([3, 3, 3, 2, 2, 2])`. "joint": one for all of them, as in
     `Discrete(216)`: numbers of base `sizes` whose first digit is the first action, as numpy.unravel_index has it.
+    "continuous": a float from -1 to 1 for each of them, as in `Box(-1, 1, (6,))`. That range has a part for each value,
+    all of one width: -1 is the lowest value and 1 the highest, and of two the upper one is taken from 0 on. What is
+    simulated, recorded and replayed is the value.
 
     Attributes:
         kind: One of KINDS.
         keys: The name of each action.
         sizes: How many values each has, (actions,).
         zeros: Which of them does nothing, (actions,).
-        noop: The action that does nothing, as a learner would give it: integers (actions,), or () of kind "joint".
+        noop: The action that does nothing, as a learner would give it: integers (actions,), or () of kind "joint";
+            of kind "continuous" the middle of its parts, float32 (actions,).
         mask_size: Entries of an agent's mask: of kind "multi" all values of all actions, one action behind the other;
-            of kind "joint" all joint actions.
+            of kind "joint" all joint actions; of kind "continuous" 0, as there are no masks.
     """
 
-    def __init__(self, worlds: Worlds, kind: str) -> None:
-        """ValueError for another kind, or for more joint actions than MOST."""
+    def __init__(self, worlds: Worlds, kind: str, masked: bool = False) -> None:
+        """ValueError for another kind, for more joint actions than MOST, or for no masks if it is to be `masked`."""
         check_choice("actions", kind, KINDS)
         columns = published(worlds, Action)
         self.kind, self.keys = kind, [key for key, *_ in columns]
@@ -45,7 +49,7 @@ class ActionSpace:
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
         self._readers = [_readers(worlds, component) for _, component, *_ in columns]
         self._table: Array | None = None  # integers (joint actions, actions)
-        self.noop, self.mask_size = self.zeros, int(self.sizes.sum())
+        self.mask_size = int(self.sizes.sum())
         if kind == "joint":
             self.mask_size = math.prod(self.sizes.tolist())
             if self.mask_size > MOST:
@@ -55,56 +59,86 @@ class ActionSpace:
                 )
             digits = np.unravel_index(np.arange(self.mask_size), tuple(self.sizes))
             self._table = np.stack(digits, 1)
-            self.noop = np.array(np.ravel_multi_index(tuple(self.zeros), tuple(self.sizes)))
+        if kind == "continuous":
+            self.mask_size = 0
+        if masked:
+            self.check_masked()
+        self.noop = self.given(self.zeros).copy()
         self.noop.flags.writeable = self.zeros.flags.writeable = False
 
     @property
     def single(self) -> spaces.Space[Any]:
-        """Of one agent, a new object: MultiDiscrete (actions,), or Discrete."""
-        return spaces.MultiDiscrete(self.sizes) if self._table is None else spaces.Discrete(self.mask_size)
+        """Of one agent, a new object: MultiDiscrete (actions,), Discrete or Box (actions,)."""
+        if self.kind == "continuous":
+            return spaces.Box(-1, 1, self.sizes.shape, np.float32)
+        return spaces.MultiDiscrete(self.sizes) if self.kind == "multi" else spaces.Discrete(self.mask_size)
 
-    def batched(self, agents: int) -> spaces.MultiDiscrete:
-        """Of all agents of a world, a new object: MultiDiscrete (agents, actions), or (agents,)."""
-        return spaces.MultiDiscrete(np.tile(self.sizes if self._table is None else self.mask_size, self._shape(agents)))
+    def batched(self, agents: int) -> spaces.Space[Any]:
+        """Of all agents of a world, a new object: MultiDiscrete (agents, actions) or (agents,), or Box as the first."""
+        if self.kind == "continuous":
+            return spaces.Box(-1, 1, (agents, *self.sizes.shape), np.float32)
+        return spaces.MultiDiscrete(
+            np.tile(self.sizes, (agents, 1)) if self.kind == "multi" else np.full(agents, self.mask_size)
+        )
 
-    def _shape(self, agents: int) -> tuple[int, ...]:
-        return (agents, 1) if self._table is None else (agents,)
-
-    def rows(
+    def checked(
         self,
         given: Any,
         shape: tuple[int, ...],
         ranges: bool = True,
         *,
         axes: str = "",
-        who: str,
+        who: str = "agent {1} in world {0}",
         what: str = "actions",
     ) -> Array:
-        """Actions that a learner gave, as integers (*shape, actions).
+        """Actions that a learner gave, as they are.
 
         Args:
-            given: Integers of any type: of kind "multi" (*shape, actions), of kind "joint" (*shape).
+            given: Of kind "multi" integers of any type (*shape, actions), of kind "joint" (*shape); of kind
+                "continuous" floats (*shape, actions).
             shape: That of agents.
-            ranges: Whether to check that each is in its range. Joint ones always are.
+            ranges: Whether to check that each is in its range. Of kind "continuous" it always is.
             axes: What `shape` is called in errors: "worlds, agents".
-            who: What the agent of the indices is called in errors: "agent {1} in world {0}".
+            who: What the agent of the indices is called in errors.
             what: What `given` is called in errors.
 
         Raises:
             ActionError: The wrong shape or type, or an action that is out of range.
         """
-        if self._table is None:
-            axes = f"({axes}, actions)" if axes else "(actions,)"
-            named = {"axes": axes, "who": who, "what": what}
-            return checked_actions(given, (*shape, len(self.keys)), self.sizes, ranges, keys=self.keys, **named)
-        joint: Array = as_array(given)
-        if joint.shape != shape:
-            wanted = f"({axes}) = {shape}" if axes else "a single one"
-            raise ActionError(f"{what} have shape {joint.shape}: {wanted} is needed, as each is a joint action")
-        count = np.array([self.mask_size])
-        joint = checked_actions(joint[..., None], (*shape, 1), count, who=who, what=what)
-        rows: Array = self._table[joint[..., 0]]
+        if self.kind == "joint":
+            axes = f"({axes})" if axes else "a single one"
+            given = as_array(given)
+            if given.shape != shape:
+                wanted = f"{axes} = {shape}" if shape else axes
+                raise ActionError(f"{what} have shape {given.shape}: {wanted} is needed, as each is a joint action")
+            return checked_actions(given[..., None], (*shape, 1), np.array([self.mask_size]), who=who, what=what)[
+                ..., 0
+            ]
+        axes = f"({axes}, actions)" if axes else "(actions,)"
+        shape = (*shape, len(self.keys))
+        if self.kind == "continuous":
+            return checked_fractions(given, shape, what=what, axes=axes, who=who, keys=self.keys)
+        return checked_actions(given, shape, self.sizes, ranges, what=what, axes=axes, who=who, keys=self.keys)
+
+    def rows(self, given: Any, shape: tuple[int, ...], ranges: bool = True, **named: str) -> Array:
+        """Actions that a learner gave, as integers (*shape, actions). Arguments and errors are those of `checked`."""
+        checked = self.checked(given, shape, ranges, **named)
+        if self.kind == "continuous":
+            checked = np.minimum((checked + 1) * self.sizes / 2, self.sizes - 1).astype(np.int64)
+        rows: Array = checked if self._table is None else self._table[checked]
         return rows
+
+    def given(self, rows: Array) -> Array:
+        """What a learner would have given: of kind "continuous" the middle of the value's part. The inverse of `rows`.
+
+        rows: integers (..., actions).
+        """
+        given: Array = rows
+        if self.kind == "continuous":
+            given = ((2 * rows + 1) / self.sizes - 1).astype(np.float32)
+        elif self.kind == "joint":
+            given = np.asarray(np.ravel_multi_index(tuple(np.moveaxis(rows, -1, 0)), tuple(self.sizes)))
+        return given
 
     def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
         """Write what a learner gave for all agents of a batch into `actions`, integers (worlds, agents, actions).
@@ -117,11 +151,18 @@ class ActionSpace:
         Raises:
             ActionError: As `rows`.
         """
-        plain = self._table is None and not ranges and isinstance(given, np.ndarray)
+        plain = self.kind == "multi" and not ranges and isinstance(given, np.ndarray)
         if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):  # the usual case takes no time
-            named = {"axes": "worlds, agents", "who": "agent {1} in world {0}"}
-            given = self.rows(given, actions.shape[:2], ranges, **named)
+            given = self.rows(given, actions.shape[:2], ranges, axes="worlds, agents")
         actions[...] = given
+
+    def check_masked(self) -> None:
+        """UsageError, which is a ValueError, if there are no masks."""
+        if self.kind == "continuous":
+            raise UsageError(
+                "actions = 'continuous': there are no action masks, as masks are of discrete actions; take 'multi' or "
+                "'joint'"
+            )
 
     def masks(self) -> Array:
         """Which values can change anything in the next tick, or are the one that does nothing: bool, a new array.
@@ -131,7 +172,11 @@ class ActionSpace:
 
         Returns:
             (worlds, agents, mask_size).
+
+        Raises:
+            UsageError: Actions are continuous.
         """
+        self.check_masked()
         said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
         code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)  # a bit for each action, 1: idle
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):

@@ -89,12 +89,12 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def noop(self) -> Actions:
-        """The action that does nothing, integers (actions,); with actions="joint" a single one."""
+        """The action that does nothing, integers (actions,); "joint": a single one; "continuous": floats (actions,)."""
         return self._actions.noop
 
     @property
     def action_mask_size(self) -> int:
-        """Entries of an agent's action mask: 15 in the paper, with actions="joint" 216."""
+        """Entries of an agent's action mask: 15 in the paper; with actions="joint" 216, with "continuous" 0."""
         return self._actions.mask_size
 
     @cached_property
@@ -153,7 +153,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             actions="joint" all joint actions. A new array, or `out` as one of numpy.
 
         Raises:
-            ValueError: `out` has another shape or type.
+            ValueError: `out` has another shape or type, or actions are continuous.
         """
         if out is None:
             return self._actions.masks()

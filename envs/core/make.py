@@ -45,7 +45,8 @@ def make_vec(
             meaning, but do no harm.
         first_world: Number of the first world: world i of a batch is world i of any other batch of the same seed.
         render_mode: "rgb_array", "ansi" or None.
-        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
+            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
         observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
         scaled: Whether observations, and `state`, are divided by the scales of their fields to about -1 to 1, with
             angles wrapped; what has no bounds is clipped to -10 to 10.

@@ -47,5 +47,6 @@ class StepBuffers:
         if name == "state":
             return writable(what, array, worlds + env.state_space.shape)
         if name == "action_mask":
+            env._actions.check_masked()
             return writable(what, array, (*rows, env.action_mask_size), bool)
         return writable(what, array, rows) if name == "rewards" else writable(what, array, worlds, bool)

@@ -127,20 +127,47 @@ def checked_actions(
     Raises:
         ActionError: The wrong shape or type, or an action that is out of range.
     """
-    actions: Array = as_array(given)
-    if actions.shape != shape:
-        raise ActionError(f"{what} have shape {actions.shape}: {axes} = {shape} is needed")
-    if actions.dtype.kind not in "iu":
-        raise ActionError(f"{what} are {actions.dtype}: integers are needed")
+    actions = _shaped(given, shape, "iu", "integers", what, axes)
     if not ranges:
         return actions
     unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are large ones
     bad = actions.view(unsigned) >= sizes.astype(unsigned)
     if bad.any():
-        *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
-        called = f"action {k}{f' ({keys[k]})' if keys else ''} of {who.format(*agent)}"
-        raise ActionError(f"{called} is {actions[index]}: 0 to {sizes[k] - 1} is allowed")
+        named, k, value = _first(bad, actions, who, keys)
+        raise ActionError(f"{named} is {value}: 0 to {sizes[k] - 1} is allowed")
     return actions
+
+
+def checked_fractions(
+    given: Any, shape: tuple[int, ...], *, what: str, axes: str, who: str, keys: Sequence[str]
+) -> Array:
+    """Continuous actions that a caller gave, as an array of floats of that shape; otherwise as `checked_actions`.
+
+    Raises:
+        ActionError: The wrong shape or type, or an action that is not from -1 to 1.
+    """
+    actions = _shaped(given, shape, "f", "floats", what, axes)
+    bad = ~(np.abs(actions) <= 1)  # also what is not a number
+    if bad.any():
+        named, _, value = _first(bad, actions, who, keys)
+        raise ActionError(f"{named} is {value:g}: -1 to 1 is allowed; numpy.clip brings others there")
+    return actions
+
+
+def _shaped(given: Any, shape: tuple[int, ...], kinds: str, needed: str, what: str, axes: str) -> Array:
+    """`given` as an array of that shape and of one of numpy's `kinds`. Raises ActionError."""
+    actions: Array = as_array(given)
+    if actions.shape != shape:
+        raise ActionError(f"{what} have shape {actions.shape}: {axes} = {shape} is needed")
+    if actions.dtype.kind not in kinds:
+        raise ActionError(f"{what} are {actions.dtype}: {needed} are needed")
+    return actions
+
+
+def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[str, int, Any]:
+    """The first of the bad actions, (..., actions): what it is called, its index among those of an agent, its value."""
+    *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
+    return f"action {k}{f' ({keys[k]})' if keys else ''} of {who.format(*agent)}", k, actions[index]
 
 
 def as_array(value: Any) -> Array:

@@ -48,8 +48,8 @@ class SurvivalVectorEnv(Described):
     ## Action Space
     MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants
     [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. With actions="joint" a single
-    integer (worlds, agents) stands for all of them, 0 to 215. `noop` is the action that does nothing; `action_masks()`
-    says which others would do as little.
+    integer (worlds, agents) stands for all of them, 0 to 215; with "continuous" each is a float from -1 to 1. `noop` is
+    the action that does nothing; `action_masks()` says which others would do as little.
 
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
@@ -120,8 +120,7 @@ class SurvivalVectorEnv(Described):
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
         self._reader = Observations(self.worlds, observations, scaled)
-        self._actions = ActionSpace(self.worlds, actions)
-        self._masked = bool(action_masks)
+        self._actions, self._masked = ActionSpace(self.worlds, actions, action_masks), bool(action_masks)
         self.single_observation_space = self._reader.space
         self.single_action_space = self._actions.batched(self.num_agents)
         self._tracker = EpisodeTracker(self.worlds, self._actions.sizes, self._actions.zeros, self.autoreset_mode)
@@ -179,7 +178,7 @@ class SurvivalVectorEnv(Described):
 
         Args:
             actions: Integers of any type, (worlds, agents, actions), each from 0 to its size - 1; with actions="joint"
-                (worlds, agents).
+                (worlds, agents); with actions="continuous" floats from -1 to 1, (worlds, agents, actions).
             out: Where to write what is returned, instead of into new arrays: memory of the caller's, such as a tensor
                 of PyTorch, by name. "observations" as in `observe`, "rewards", "terminated", "truncated"; "state" and
                 "action_mask" as `state` and `action_masks` have them; some or all.

@@ -3,6 +3,7 @@
 One with a memory also has a method `reset`, see memory.told.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from outlast.ecs import Clock
 
+from ..core.action_spaces import MOST
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
@@ -52,14 +54,14 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy; the observations do not matter to it.
     """
-    draw = joint_action_sampler(env.action_sizes, env._actions.kind == "joint")
+    draw = joint_action_sampler(env.action_sizes)
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
     worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
     state = mix64(mix64(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
 
     def act(observations: Arrays) -> Actions:
         np.add(state, GOLDEN, out=state)
-        return draw(mix64(state))
+        return env._actions.given(draw(mix64(state)))
 
     return act
 
@@ -176,20 +178,24 @@ def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
         return lambda observations: draw(hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
     if name == "noop":
         shape = (env.num_worlds, len(agents), len(env.action_sizes))
-        nothing = np.broadcast_to(env._actions.zeros.astype(np.int8), shape)
+        nothing = np.broadcast_to(env._actions.zeros, shape)
         return lambda observations: nothing
     return follow(STYLES[name], env)
 
 
-def joint_action_sampler(sizes: Any, joint_numbers: bool = False) -> Callable[[Any], Actions]:
-    """A function from uniform uint64 numbers to joint actions, all of them equally likely.
+def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
+    """A function from uniform uint64 numbers to joint actions, all of them equally likely: int16 (..., actions)."""
+    half = np.uint64(32)
+    if math.prod(int(size) for size in sizes) > MOST:  # a table would be too large, and each action has its own bits
 
-    They are int8 (..., actions), or with `joint_numbers` the numbers of joint actions, integers (...).
-    """
-    joint: Any = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
-    if joint_numbers:
-        joint = np.arange(len(joint))
-    count, half = np.uint64(len(joint)), np.uint64(32)
+        def each(numbers: Any) -> Actions:
+            words = mix64(numbers[..., None] + GOLDEN * np.arange(1, len(sizes) + 1, dtype=np.uint64))
+            actions: Actions = ((words >> half) * sizes.astype(np.uint64) >> half).astype(np.int16)
+            return actions
+
+        return each
+    joint: Any = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int16)
+    count = np.uint64(len(joint))
 
     def sample(numbers: Any) -> Actions:
         actions: Actions = joint[(numbers >> half) * count >> half]

@@ -28,6 +28,7 @@ AT_FEET = 0.4  # metres, less than the reach of picking up: what still lies ther
 RIM, INSIDE = 0.9, 0.7  # of the zone's radius: who is beyond hurries to the next zone; who waits for it goes so far
 PATROL, NARROW = 0.6, 3.0  # a hunter goes around at this share of the zone's radius, and at so many metres at least
 STEP = np.float32(0.6)  # radians of that circle ahead, where it heads for
+FEW = 3  # levels of a motor each way
 SMALLEST = np.float32(1e-6)  # metres, in place of 0 where a division is by a distance
 
 
@@ -164,22 +165,22 @@ class Seen:
 
 def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
     """The style as a policy for an environment: a function from observations to actions."""
-    levels = {key: -low for key, low in env.action_columns}  # each way
+    idle = {key: -low for key, low in env.action_columns}  # also how many levels there are each way
 
     def act(observations: Arrays) -> Actions:
         seen = Seen(env.fields, observations)
         plan = style(seen)
         ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)  # slow down in time
         choice = {
-            "ahead": level(ahead / 0.6, levels.get("ahead", 0)),
-            "left": level(left / 0.6, levels.get("left", 0)),
-            "turn": level((4 * plan.error - 3 * seen.omega) / 0.4, levels.get("turn", 0)),
+            "ahead": level(ahead / 0.6, idle.get("ahead", 0)),
+            "left": level(left / 0.6, idle.get("left", 0)),
+            "turn": level((4 * plan.error - 3 * seen.omega) / 0.4, idle.get("turn", 0)),
             "attack": plan.attack,
             "use": plan.use,
             "give": plan.give,
         }
-        zeros = np.zeros(seen.health.shape, np.int8)
-        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in levels], axis=-1)
+        zeros = np.zeros(seen.health.shape, np.int16)
+        return np.stack([zeros + choice.get(key, nothing) for key, nothing in idle.items()], axis=-1)
 
     return act
 
@@ -269,5 +270,9 @@ def rotated(vectors: Any, angle: Any) -> tuple[Any, Any]:
 
 
 def level(values: Any, idle: int) -> Any:
-    """The action for a motor at the nearest whole level, of which there are `idle` each way."""
-    return idle + np.clip(np.rint(values), -idle, idle).astype(np.int8)
+    """The action for a motor at the nearest whole level, of which there are `idle` each way.
+
+    Values are in levels of the paper's motors, which have 1, and of Steering, which has 3. Of more, 1 is the last.
+    """
+    each = idle if idle > FEW else 1
+    return idle + np.clip(np.rint(values * each), -idle, idle).astype(np.int16)

@@ -37,11 +37,14 @@ def example() -> SimpleNamespace:
     return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
 
 
-@pytest.mark.parametrize("algorithm", few_by_day(["mappo", "ippo", "qmix", "vdn"], ("mappo",)))
+@pytest.mark.parametrize(
+    "algorithm", few_by_day(["mappo", "ippo", "qmix", "vdn", "maddpg", "masac"], ("mappo", "maddpg"))
+)
 def test_algorithms_train(example: SimpleNamespace, algorithm: str, tmp_path: Path) -> None:
     """Networks change, returns are finite, and its file for marl-eval has every evaluation."""
     game = short("teams_2")
-    run = example.experiment(task(game), algorithm, 2 * BATCH, tmp_path, **SMALL)
+    actions = "continuous" if algorithm in example.CONTINUOUS else "joint"
+    run = example.experiment(task(game, actions=actions), algorithm, 2 * BATCH, tmp_path, **SMALL)
     before = [value.clone() for value in run.policy.parameters()]
     run.run()
     assert not all(map(torch.equal, before, run.policy.parameters()))
@@ -78,6 +81,16 @@ def test_specs(name: str) -> None:
     assert own.group_map(env) == env.group_map
     assert own.supports_discrete_actions()
     assert not own.supports_continuous_actions()
+    env.close()
+
+
+def test_a_task_has_discrete_actions_or_continuous_ones() -> None:
+    own = task("teams_2", actions="continuous")
+    env = own.get_env_fun(3, continuous_actions=True, seed=0, device="cpu")()
+    assert (own.supports_continuous_actions(), own.supports_discrete_actions()) == (True, False)
+    assert own.action_mask_spec(env) is None
+    assert own.action_spec(env)["team_0", "action"].shape == (2, 6)
+    assert "action_mask" not in env.reset()["team_0"]
     env.close()
 
 

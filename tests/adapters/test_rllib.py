@@ -96,9 +96,12 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
 @pytest.mark.parametrize("name", ["ffa_3", *execution_modes.EACH_LEVEL])
 def test_rllib_finds_nothing_wrong(name):
     """In every form of actions and observations, with and without masks."""
-    forms = itertools.product(("end", "keep"), ("multi", "joint"), ("dict", "flat"), (False, True), (False, True))
+    kinds = ("multi", "joint", "continuous")
+    forms = itertools.product(("end", "keep"), kinds, ("dict", "flat"), (False, True), (False, True))
     for form in forms:
         options = dict(zip(("dead", "actions", "observations", "scaled", "action_masks"), form, strict=True))
+        if options["actions"] == "continuous":
+            options["action_masks"] = False
         check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": execution_modes.short(name), **options}))
 
 

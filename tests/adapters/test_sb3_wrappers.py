@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from outlast.envs.errors import ClosedError, NotResetError
+from outlast.systems import FineMotors
 from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, same, walk
 from tests.conftest import COMPILED, scaled
 
@@ -268,6 +269,33 @@ def test_maskable_ppo_draws_what_the_masks_leave() -> None:
         assert np.take_along_axis(masks[:, t], first + acted[:, t], 1).all()
         reference.step(acted[:, t])
     assert not masks.all()
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
+def test_continuous_actions_are_those_of_the_worlds(algorithm: str) -> None:
+    """What it kept, played again, pays the same; SAC has continuous actions only."""
+    import stable_baselines3
+
+    scenario, steps = SHORT.with_(FineMotors()), scaled(40, least=24)
+    env, reference = (
+        make_sb3(scenario, WORLDS, seed=0, observations="flat", scaled=True, actions="continuous") for _ in range(2)
+    )
+    options: dict[str, Any] = {"learning_starts": 4, "buffer_size": 40 * env.num_envs, "gradient_steps": 2}
+    if algorithm == "PPO":
+        options = {"n_steps": steps, "n_epochs": 1, "batch_size": steps, "gamma": 0}
+    model = getattr(stable_baselines3, algorithm)("MlpPolicy", env, seed=4, **options)
+    before = [value.clone() for value in model.policy.parameters()]
+    model.learn(steps * env.num_envs)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+    kept = model.rollout_buffer if algorithm == "PPO" else model.replay_buffer
+    actions, rewards = kept.actions, kept.rewards
+    if algorithm == "PPO":  # which keeps one sub-environment behind the other, and what its Gaussians drew
+        actions = actions.reshape(env.num_envs, steps, -1).swapaxes(0, 1).clip(-1, 1)
+    reference.seed(4)
+    reference.reset()
+    for t in range(steps):
+        _, paid, _, _ = reference.step(actions[t])
+        assert paid.tolist() == rewards[t].tolist()
 
 
 @pytest.mark.nightly

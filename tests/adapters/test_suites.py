@@ -20,7 +20,7 @@ from tests.helpers.execution_modes import ALL, short
 
 FORMS = [
     dict(zip(("actions", "observations", "scaled"), form, strict=True))
-    for form in itertools.product(("multi", "joint"), ("dict", "flat"), (False, True))
+    for form in itertools.product(("multi", "joint", "continuous"), ("dict", "flat"), (False, True))
 ]
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the suites: about dicts of rows, bounds and unused arguments
 forms = pytest.mark.parametrize("form", FORMS, ids=lambda form: "-".join(map(str, form.values())))

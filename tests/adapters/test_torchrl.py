@@ -36,7 +36,8 @@ def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
 
 @pytest.mark.parametrize("groups", ["all", "sides", OWN], ids=["all", "sides", "own"])
 @pytest.mark.parametrize(
-    ("actions", "observations", "scale"), [*itertools.product(["joint", "multi"], ["flat", "dict"], [False, True])]
+    ("actions", "observations", "scale"),
+    [*itertools.product(["joint", "multi", "continuous"], ["flat", "dict"], [False, True])],
 )
 def test_specs(actions: str, observations: str, scale: bool, groups: Any) -> None:
     """TorchRL's own check of every combination."""
@@ -181,6 +182,12 @@ def test_keywords_of_reset() -> None:
         ("joint", torch.full((WORLDS, 4), 216), "is 216: 0 to 215 is allowed"),
         ("multi", torch.ones(WORLDS, 4, 1, dtype=torch.int64), r"\(worlds, n, actions\) = \(4, 4, 6\) is needed"),
         ("multi", torch.full((WORLDS, 4, 6), 2), "is 2: 0 to 1 is allowed"),
+        ("continuous", torch.zeros(WORLDS, 4, 6, dtype=torch.int64), "are int64: floats are needed"),
+        (
+            "continuous",
+            torch.full((WORLDS, 4, 6), 1.5),
+            r"action 0 \(ahead\) of agent 0 of agents in world 0 is 1.5: -1 to",
+        ),
     ],
 )
 def test_actions_that_cannot_be_are_refused(form: str, actions: Any, message: str) -> None:

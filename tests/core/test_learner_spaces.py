@@ -13,8 +13,9 @@ import outlast
 from outlast.components import Attack, Bag, Body, Health, Phase, Weapon
 from outlast.ecs import Action, Entity, Module, Read, Rows, Write, column
 from outlast.envs.core.scaling import LIMIT
+from outlast.envs.rollout.policies import STYLES, others_policy
 from outlast.errors import ActionError, DeclarationError
-from outlast.systems import DropLast, Respawn
+from outlast.systems import DropLast, FineMotors, FineSteering, Respawn
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 
 TEAMS = outlast.variant("teams_3")
@@ -25,6 +26,7 @@ MASKED = {
     .replace(ending_rule="never", ending_limit=150, melee_damage=60, melee_cooldown=3),
     "one bag each": TEAMS.replace(give_last_passes_on=False, melee_damage=50),
     "steering": outlast.variant("teams_3+steering").replace(melee_damage=50),
+    "fine steering": TEAMS.with_(FineSteering()).replace(melee_damage=50),
     "counts vary": TEAMS.vary(n_agents=outlast.integers(2, 4)).replace(melee_damage=50),
 }
 JOINT = list(itertools.product(range(3), range(3), range(3), range(2), range(2), range(2)))  # the first counts most
@@ -146,6 +148,87 @@ def test_joint_actions_are_those_of_their_digits(scenario: str) -> None:
         one.step(np.array([[JOINT[k] for k in row] for row in numbers]))
         joint.step(numbers)
         assert digest(one.worlds) == digest(joint.worlds)
+
+
+def nearest(number: float, size: int) -> int:
+    """The value whose part of -1 to 1 the number is in, counted out."""
+    return sum(number >= -1 + 2 * k / size for k in range(1, size))
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "steering", "fine motors"])
+def test_continuous_actions_are_the_values_whose_parts_they_are_in(name: str) -> None:
+    """Also at the ends, which are of the first and the last; `noop` and random policies give the middle of theirs."""
+    scenario = outlast.variant("ffa_1").with_(FineMotors()) if name == "fine motors" else MASKED.get(name, name)
+    one, free = (outlast.make_vec(scenario, 8, seed=1, actions=kind) for kind in ("multi", "continuous"))
+    shape = free.num_agents, len(one.noop)
+    assert free.single_action_space == gymnasium.spaces.Box(-1, 1, shape, np.float32)
+    assert [nearest(*pair) for pair in zip(free.noop, one.action_sizes, strict=True)] == one.noop.tolist()
+    one.reset()
+    free.reset()
+    rng, policies = np.random.default_rng(0), [outlast.random_policy(env) for env in (one, free)]
+    for t in range(scaled(100, 12)):
+        if t % 3 == 0:
+            acted, given = (policy({}) for policy in policies)
+        else:
+            given = rng.uniform(-1, 1, (8, *shape)) if t % 3 == 1 else rng.choice([-1, 0, 1], (8, *shape))
+            given = given.astype(rng.choice(["f4", "f8"]))
+            acted = np.array([[[*map(nearest, row, one.action_sizes)] for row in world] for world in given])
+        one.step(acted)
+        free.step(given)
+        assert digest(one.worlds) == digest(free.worlds)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (np.full((2, 2, 6), 1.01), r"action 0 \(ahead\) of agent 0 in world 0 is 1.01: -1 to 1 is allowed; numpy.clip"),
+        (np.full((2, 2, 6), np.nan), r"action 0 \(ahead\) of agent 0 in world 0 is nan: -1 to 1 is allowed"),
+        (np.ones((2, 2, 6), int), "actions are int64: floats are needed"),
+        (np.zeros((2, 2)), r"actions have shape \(2, 2\): \(worlds, agents, actions\) = \(2, 2, 6\) is needed"),
+    ],
+)
+@pytest.mark.parametrize("check", [True, False])
+def test_continuous_actions_that_cannot_be_are_refused(given: Any, message: str, check: bool) -> None:
+    """Whether ranges are checked or not, as other numbers have no part."""
+    env = outlast.make_vec("ffa_1", 2, seed=0, actions="continuous", check_actions=check)
+    env.reset()
+    before = digest(env.worlds)
+    with pytest.raises(ActionError, match=message):
+        env.step(given)
+    with pytest.raises(ValueError, match="there are no action masks"):
+        env.action_masks()
+    with pytest.raises(ValueError, match="there are no action masks"):
+        env.step(np.zeros((2, 2, 6)), out={"action_mask": np.empty((2, 2, 0), bool)})
+    assert digest(env.worlds) == before
+
+
+def test_actions_of_many_values_are_drawn_and_left_alone() -> None:
+    """Random policies draw each value as often, scripted ones leave alone what they do not know."""
+
+    class Aim(Action):
+        bearing: Any = column("i1", "agents", low=-127, high=127)
+
+    class Turret(Module):
+        def singletons(self) -> Any:
+            return [Aim()]
+
+    @Turret.system(Phase.EFFECT)
+    def aim(aimed: Read[Aim]) -> None:
+        pass
+
+    many = outlast.make_vec(outlast.variant("ffa_2").with_(Turret(), FineMotors()), 2048, seed=0)
+    seen, _ = many.reset()
+    names = [key for key, _ in many.action_columns]
+    kinds = [outlast.random_policy(many), others_policy("random", many, [0, 1])]
+    for drawn in (policy(seen) for policy in kinds):
+        for k, size in enumerate(many.action_sizes):
+            counts = np.bincount(drawn[..., k].ravel(), minlength=size)
+            assert len(counts) == size
+            assert ((counts - counts.mean()) ** 2 / counts.mean()).sum() < size + 6 * math.sqrt(2 * size)
+        pairs = np.corrcoef(drawn.reshape(-1, len(names)).T) - np.eye(len(names))
+        assert np.abs(pairs).max() < 5 / math.sqrt(drawn[..., 0].size)
+    for style in STYLES:
+        assert (getattr(outlast, f"{style}_policy")(many)(seen)[..., names.index("bearing")] == 127).all()
 
 
 @pytest.mark.parametrize("kind", ["dict", "flat"])
@@ -296,7 +379,8 @@ def test_memory_that_does_not_fit_is_refused_before_the_step(out: Any, message: 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint'"),
+        ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint', 'continuous'"),
+        ({"actions": "continuous", "action_masks": True}, "there are no action masks, .*take 'multi' or 'joint'"),
         ({"observations": "box"}, "observations = 'box': allowed are 'dict', 'flat'"),
     ],
 )

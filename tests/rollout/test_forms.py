@@ -10,7 +10,7 @@ import outlast
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.policies import STYLES
 
-FORMS = ({"scaled": True}, {"observations": "flat"}, {"actions": "joint"})
+FORMS = ({"scaled": True}, {"observations": "flat"}, {"actions": "joint"}, {"actions": "continuous"})
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
@@ -48,11 +48,9 @@ def test_a_saved_policy_is_refused_and_plays_as_an_opponent(form: dict[str, Any]
     for each in ({}, form):
         made: Any = gymnasium.make("outlast/FreeForAll2-v1", others=saved, **each)
         made.reset(seed=5)
-        idle = np.array([1, 1, 1, 0, 0, 0])
-        if "actions" in each:
-            idle = np.ravel_multi_index(tuple(idle), made.unwrapped.base_env.action_sizes)
+        idle = {"multi": np.array([1, 1, 1, 0, 0, 0]), "joint": 13 * 8, "continuous": np.array([0, 0, 0, -1, -1, -1.0])}
         for _ in range(30):
-            made.step(idle)
+            made.step(idle[each.get("actions", "multi")])
         healths.append(made.unwrapped.base_env.worlds[outlast.components.Body].x.tolist())
     assert healths[0] == healths[1]
 
