@@ -24,7 +24,7 @@ def main() -> None:
             for row in (row for row in TABLE if row["variant"] == variant):
                 ours = samples[row["quantity"]]
                 apart = errors_apart(row, ours)
-                numbers = (row["mean"], row["episodes"], f"{ours.mean():.4g}", EPISODES, f"{apart:+.1f}")
+                numbers = (row["mean"], row["episodes"], f"{ours.mean():.4g}", EPISODES, f"{apart:+z.1f}")
                 writer.writerow((variant, row["quantity"], *numbers))
             print(variant)
 
