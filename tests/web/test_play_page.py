@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 import pytest
 
 import outlast
-from outlast.components import Body, Heal, Health, Side
-from outlast.ecs import Clock
+from outlast.components import Body, Heal, Health, Phase, Side
+from outlast.ecs import Action, Array, Clock, Module, Read, column
 from outlast.envs.web.play.game import Game, GamePhase
 from tests.helpers.own_bodies import Mine
 from tests.web.clients import enemy_shown, has, heals_shown, picture, served
@@ -269,4 +269,39 @@ def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
             rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
             assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
             assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
+    game.close()
+
+
+class Bell(Action):
+    ring_it: Array = column("i1", "agents", low=0, high=5)
+    lock: Array = column("i1", "agents", low=-2, high=1)
+
+
+class Bells(Module):
+    """A mechanic that the page knows nothing of."""
+
+    def singletons(self):
+        return [Bell()]
+
+
+@Bells.system(Phase.EFFECT)
+def ring(bell: Read[Bell]) -> None:
+    pass
+
+
+def test_own_actions_have_a_digit_for_each_end_of_their_range(browser):
+    game = Game(outlast.variant("ffa_1").with_(Bells()), others="noop", seed=1)
+    with served(game, fps=60) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        text = card(page, "ready")
+        assert all(words in text for words in ("ring it", "lock +1", "lock −2"))
+        for key, expected in (("1", [5, 0]), ("2", [0, 1]), ("3", [0, -2])):
+            page.keyboard.down(key)
+            tick = int(game.worlds[Clock].tick[0, 0]) + 3
+            shows(page, tick)
+            chosen = dict(zip(game.ranges, game.action(), strict=True))
+            assert [chosen[name] + game.ranges[name][0] for name in ("ring_it", "lock")] == expected
+            page.keyboard.up(key)
     game.close()

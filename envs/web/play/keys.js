@@ -20,17 +20,24 @@ const Keys = (() => {
   let onChange = () => {};
   const down = new Map(); // of each key, button or stick: {action: value}
 
-  // Bind the actions that this world has; those of other mechanics get the digits. listener(held, tapped) is called after changes.
+  // Bind the actions that this world has; those of other mechanics get the digits, one for each end of their range that is not 0.
+  // listener(held, tapped) is called after changes.
   function bind(actions, listener) {
     ranges = actions;
     const known = new Set(BINDINGS.map(([name]) => name));
-    const others = Object.keys(actions).filter((name) => !known.has(name)).slice(0, 9);
+    const ends = (name) => {
+      const values = actions[name].filter((value) => value).reverse();
+      return values.map((value) => [name, value, values.length > 1]);
+    };
+    const others = Object.keys(actions).filter((name) => !known.has(name)).flatMap(ends).slice(0, 9);
     bindings = [
       ...BINDINGS.filter(([name]) => name in actions).map(([name, value, ...rest]) => [name, full(name, value), ...rest]),
-      ...others.map((name, k) => [name, actions[name][1], [`Digit${k + 1}`], String(k + 1), name.replaceAll("_", " ")]),
+      ...others.map(([name, value, signed], k) => [name, value, [`Digit${k + 1}`], String(k + 1), words(name, signed && value)]),
     ];
     onChange = listener;
   }
+
+  const words = (name, value) => name.replaceAll("_", " ") + (value ? ` ${value < 0 ? "−" : "+"}${Math.abs(value)}` : "");
 
   const full = (name, sign) => (sign && name in ranges ? ranges[name][sign < 0 ? 0 : 1] : 0);
 
