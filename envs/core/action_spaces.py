@@ -111,9 +111,9 @@ class ActionSpace:
             if given.shape != shape:
                 wanted = f"{axes} = {shape}" if shape else axes
                 raise ActionError(f"{what} have shape {given.shape}: {wanted} is needed, as each is a joint action")
-            return checked_actions(given[..., None], (*shape, 1), np.array([self.mask_size]), who=who, what=what)[
-                ..., 0
-            ]
+            count = np.array([self.mask_size])
+            joint: Array = checked_actions(given[..., None], (*shape, 1), count, who=who, what=what)[..., 0]
+            return joint
         axes = f"({axes}, actions)" if axes else "(actions,)"
         shape = (*shape, len(self.keys))
         if self.kind == "continuous":
