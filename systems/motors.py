@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from outlast.components import Body, Drive, Phase, Push, Side, Solid, Throttle
-from outlast.components.body import inverse
+from outlast.components.body import ONE, inverse
 from outlast.components.limits import STRONG
 from outlast.components.motor import HUNDREDTH, Control
 from outlast.components.respawn import inactive
@@ -60,26 +60,41 @@ def drive(
     give: int,
 ) -> None:
     """Turn actions into momentum."""
-    for i in range(agents.size):
-        e = agents[i]
-        if entities.alive[e]:
-            forward, sideways = of(ahead, e) * drive.ahead[i], of(left, e) * drive.left[i]
-            push_by(body, push, solid, e, forward, sideways, of(turn, e) * drive.turn[i], give)
+    push_all(drive, ONE, body, push, solid, entities, agents, ahead, left, turn, give)
 
 
 @kernel
-def push_by(body: Any, push: Any, solid: Any, e: int, forward: Any, sideways: Any, around: Any, give: int) -> None:
-    """Push an agent, in its own frame: newton-seconds and newton-metre-seconds in this tick."""
-    x = body.cosine[e] * forward - body.sine[e] * sideways
-    y = body.sine[e] * forward + body.cosine[e] * sideways
-    if give == 0:
-        push.x[e], push.y[e], push.turn[e] = x, y, around
-    else:
-        push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
-        inverse_mass = inverse(solid.mass[e])
-        body.vx[e] += inverse_mass * x
-        body.vy[e] += inverse_mass * y
-        body.omega[e] += inverse(solid.inertia[e]) * around
+def push_all(
+    action: Any,
+    share: Any,
+    body: Any,
+    push: Any,
+    solid: Any,
+    entities: Any,
+    agents: Any,
+    ahead: Any,
+    left: Any,
+    turn: Any,
+    give: int,
+) -> None:
+    """Push the living. share: of full thrust, that 1 of an action is, float32."""
+    for i in range(agents.size):
+        e = agents[i]
+        if not entities.alive[e]:
+            continue
+        forward = of(ahead, e) * (action.ahead[i] * share)
+        sideways = of(left, e) * (action.left[i] * share)
+        around = of(turn, e) * (action.turn[i] * share)
+        x = body.cosine[e] * forward - body.sine[e] * sideways
+        y = body.sine[e] * forward + body.cosine[e] * sideways
+        if give == 0:
+            push.x[e], push.y[e], push.turn[e] = x, y, around
+        else:
+            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
+            inverse_mass = inverse(solid.mass[e])
+            body.vx[e] += inverse_mass * x
+            body.vy[e] += inverse_mass * y
+            body.omega[e] += inverse(solid.inertia[e]) * around
 
 
 @dataclass(frozen=True)
@@ -107,9 +122,4 @@ def drive_finely(
     give: int,
 ) -> None:
     """Turn actions into momentum."""
-    for i in range(agents.size):
-        e = agents[i]
-        if entities.alive[e]:
-            forward = of(ahead, e) * (throttle.ahead[i] * HUNDREDTH)
-            sideways = of(left, e) * (throttle.left[i] * HUNDREDTH)
-            push_by(body, push, solid, e, forward, sideways, of(turn, e) * (throttle.turn[i] * HUNDREDTH), give)
+    push_all(throttle, HUNDREDTH, body, push, solid, entities, agents, ahead, left, turn, give)

@@ -52,20 +52,20 @@ def steer(
     body: Write[Body], steer: Read[Steer], entities: Read[Entity], agents: Rows[Side, Push], speed: float, spin: float
 ) -> None:
     """Turn actions into velocity."""
+    move_all(steer, THIRD, body, entities, agents, speed, spin)
+
+
+@kernel
+def move_all(action: Any, share: Any, body: Any, entities: Any, agents: Any, speed: Any, spin: Any) -> None:
+    """Set the velocity of the living. share: of the most, that 1 of an action is, float32."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
             most = of(speed, e)
-            forward, sideways = most * (steer.ahead[i] * THIRD), most * (steer.left[i] * THIRD)
-            move_by(body, e, forward, sideways, of(spin, e) * (steer.turn[i] * THIRD))
-
-
-@kernel
-def move_by(body: Any, e: int, forward: Any, sideways: Any, spin: Any) -> None:
-    """Set an agent's velocity, in its own frame: metres and radians a second."""
-    body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
-    body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
-    body.omega[e] = spin
+            forward, sideways = most * (action.ahead[i] * share), most * (action.left[i] * share)
+            body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
+            body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
+            body.omega[e] = of(spin, e) * (action.turn[i] * share)
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,4 @@ def steer_finely(
     spin: float,
 ) -> None:
     """Turn actions into velocity."""
-    for i in range(agents.size):
-        e = agents[i]
-        if entities.alive[e]:
-            most = of(speed, e)
-            forward, sideways = most * (throttle.ahead[i] * HUNDREDTH), most * (throttle.left[i] * HUNDREDTH)
-            move_by(body, e, forward, sideways, of(spin, e) * (throttle.turn[i] * HUNDREDTH))
+    move_all(throttle, HUNDREDTH, body, entities, agents, speed, spin)
