@@ -162,11 +162,17 @@ def benchmark_tasks() -> str:
 
 def suite_ratings(*names: str) -> str:
     """The fixed Elo ratings of the benchmark's suite in some tasks, best first in the first of them."""
-    found = [{member.name: member.rating or 0.0 for member in suite(task_of(name))} for name in names]
+    found = [{opponent(member.name): member.rating or 0.0 for member in suite(task_of(name))} for name in names]
     order = sorted(found[0], key=lambda member: -found[0][member])
     return grid(
         ["opponent", *map(code, names)], [[member, *(f"{own[member]:.0f}" for own in found)] for member in order]
     )
+
+
+def opponent(name: str) -> str:
+    """A member of a suite in words: an anchor by its run and its age, which is about the same in all tasks."""
+    run, _, steps = name.partition("-steps_")
+    return f"{run}, {int(steps) / 1e6:.0f} M" if steps else name
 
 
 def actions() -> str:

@@ -112,6 +112,18 @@ def test_commands_are_understood() -> None:
         parser().parse_args(shlex.split(command)[1:])
 
 
+def test_tables_can_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that pages ask for, without building the site, which takes a night."""
+    for tool in TOOLS:
+        pytest.importorskip(tool, reason=f"{tool} is not installed: pip install 'outlast[docs]'")
+    monkeypatch.syspath_prepend(str(DOCS / "_ext"))
+    tables = importlib.import_module("tables").TABLES
+    asked = {found for text in PAGES.values() for found in re.findall(r"^```\{outlast\} (.+)$", text, re.MULTILINE)}
+    assert len(asked) > 20
+    for name, *about in map(str.split, sorted(asked)):
+        assert tables[name](*about).count("\n") > 2, name
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built pages."""
