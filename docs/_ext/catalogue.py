@@ -176,16 +176,20 @@ def opponent(name: str) -> str:
 
 
 def actions() -> str:
-    """The components of an action, in order."""
-    owned = sorted(owners(Action).items(), key=lambda pair: pair[0].order)
-    columns = [(component, module, name) for component, module in owned for name in component.columns]
-    rows = []
-    for k, (component, module, name) in enumerate(columns):
-        low, high = (int(getattr(component.columns[name], bound)) for bound in ("low", "high"))
-        says = ", ".join(f"{value - low} → {value}" if low else str(value) for value in range(low, high + 1))
-        first = name == next(iter(component.columns))
-        about = [summary(component), code(module.__name__)] if first else ["", ""]
-        rows.append([k, code(name), says, *about])
+    """The components of an action, in order. Those of one order take each other's place."""
+    kinds = [getattr(systems, name) for name in systems.__all__]
+    found = sorted(owners(Action), key=lambda kind: (kind.order, max(column.high for column in kind.columns.values())))
+    rows, begins, free = [], dict[float, int](), 0
+    for component in found:
+        begin = begins.setdefault(component.order, free)
+        free = begin + len(component.columns)
+        makers = [kind for kind in kinds if any(type(made) is component for made in kind().singletons())]
+        for k, (name, column) in enumerate(component.columns.items()):
+            low, high = int(column.low), int(column.high)
+            values = [f"{value - low} → {value}" if low else str(value) for value in range(low, high + 1)]
+            says = ", ".join(values if len(values) < 10 else [*values[:2], "...", values[-1]])
+            about = ["", ""] if k else [summary(component), ", ".join(code(kind.__name__) for kind in makers)]
+            rows.append([begin + k, code(name), says, *about])
     return grid(["position", "action", "values", "meaning", "mechanic"], rows)
 
 
