@@ -147,13 +147,15 @@ def claimed() -> str:
     return claims_table(list(findings(kept())))
 
 
-def mended() -> str:
-    """What agents do in the games of docs/results/mended, by `outlast paper mended`: a column for each game."""
+def mended(begins: str) -> str:
+    """What agents do in the games of docs/results/mended whose name begins so: a column for each, no row of zeros."""
     lines = (DOCS / "results" / "mended" / "measured.md").read_text().splitlines()
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows]
+    columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows if row[0].startswith(begins)]
     first, *others = zip(heads, *columns, strict=True)
-    return grid(list(first), [list(row) for row in others])
+    return grid(
+        list(first), [list(row) for row in others if any(float(cell.split()[0].replace(",", "")) for cell in row[1:])]
+    )
 
 
 def compared_runs() -> str:

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,15 @@ def test_a_part_a_game_and_seeds_are_chosen(capsys: pytest.CaptureFixture[str]) 
 def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert outlast_paper(*words) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+def test_what_films_need_is_missed_before_anything_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert outlast_paper("original", "--only", "ffa_1", "--out", tmp_path / "out") == 2
+    assert "the films need FFmpeg: pip install 'outlast[train,plot,video]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

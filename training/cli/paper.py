@@ -9,7 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import STOPPED, nonnegative, positive
-from outlast.envs.errors import install
+from outlast.envs.errors import FilmError, install
 
 from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
@@ -71,10 +71,16 @@ def run(options: argparse.Namespace) -> int:
         for (experiment, seed), each in zip(plan, seconds, strict=True):
             print(f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h")
         return 0
-    try:
+    try:  # ahead of hours of training
+        from outlast.envs.rendering.video.codecs import find_ffmpeg
+
         from ..reproduction.output import write_part
+
+        find_ffmpeg(".gif")
     except ModuleNotFoundError as error:
-        raise TrainingError(f"this needs {error.name}: {install('train,plot')}") from error
+        raise TrainingError(f"this needs {error.name}: {install('train,plot,video')}") from error
+    except FilmError as error:
+        raise TrainingError(f"the films need FFmpeg: {install('train,plot,video')}") from error
     status = _train(plan, seconds, options, about, jobs)
     if status == STOPPED:
         return status
