@@ -12,6 +12,7 @@ from outlast.ecs import (
     Column,
     Component,
     DeclarationError,
+    Event,
     Field,
     Layout,
     Observation,
@@ -19,6 +20,7 @@ from outlast.ecs import (
     Statistic,
     Worlds,
 )
+from outlast.ecs.references import is_outside
 from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
@@ -49,6 +51,10 @@ NEEDS: dict[type[Component], str] = {
     "parameter Write[{}]",
     Action: "no system reads the action {}, so choosing it would do nothing; its mechanic needs a system with a "
     "parameter Read[{}]",
+    Statistic: "no system writes the statistic {}, so it would be 0 in every episode; its mechanic needs a system with "
+    "a parameter Write[{}]",
+    Event: "no system emits the event {}, so it would never happen; its mechanic needs a system with a parameter "
+    "Write[{}]",
 }
 INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # what infos have beside statistics
 
@@ -58,7 +64,7 @@ def check_published(worlds: Worlds) -> None:
 
     Raises:
         DeclarationError: A column that they see or set has no row an agent, or no system writes or reads it; what a
-            system pays is set anew after it; or two statistics have one name.
+            system pays is set anew after it; two statistics have one name; nobody counts one; nobody emits an event.
     """
     systems = worlds.layout.systems
     for base in (Observation, Action):
@@ -82,6 +88,12 @@ def check_published(worlds: Worlds) -> None:
         names += _reported(worlds, key, column)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
+    for _, component, name, _ in published(worlds, Statistic):
+        if not any(system.touches(component, *USES[Observation]) for system in systems):
+            raise DeclarationError(NEEDS[Statistic].format(f"{component.__qualname__}.{name}", component.__name__))
+    for event in filter(is_outside, worlds.layout.events):
+        if not any(system.touches(event, "read", "write") for system in systems):  # who emits it may be left out
+            raise DeclarationError(NEEDS[Event].format(event.__qualname__, event.__name__))
 
 
 def _check_signals(worlds: Worlds) -> None:

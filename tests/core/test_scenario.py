@@ -17,6 +17,7 @@ from outlast.ecs import (
     Archetype,
     DeclarationError,
     Entity,
+    Event,
     Module,
     NumberError,
     Observation,
@@ -410,6 +411,14 @@ class Jump(Action):
     jump: Any = column("i1", "agents", low=0, high=1)
 
 
+class Laps(Statistic):
+    laps: Any = column("i4", "agents")
+
+
+class Fanfare(Event, capacity=1):
+    loud: Any = column("u1")
+
+
 class Swing(Action, order=9):
     attack: Any = column("i1", "agents", low=0, high=1)
 
@@ -426,6 +435,8 @@ class Swing(Action, order=9):
         (Swing, "are both the action 'attack'"),
         (Image, r"no system writes the observation Image.image, so agents would see zeros; .* Write\[Image\]"),
         (Jump, r"no system reads the action Jump.jump, so choosing it would do nothing; .* Read\[Jump\]"),
+        (Laps, r"no system writes the statistic Laps.laps, so it would be 0 in every episode; .* Write\[Laps\]"),
+        (Fanfare, r"no system emits the event Fanfare, so it would never happen; .* Write\[Fanfare\]"),
     ],
 )
 def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, words: str) -> None:
