@@ -6,6 +6,7 @@ Films are made by the commands that the pages show beside them.
 """
 
 import contextlib
+import math
 import re
 import shlex
 import shutil
@@ -149,6 +150,24 @@ def tag() -> Image:
     return draw(env.worlds, 0, 320, TAG_LAYERS)
 
 
+def hide_and_seek() -> Image:
+    """Hiders behind boxes that they have locked in the doors, one that is being brought there, and seekers outside."""
+    sys.path.insert(0, str(DOCS / "examples"))
+    from hide_and_seek import HIDE_AND_SEEK
+    from hide_and_seek_view import HandledLayer
+
+    env = played(HIDE_AND_SEEK, 0, 0)
+    body, agent, box = env.worlds[Body], env.worlds.span("agent").start, env.worlds.span("box").start
+    idle, grab, lock = (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (3, 3, 3, 0, 2)
+    for e, (x, y) in enumerate([(-0.6, 2.0), (-3.2, 0.2), (3.0, 3.0), (5.5, -3.0)]):
+        body.x[0, agent + e], body.y[0, agent + e] = x, y
+    for k, (x, y, angle) in enumerate([(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]):
+        body.x[0, box + k], body.y[0, box + k], body.angle[0, box + k] = x, y, angle
+        body.cosine[0, box + k], body.sine[0, box + k] = math.cos(angle), math.sin(angle)
+    env.step(np.array([[lock, grab, idle, idle]]))
+    return draw(env.worlds, 0, 400, [*LAYERS, HandledLayer()])
+
+
 def levels() -> Image:
     """What the mechanics of walls set up, and a floor plan."""
     plan = outlast.FloorPlan.from_text(
@@ -201,7 +220,7 @@ def page() -> Image:
 
 
 PICTURES: dict[str, Callable[[], Image]] = {
-    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, levels, lidar)
+    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, hide_and_seek, levels, lidar)
 }
 SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 

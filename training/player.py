@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.core.validation import check_count
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import install
 from outlast.envs.rollout.saved import REVEALED, cameras_mode, newest
@@ -261,5 +262,8 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
     Raises:
         TrainingError: The file cannot be read, or is broken.
         UsageError: A folder is not that of one run.
+        ValueError: A seed that cannot be.
     """
+    if seed is not None:
+        check_count("seed", seed, 0, 2**64 - 1)
     return Player(newest(Path(path)), seed)

@@ -146,6 +146,8 @@ KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
 @pytest.mark.parametrize("path", sorted(KEPT.rglob("*.zip")), ids=lambda path: str(path.relative_to(KEPT)))
 @pytest.mark.by_day(8)
 def test_every_kept_policy_plays(path: Path) -> None:
+    with pytest.raises(ValueError, match="seed = 'likeliest': an integer >= 0 is needed"):
+        load_policy(path, seed="likeliest")  # type: ignore[arg-type]
     player = load_policy(path, seed=None)
     games = {f"{each.name}-{each.preset}": each.scenario for each in experiments(PARTS)}
     with contextlib.closing(make_vec(player.scenario(games[path.stem.rpartition("-")[0]]), 4, seed=0)) as env:
