@@ -97,7 +97,7 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
         yield True
         return
     try:
-        while not (mine := _lock(handle)) and time.monotonic() < end:
+        while not (mine := try_lock(handle)) and time.monotonic() < end:
             time.sleep(0.01)
         yield mine or wait
     finally:
@@ -109,7 +109,7 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
         os.close(handle)
 
 
-def _lock(handle: int) -> bool:
+def try_lock(handle: int) -> bool:
     """Lock a file, or where that is impossible do nothing; False if another process has locked it."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -14,6 +14,7 @@ from outlast.envs.errors import install
 from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
+from outlast.envs.storage.folder_lock import FolderLock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
 
 from . import checkpoint, run_header
@@ -163,6 +164,7 @@ class TrainingRun:
                         self._save(kept)
                 finally:
                     self.log.close()
+                    self.lock.release()
 
     def _warm_start(self, progress: Progress) -> None:
         """Imitate, and save. One that is interrupted begins again with the run."""
@@ -246,9 +248,15 @@ class TrainingRun:
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self) -> None:
-        """Make the folder, remove temporary files of a killed process, and write run.json."""
+        """Make the folder and lock it, remove temporary files of a killed process, and write run.json."""
         checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # what could not be read is not written
         self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.lock = FolderLock(self.folder)
+        except BlockingIOError:
+            raise TrainingError(
+                f"{self.folder}: another process trains this run; wait until it ends, stop it, or choose another --out"
+            ) from None
         for path in filter(is_temporary, list(self.folder.iterdir())):
             remove(path)
         if not (self.folder / run_header.NAME).exists():

@@ -315,6 +315,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path
     TrainingRun(config(2 * EACH), tmp_path / "whole").train()
     begun = TrainingRun(config(2 * EACH), tmp_path / "parts")  # and killed
     begun.log.close()
+    begun.lock.release()
     (tmp_path / "parts/.log.csv-0123abcd.tmp").write_text("half")
     with (tmp_path / "parts/log.csv").open("a") as log:
         log.write("train/loss,384,0.5\ntrain/lo")
@@ -330,6 +331,29 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path
     TrainingRun(config(2 * EACH), tmp_path / "parts", resume=True).train()
     assert points(tmp_path / "parts") == points(tmp_path / "whole")
     assert not list(tmp_path.glob("*/*.tmp"))
+
+
+def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
+    """The other one reads, and writes nothing; a lock ends with its process, however that ends."""
+    TrainingRun(config(EACH), tmp_path / "whole").train()
+    code = "import sys, time, pathlib\nfrom outlast.envs.storage.folder_lock import FolderLock\n"
+    code += "lock = FolderLock(pathlib.Path(sys.argv[1]))\nprint('held', flush=True)\ntime.sleep(600)"
+    (tmp_path / "run").mkdir()
+    command = [sys.executable, "-c", code, str(tmp_path / "run")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        for resume in (False, True):
+            with pytest.raises(TrainingError, match="run: another process trains this run; wait until it ends"):
+                TrainingRun(config(EACH), tmp_path / "run", resume=resume)
+        assert not list((tmp_path / "run").iterdir())
+        other.kill()
+    run = TrainingRun(config(EACH), tmp_path / "run")
+    with pytest.raises(TrainingError, match="another process trains this run"):
+        TrainingRun(config(EACH), tmp_path / "run", resume=True)
+    run.train()
+    assert_same(tmp_path / "run", tmp_path / "whole")
+    TrainingRun(config(2 * EACH), tmp_path / "run", resume=True).train()
 
 
 @pytest.mark.parametrize("resume", [False, True])

@@ -1,0 +1,40 @@
+"""Folders that one process at a time writes into."""
+
+import contextlib
+import os
+from pathlib import Path
+
+from outlast.ecs.cache_files import fcntl, try_lock
+
+
+class FolderLock:
+    """Keeps other processes out of a folder, until `release` or the end of this process, in whatever way that ends.
+
+    Where folders cannot be locked, as on Windows, all processes may write into them.
+
+    Args:
+        folder: It; it is there.
+
+    Raises:
+        BlockingIOError: Another process, or another lock of this one, has it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._handle: int | None = None
+        if fcntl is None:
+            return
+        handle = os.open(folder, os.O_RDONLY)
+        if not try_lock(handle):
+            os.close(handle)
+            raise BlockingIOError(f"{folder} is in use")
+        self._handle = handle
+
+    def release(self) -> None:
+        """Let others in; again does no harm."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            with contextlib.suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_UN)  # closing would not do: processes that were forked have it open, too
+            os.close(handle)
+
+    __del__ = release
