@@ -123,7 +123,10 @@ class Player:
         checkpoint.check_fields(self.header, env)
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
-            raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
+            raise TrainingError(
+                f"the policy was trained where actions have {known} values, and here they have {asked}: take the "
+                "mechanics that it was trained with, as by --with 'FineMotors()'"
+            )
         trained, here = self.preset.cameras, cameras_mode(env.scenario)
         if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
             raise TrainingError(

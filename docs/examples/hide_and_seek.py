@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast import FloorPlan, Scenario, systems
-from outlast.components import Body, Box, BoxView, ObservationMasks, Phase, Reward, SelfView, Shape, Side, Solid
-from outlast.components.sight import is_set
+from outlast.components import Body, BoxView, ObservationMasks, Phase, Reward, SelfView, Shape, Side, Sight, Solid
+from outlast.components.respawn import inactive
+from outlast.components.sight import OMNISCIENT, is_set
 from outlast.ecs import (
     Action,
     Archetype,
@@ -62,7 +63,7 @@ class Handle(Action, order=2):
     lock: Array = column("i1", "agents", low=-1, high=1)
 
 
-class BoxLocked(Event, capacity=Box, who="agent", whom="box"):
+class BoxLocked(Event, capacity="agents", who="agent", whom="box"):
     """A box that was locked, or unlocked."""
 
     agent: Array = column("i4", unit="entity")
@@ -72,11 +73,16 @@ class BoxLocked(Event, capacity=Box, who="agent", whom="box"):
 
 @dataclass(frozen=True)
 class Handling(Module):
-    """Agents drag boxes around, and lock them: then nobody moves them, until one of the same side unlocks them."""
+    """Agents drag boxes around, and lock them: then nobody moves them, until one of the same side unlocks them.
+
+    They handle what they see and reach. A held box and its holder move as one body, as heavy as both.
+    """
 
     reach: float = number(0.6, low=0, unit="metres", about="from an agent's rim to a box that it can hold or lock")
-    stiffness: float = number(8.0, above=0, high=25, unit="per second", about="how fast a held box follows")
-    slack: float = number(1.0, above=0, unit="metres", about="a box that falls behind by more slips away")
+    stiffness: float = number(
+        8.0, above=0, unit="per second", about="how fast a held box gets back to where it was held"
+    )
+    slack: float = number(0.5, above=0, unit="metres", about="a box that is farther off than this slips away")
 
     def archetypes(self) -> Iterable[Archetype]:
         """One more component for agents, and one for boxes."""
@@ -94,10 +100,17 @@ class Handling(Module):
         """Of locked, 1 is by the agent's own side, -1 by another one."""
         return {"own": {"holds": (0, 1)}, "boxes": {"held": (0, 1), "locked": (-1, 1)}}
 
+    def idle_actions(self, worlds):
+        """For action masks: the dead do nothing."""
+        return dict.fromkeys(("grab", "lock"), inactive(worlds))
+
     def check(self, layout):
-        """What would have no effect is refused."""
+        """What would have no effect, or would not come to rest, is refused."""
         if not layout.numbers("boxes")["dynamic"]:
             raise NumberError("handling: no box can be moved; set boxes_dynamic=True")
+        physics = layout.numbers("physics")
+        if self.stiffness * physics["substeps"] > physics["rate"]:
+            raise NumberError("handling.stiffness: a box would overshoot in a tick; take less than a tick's inverse")
 
 
 @kernel
@@ -110,11 +123,14 @@ def distance(body, shape, e, box) -> float:
 
 
 @kernel
-def nearest(body, shape, entities, boxes, e, reach) -> int:
-    """The box in reach of agent `e` that is nearest, or NOBODY."""
+def nearest(tables, i, e, boxes, reach, locked_by, free) -> int:
+    """The nearest box that agent `e` sees and reaches, with that lock, or NOBODY. free: of those that nobody holds."""
+    body, shape, entities, sight, handled = tables
     found, least = NOBODY, reach
     for box in boxes:
-        if entities.alive[box]:
+        known = sight.mode[0] == OMNISCIENT or is_set(sight.visible, i, box)
+        fits = handled.locked_by[box] == locked_by and not (free and handled.holder[box] >= 0)
+        if entities.alive[box] and known and fits:
             far = distance(body, shape, e, box)
             if far <= least:
                 found, least = box, far
@@ -129,6 +145,25 @@ def let_go(grip, handled, e) -> None:
         grip.box[e] = NOBODY
 
 
+@kernel
+def join(body, solid, e, box, off_x, off_y, turn) -> None:
+    """Give two bodies the motion of one: nothing is gained or lost but the energy of what moved apart.
+
+    off_x, off_y, turn: velocities by which the box comes back to its place, and its holder, by weight, to meet it.
+    """
+    share = solid.mass[box] / (solid.mass[e] + solid.mass[box])
+    x, y = body.x[box] - body.x[e], body.y[box] - body.y[e]
+    apart_x, apart_y = body.vx[box] - body.vx[e], body.vy[box] - body.vy[e]
+    vx, vy, mass = body.vx[e] + share * apart_x, body.vy[e] + share * apart_y, share * solid.mass[e]
+    inertia = solid.inertia[e] + solid.inertia[box]
+    spin = solid.inertia[e] * body.omega[e] + solid.inertia[box] * body.omega[box] + mass * (x * apart_y - y * apart_x)
+    spin /= inertia + mass * (x * x + y * y)
+    other, twist = 1 - share, solid.inertia[box] / inertia
+    body.vx[e], body.vy[e] = vx + share * (spin * y - off_x), vy - share * (spin * x + off_y)
+    body.vx[box], body.vy[box] = vx - other * (spin * y - off_x), vy + other * (spin * x + off_y)
+    body.omega[e], body.omega[box] = spin - twist * turn, spin + (1 - twist) * turn
+
+
 @Handling.system(Phase.DRIVE, after=(Body, "preparation"))
 def handle(
     grip: Write[Grip],
@@ -137,6 +172,7 @@ def handle(
     solid: Write[Solid],
     events: Write[BoxLocked],
     action: Read[Handle],
+    sight: Read[Sight],
     shape: Read[Shape],
     side: Read[Side],
     entities: Read[Entity],
@@ -146,16 +182,16 @@ def handle(
     stiffness: float,
     slack: float,
 ) -> None:
-    """Locks first: a locked box is as static as walls are. A held one moves as if it were a part of its holder."""
+    """Locks first: a locked box is as static as walls are. Then what is held moves with its holder."""
+    tables = (body, shape, entities, sight, handled)
     for box in boxes:
         if not entities.alive[box]:  # broken, and later set up again
             handled.locked_by[box], solid.dynamic[box] = NOBODY, 1
     for i in range(agents.size):
-        e, own = agents[i], side.side[agents[i]]
+        e, own, locks = agents[i], side.side[agents[i]], action.lock[i] > 0
         if entities.alive[e] and action.lock[i] != 0:
-            box = nearest(body, shape, entities, boxes, e, reach)
-            locks = action.lock[i] > 0
-            if box >= 0 and handled.locked_by[box] == (NOBODY if locks else own):
+            box = nearest(tables, i, e, boxes, reach, NOBODY if locks else own, False)
+            if box >= 0:
                 if handled.holder[box] >= 0:
                     let_go(grip, handled, handled.holder[box])
                 handled.locked_by[box] = own if locks else NOBODY
@@ -170,23 +206,21 @@ def handle(
             let_go(grip, handled, e)
             continue
         if box < 0:
-            box = nearest(body, shape, entities, boxes, e, reach)
-            if box < 0 or handled.holder[box] >= 0 or handled.locked_by[box] >= 0:
+            box = nearest(tables, i, e, boxes, reach, NOBODY, True)
+            if box < 0:
                 continue
             x, y = body.x[box] - body.x[e], body.y[box] - body.y[e]
             grip.box[e], handled.holder[box] = box, e
             grip.ahead[e] = x * body.cosine[e] + y * body.sine[e]
             grip.left[e] = y * body.cosine[e] - x * body.sine[e]
             grip.turn[e] = body.angle[box] - body.angle[e]
-        x = grip.ahead[e] * body.cosine[e] - grip.left[e] * body.sine[e]  # from the agent to where the box belongs
-        y = grip.ahead[e] * body.sine[e] + grip.left[e] * body.cosine[e]
-        off_x, off_y = body.x[e] + x - body.x[box], body.y[e] + y - body.y[box]
-        if math.hypot(off_x, off_y) > slack:
+        x = body.x[e] + grip.ahead[e] * body.cosine[e] - grip.left[e] * body.sine[e] - body.x[box]
+        y = body.y[e] + grip.ahead[e] * body.sine[e] + grip.left[e] * body.cosine[e] - body.y[box]
+        if math.hypot(x, y) > slack:
             let_go(grip, handled, e)
             continue
-        body.vx[box] = body.vx[e] - body.omega[e] * y + stiffness * off_x
-        body.vy[box] = body.vy[e] + body.omega[e] * x + stiffness * off_y
-        body.omega[box] = body.omega[e] + stiffness * (body.angle[e] + grip.turn[e] - body.angle[box])
+        turn = body.angle[e] + grip.turn[e] - body.angle[box]
+        join(body, solid, e, box, stiffness * x, stiffness * y, stiffness * turn)
 
 
 @Handling.system(Phase.OBSERVE)
@@ -230,11 +264,16 @@ class HideAndSeek(Module):
     """From tick `begin` on, hiders are paid while no seeker sees any of them, and seekers while one does."""
 
     begin: int = number(100, low=0, unit="ticks", about="from which on it counts who is seen")
-    reward: float = number(0.1, unit="reward a tick", about="for one side; the other one pays it")
+    reward: float = number(0.1, unit="reward a tick", about="of each of one side; each of the other one pays as much")
 
     def singletons(self) -> Iterable[Singleton]:
         """What is paid, and counted."""
         return [Reward(), Seen()]
+
+    def check(self, layout):
+        """There are hiders and seekers."""
+        if layout.dims.get("sides") != 2:
+            raise NumberError("hide_and_seek: two sides are needed, hiders first; add Teams(sizes=(2, 2))")
 
 
 @kernel
@@ -257,7 +296,7 @@ def pay(
     begin: int,
     reward: float,
 ) -> None:
-    """The sides' rewards add up to nothing."""
+    """Nothing before it counts."""
     pays = 0 if clock.tick[0] <= begin else -reward if found(masks, side, agents) else reward
     for i in range(agents.size):
         reward_table.reward[i] = pays if side.side[agents[i]] == HIDERS else -pays
@@ -310,7 +349,9 @@ HIDE_AND_SEEK = Scenario(
         systems.Preparation(ticks=PREPARATION, sides=(SEEKERS,), blind=True),
         systems.Cameras(fov=0.75 * math.pi, depth=15.0),
         systems.Lidar(rays=15),
-        systems.Boxes(count=4, width=2.2, width_deviation=0.0, height=0.8, height_deviation=0.0, dynamic=True),
+        systems.Boxes(
+            count=4, width=2.2, width_deviation=0.0, height=0.8, height_deviation=0.0, dynamic=True, density=0.3
+        ),
         systems.Ending(rule="never", limit=300),
         systems.Record(),
         Handling(),

@@ -19,15 +19,16 @@ OPEN = HIDE_AND_SEEK.without("walls").replace(cameras_fov=math.pi, preparation_t
 
 
 def placed(*places, boxes=(), scenario=OPEN, **numbers):
-    """One world: agents stand at these places and boxes at those, all facing +x; all other boxes are far away."""
+    """One world, after a tick: agents are at these places and boxes at those, facing +x; other boxes are far away."""
     env = outlast.make_vec(scenario.replace(boxes_height=0.8, **numbers), 1, seed=0)
     env.reset()
     body, (agents, own) = env.worlds[Body], (env.worlds.span(kind) for kind in ("agent", "box"))
     far = [(8, y) for y in (-5, -3, 3, 5)]
     body.x[0, agents], body.y[0, agents] = np.transpose(places)
-    body.x[0, own], body.y[0, own] = np.transpose([*boxes, *far][:4])
+    body.x[0, own], body.y[0, own] = np.transpose([*boxes, *far][: own.stop - own.start])
     for column, value in (("angle", 0), ("cosine", 1), ("sine", 0)):
         getattr(body, column)[0] = value
+    step(env)  # in which they look around
     return env, body, agents.start, own.start
 
 
@@ -60,8 +61,8 @@ def test_a_held_box_follows_until_it_is_let_go():
 
 def test_a_held_box_turns_with_its_holder():
     env, body, me, box = placed((0, 0), *ASIDE, boxes=[(1.8, 0)])
-    for _ in range(20):
-        step(env, (3, 3, 5, 1, 1))
+    for _ in range(30):
+        step(env, (3, 3, 6, 1, 1))
     x, y = body.x[0, box] - body.x[0, me], body.y[0, box] - body.y[0, me]
     assert body.angle[0, me] > 0.5
     assert math.atan2(y, x) == pytest.approx(body.angle[0, me], abs=0.2)
@@ -75,15 +76,83 @@ def test_what_is_out_of_reach_held_or_locked_is_not_grabbed():
     env, _, me, box = placed((0, 0), (3.6, 0), *ASIDE[1:], boxes=[(1.8, 0)])
     step(env, GRAB, GRAB)
     assert env.worlds[Grip].box[0, me : me + 2].tolist() == [box, -1]
-    env, _, me, _ = placed((0, 0), *ASIDE, boxes=[(1.8, 0)])
+    env, _, me, box = placed((0, 0), *ASIDE, boxes=[(1.8, 0), (0, -1.4)])
     step(env, LOCK)
-    step(env, GRAB)
-    assert env.worlds[Grip].box[0, me] == -1
+    step(env, GRAB)  # the nearest is locked
+    assert env.worlds[Grip].box[0, me] == box + 1
+
+
+def test_agents_handle_what_they_see():
+    env, body, me, box = placed((0, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)])  # the seeker looks away
+    step(env, IDLE, IDLE, LOCK)
+    step(env, IDLE, IDLE, GRAB)
+    assert env.worlds[Handled].locked_by[0, box] == env.worlds[Handled].holder[0, box] == -1
+    body.angle[0, me + 2], body.cosine[0, me + 2] = math.pi, -1
+    step(env)
+    step(env, IDLE, IDLE, LOCK)
+    assert env.worlds[Handled].locked_by[0, box] == 1
+
+
+def test_seekers_who_may_not_look_handle_nothing():
+    waits = {"scenario": OPEN.replace(cameras_fov=math.pi), "preparation_ticks": 10}
+    env, body, me, box = placed((-5, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)], **waits)
+    body.angle[0, me + 2], body.cosine[0, me + 2] = math.pi, -1
+    for _ in range(9):
+        step(env, IDLE, IDLE, LOCK)
+        assert env.worlds[Handled].locked_by[0, box] == -1
+    step(env, IDLE, IDLE, LOCK)
+    assert env.worlds[Handled].locked_by[0, box] == 1
+
+
+def test_holding_gives_nobody_speed():
+    """Random motors, for as long as it takes to squeeze boxes into corners."""
+    forts = outlast.variant("teams_3").replace(boxes_dynamic=True, physics_linear_damping=3.0).with_(Handling())
+    most = []
+    for grab in (0, 1):
+        env = outlast.make_vec(forts.replace(agents_health=100_000), 64, seed=0)
+        env.reset()
+        rng, fastest, held = np.random.default_rng(1), 0.0, 0
+        for tick in range(240):
+            if tick % 10 == 0:
+                actions = rng.integers(0, env.action_sizes, (64, 4, len(env.action_sizes)))
+                actions[..., 4], actions[..., 5] = grab, 1  # nothing is locked
+            env.step(actions)
+            agents, body = env.worlds.span("agent"), env.worlds[Body]
+            fastest = max(fastest, np.hypot(body.vx, body.vy)[:, agents].max())
+            held += (env.worlds[Grip].box[:, agents] >= 0).sum()
+        most.append(fastest)
+    assert held > 100
+    assert most[1] < 1.1 * most[0]
+
+
+def test_one_box_can_be_locked_and_unlocked_by_all_in_one_tick():
+    env, body, me, box = placed((0, 0), (1.8, 1.2), (3.6, 0), (1.8, -1.2), boxes=[(1.8, 0)], boxes_count=1)
+    for e, angle in enumerate((0, -math.pi / 2, math.pi, math.pi / 2)):
+        body.angle[0, me + e], body.cosine[0, me + e], body.sine[0, me + e] = angle, math.cos(angle), math.sin(angle)
+    step(env)
+    step(env, LOCK, UNLOCK, LOCK, UNLOCK)
+    assert env.events()["box_locked"]["locked"].tolist() == [1, 0, 1, 0]
+    assert env.worlds[Handled].locked_by[0, box] == -1
+
+
+def test_the_dead_have_no_hands():
+    env = outlast.make_vec(outlast.variant("teams_3").replace(boxes_dynamic=True).with_(Handling()), 1, seed=0)
+    env.reset()
+    env.worlds[Health].points[0, 0] = 0
+    env.step(np.tile(env.noop, (1, 4, 1)))
+    masks = env.action_masks()[0]
+    first = np.concatenate([[0], env.action_sizes[:-1]]).cumsum()
+    names = [key for key, _ in env.action_columns]
+    grab, lock = (first[names.index(name)] for name in ("grab", "lock"))
+    for agent, free in ((0, False), (1, True)):
+        assert masks[agent, grab : grab + 2].tolist() == [True, free]
+        assert masks[agent, lock : lock + 3].tolist() == [free, True, free]
 
 
 def test_a_locked_box_stands_until_its_side_unlocks_it():
     env, body, me, box = placed((0, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)])
     body.angle[0, me + 2], body.cosine[0, me + 2] = math.pi, -1  # it looks at the box
+    step(env)
     observations, *_ = step(env, GRAB, IDLE, LOCK)  # a seeker locks what a hider holds
     (event,) = env.events()["box_locked"]
     assert (event["agent"], event["box"], event["locked"]) == (me + 2, box, 1)
@@ -124,6 +193,10 @@ def test_boxes_that_cannot_be_moved_are_refused():
     for scenario in (HIDE_AND_SEEK.replace(boxes_dynamic=False), outlast.variant("teams_3").with_(Handling())):
         with pytest.raises(NumberError, match="handling: no box can be moved; set boxes_dynamic=True"):
             outlast.make_vec(scenario, 1)
+    with pytest.raises(NumberError, match=r"handling\.stiffness: a box would overshoot"):
+        outlast.make_vec(HIDE_AND_SEEK.replace(handling_stiffness=31.0), 1)
+    with pytest.raises(NumberError, match="hide_and_seek: two sides are needed"):
+        outlast.make_vec(HIDE_AND_SEEK.replace(teams_count=4, teams_sizes=()), 1)
 
 
 def test_sides_are_paid_by_who_is_seen():

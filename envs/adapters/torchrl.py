@@ -184,7 +184,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         env, out = self.vector_env, self._room()
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
         for group, own in self._members.items():
-            given, shape = tensordict[group, "action"].cpu().numpy(), (env.num_worlds, len(self.group_map[group]))
+            given = tensordict[group, "action"].detach().cpu().numpy()
+            shape = (env.num_worlds, len(self.group_map[group]))
             who, what = f"agent {{1}} of {group} in world {{0}}", f"actions of the group {group}"
             # numpy would round numbers and repeat single ones
             actions[:, own] = env._actions.checked(given, shape, False, axes="worlds, n", who=who, what=what)

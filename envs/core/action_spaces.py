@@ -124,7 +124,7 @@ class ActionSpace:
         """Actions that a learner gave, as integers (*shape, actions). Arguments and errors are those of `checked`."""
         checked = self.checked(given, shape, ranges, **named)
         if self.kind == "continuous":
-            checked = np.minimum((checked + 1) * self.sizes / 2, self.sizes - 1).astype(np.int64)
+            checked = np.clip((checked + 1) * self.sizes / 2, 0, self.sizes - 1).astype(np.int64)
         rows: Array = checked if self._table is None else self._table[checked]
         return rows
 

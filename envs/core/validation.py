@@ -14,6 +14,7 @@ Array = np.ndarray[Any, Any]
 
 Seeds: TypeAlias = int | Sequence[int | None] | np.ndarray[Any, Any]
 MAX_WORLDS = 10**12  # their numbers fit into 64 bits, and no memory holds more
+ROUNDING = 1e-6  # of continuous actions that were scaled to their range
 
 
 def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
@@ -141,16 +142,16 @@ def checked_actions(
 def checked_fractions(
     given: Any, shape: tuple[int, ...], *, what: str, axes: str, who: str, keys: Sequence[str]
 ) -> Array:
-    """Continuous actions that a caller gave, as an array of floats of that shape; otherwise as `checked_actions`.
+    """Continuous actions that a caller gave, as float32 of that shape; otherwise as `checked_actions`.
 
     Raises:
-        ActionError: The wrong shape or type, or an action that is not from -1 to 1.
+        ActionError: The wrong shape or type, or an action that is not from -1 to 1, but for what float32 rounds.
     """
-    actions = _shaped(given, shape, "f", "floats", what, axes)
-    bad = ~(np.abs(actions) <= 1)  # also what is not a number
+    actions = _shaped(given, shape, "f", "floats", what, axes).astype(np.float32)
+    bad = ~(np.abs(actions) <= 1 + ROUNDING)  # also what is not a number
     if bad.any():
         named, _, value = _first(bad, actions, who, keys)
-        raise ActionError(f"{named} is {value:g}: -1 to 1 is allowed; numpy.clip brings others there")
+        raise ActionError(f"{named} is {value:.7g}: -1 to 1 is allowed; numpy.clip brings others there")
     return actions
 
 

@@ -148,6 +148,15 @@ def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: py
     again.close()
 
 
+@pytest.mark.parametrize("ends", [(-1.0, 0.3), (-2.0, 0.1), (-3.0, 0.3), (0.0, 255.0)])
+def test_actions_that_gymnasium_rescales_are_in_range(ends: tuple[float, float]) -> None:
+    """Its float32 goes beyond the ends by a rounding."""
+    env = gymnasium.wrappers.RescaleAction(one("ffa_1", actions="continuous"), *map(np.float32, ends))
+    env.reset(seed=SEED)
+    for action in (env.action_space.low, env.action_space.high):
+        env.step(action)
+
+
 @pytest.mark.parametrize("actions", ["multi", "joint"])
 @games
 def test_masks_are_those_of_the_worlds(name: str, actions: str) -> None:

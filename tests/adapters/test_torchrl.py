@@ -201,6 +201,17 @@ def test_actions_that_cannot_be_are_refused(form: str, actions: Any, message: st
     assert np.array_equal(env.vector_env.state(), before)
 
 
+def test_policies_of_continuous_actions_may_have_gradients() -> None:
+    from tensordict.nn import TensorDictModule
+
+    env = make(actions="continuous")
+    net = torch.nn.Linear(env.observation_spec["agents", "observation"].shape[-1], 6)
+    policy = TensorDictModule(
+        lambda seen: torch.tanh(net(seen / 1000)), in_keys=[("agents", "observation")], out_keys=[("agents", "action")]
+    )
+    assert env.rollout(3, policy)["agents", "action"].requires_grad
+
+
 @pytest.mark.parametrize("observations", ["flat", "dict"])
 def test_defaults_of_torch_change_nothing(observations: str) -> None:
     reward = torch.float32

@@ -191,7 +191,9 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
         Evaluation(variant("teams_3").replace(cameras_mode="omniscient"), chosen, worlds=2)
     assert chosen[0].player is not None
     chosen[0].player.header["actions"] = [3, 3]
-    with pytest.raises(TrainingError, match=r"chooses among \[3, 3\] actions; here are \[3, 3, 3, 2, 2, 2\]"):
+    with pytest.raises(
+        TrainingError, match=r"trained where actions have \[3, 3\] values, and here they have \[3, 3, 3, 2, 2, 2\]"
+    ):
         Evaluation(variant("teams_3"), chosen, worlds=2)
     with pytest.raises(TrainingError, match="one side"):
         Evaluation(variant("teams_3").replace(teams_count=1), chosen[1:], worlds=2)
