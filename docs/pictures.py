@@ -164,7 +164,9 @@ def hide_and_seek() -> Image:
     for k, (x, y, angle) in enumerate([(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]):
         body.x[0, box + k], body.y[0, box + k], body.angle[0, box + k] = x, y, angle
         body.cosine[0, box + k], body.sine[0, box + k] = math.cos(angle), math.sin(angle)
-    env.step(np.array([[lock, grab, idle, idle]]))
+    body.angle[0, agent + 1], body.cosine[0, agent + 1], body.sine[0, agent + 1] = -math.pi / 2, 0, -1
+    for actions in ([idle] * 4, [lock, grab, idle, idle]):  # they handle what they see
+        env.step(np.array([actions]))
     return draw(env.worlds, 0, 400, [*LAYERS, HandledLayer()])
 
 
