@@ -29,7 +29,12 @@ def foreign(names: Iterable[str]) -> list[str]:
 
 def imported() -> dict[str, type[Module]]:
     """All mechanics that this process has, by full name: outlast's own, and those of the user's that are imported."""
-    return {full_name(kind): kind for kind in Module.imported()[1:] if kind.__module__ in sys.modules} | KNOWN
+    found: dict[str, type[Module]] = {}
+    for kind in Module.imported()[1:]:
+        module, before = sys.modules.get(kind.__module__), found.get(full_name(kind))
+        if module is not None and (before is None or getattr(module, kind.__name__, None) is not before):
+            found[full_name(kind)] = kind  # of several imports of a file, that which is there now; else the last
+    return found | KNOWN
 
 
 def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: bool = True) -> tuple[Module, ...]:

@@ -91,6 +91,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Teams": {"count": (2, MANY), "sizes": ((), "whole numbers")},  # see tests/core/test_roles.py
     "Walls": {"layout": ((), "[-10000,10000]")},
 }  # fmt: skip
+NUMBERS |= {"FineMotors": NUMBERS["Motors"], "FineSteering": NUMBERS["Steering"]}
 TINY, HUGE = 1e-6, 10**6
 
 
