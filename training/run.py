@@ -116,13 +116,14 @@ class TrainingRun:
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
-        self.fresh = files is None
+        self.fresh, self.lock = files is None, FolderLock(folder)
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():
                 self._prepare()
                 self.log = RunLog(folder, self.trainer.steps)
         except BaseException:
+            self.lock.release()
             self.crew.close()
             raise
         self.saved = self.done = self.trainer.steps
@@ -252,7 +253,7 @@ class TrainingRun:
         checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # what could not be read is not written
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            self.lock = FolderLock(self.folder)
+            self.lock.acquire()
         except BlockingIOError:
             raise TrainingError(
                 f"{self.folder}: another process trains this run; wait until it ends, stop it, or choose another --out"

@@ -11,22 +11,24 @@ class FolderLock:
     """Keeps other processes out of a folder, until `release` or the end of this process, in whatever way that ends.
 
     Where folders cannot be locked, as on Windows, all processes may write into them.
-
-    Args:
-        folder: It; it is there.
-
-    Raises:
-        BlockingIOError: Another process, or another lock of this one, has it.
     """
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._handle: int | None = None
+
+    def acquire(self) -> None:
+        """Keep others out of the folder, which is there.
+
+        Raises:
+            BlockingIOError: Another process, or another lock of this one, does.
+        """
         if fcntl is None:
             return
-        handle = os.open(folder, os.O_RDONLY)
+        handle = os.open(self.folder, os.O_RDONLY)
         if not try_lock(handle):
             os.close(handle)
-            raise BlockingIOError(f"{folder} is in use")
+            raise BlockingIOError(f"{self.folder} is in use")
         self._handle = handle
 
     def release(self) -> None:

@@ -337,7 +337,7 @@ def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
     """The other one reads, and writes nothing; a lock ends with its process, however that ends."""
     TrainingRun(config(EACH), tmp_path / "whole").train()
     code = "import sys, time, pathlib\nfrom outlast.envs.storage.folder_lock import FolderLock\n"
-    code += "lock = FolderLock(pathlib.Path(sys.argv[1]))\nprint('held', flush=True)\ntime.sleep(600)"
+    code += "lock = FolderLock(pathlib.Path(sys.argv[1]))\nlock.acquire()\nprint('held', flush=True)\ntime.sleep(600)"
     (tmp_path / "run").mkdir()
     command = [sys.executable, "-c", code, str(tmp_path / "run")]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as other:
