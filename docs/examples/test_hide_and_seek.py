@@ -109,19 +109,19 @@ def test_holding_gives_nobody_speed():
     forts = outlast.variant("teams_3").replace(boxes_dynamic=True, physics_linear_damping=3.0).with_(Handling())
     most = []
     for grab in (0, 1):
-        env = outlast.make_vec(forts.replace(agents_health=100_000), 64, seed=0)
+        env = outlast.make_vec(forts.replace(agents_health=100_000), 32, seed=0)
         env.reset()
         rng, fastest, held = np.random.default_rng(1), 0.0, 0
-        for tick in range(240):
+        for tick in range(150):
             if tick % 10 == 0:
-                actions = rng.integers(0, env.action_sizes, (64, 4, len(env.action_sizes)))
+                actions = rng.integers(0, env.action_sizes, (32, 4, len(env.action_sizes)))
                 actions[..., 4], actions[..., 5] = grab, 1  # nothing is locked
             env.step(actions)
             agents, body = env.worlds.span("agent"), env.worlds[Body]
             fastest = max(fastest, np.hypot(body.vx, body.vy)[:, agents].max())
             held += (env.worlds[Grip].box[:, agents] >= 0).sum()
         most.append(fastest)
-    assert held > 100
+    assert held > 50
     assert most[1] < 1.1 * most[0]
 
 
@@ -212,7 +212,7 @@ def test_sides_are_paid_by_who_is_seen():
 
 
 def test_nobody_is_paid_before_seekers_may_look():
-    env = outlast.make_vec(HIDE_AND_SEEK, 64, seed=0)
+    env = outlast.make_vec(HIDE_AND_SEEK, 8, seed=0)
     env.reset()
     policy = outlast.random_policy(env)
     for tick in range(1, 301):
