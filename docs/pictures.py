@@ -159,12 +159,12 @@ def hide_and_seek() -> Image:
     env = played(HIDE_AND_SEEK, 0, 0)
     body, agent, box = env.worlds[Body], env.worlds.span("agent").start, env.worlds.span("box").start
     idle, grab, lock = (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (3, 3, 3, 0, 2)
-    for e, (x, y) in enumerate([(-0.6, 2.0), (-3.2, 0.2), (3.0, 3.0), (5.5, -3.0)]):
-        body.x[0, agent + e], body.y[0, agent + e] = x, y
-    for k, (x, y, angle) in enumerate([(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]):
-        body.x[0, box + k], body.y[0, box + k], body.angle[0, box + k] = x, y, angle
-        body.cosine[0, box + k], body.sine[0, box + k] = math.cos(angle), math.sin(angle)
-    body.angle[0, agent + 1], body.cosine[0, agent + 1], body.sine[0, agent + 1] = -math.pi / 2, 0, -1
+    agents = [(-0.6, 2.0, 0), (-3.2, 0.2, -math.pi / 2), (3.0, 3.0, 0), (5.5, -3.0, 0)]
+    boxes = [(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]
+    for first, places in ((agent, agents), (box, boxes)):
+        for row, (x, y, angle) in enumerate(places, first):
+            body.x[0, row], body.y[0, row], body.angle[0, row] = x, y, angle
+            body.cosine[0, row], body.sine[0, row] = math.cos(angle), math.sin(angle)
     for actions in ([idle] * 4, [lock, grab, idle, idle]):  # they handle what they see
         env.step(np.array([actions]))
     return draw(env.worlds, 0, 400, [*LAYERS, HandledLayer()])

@@ -104,8 +104,7 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
         if mine:
             with contextlib.suppress(OSError):
                 claim.unlink()
-            with contextlib.suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_UN)  # closing would not do: a fork of another thread has it open, too
+            unlock(handle)
         os.close(handle)
 
 
@@ -118,6 +117,12 @@ def try_lock(handle: int) -> bool:
     except OSError:
         pass
     return True
+
+
+def unlock(handle: int) -> None:
+    """Let other processes lock a file. Closing it would not do: processes that were forked have it open, too."""
+    with contextlib.suppress(OSError):
+        fcntl.flock(handle, fcntl.LOCK_UN)
 
 
 def prune() -> None:

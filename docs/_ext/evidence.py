@@ -153,9 +153,8 @@ def mended(begins: str) -> str:
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows if row[0].startswith(begins)]
     first, *others = zip(heads, *columns, strict=True)
-    return grid(
-        list(first), [list(row) for row in others if any(float(cell.split()[0].replace(",", "")) for cell in row[1:])]
-    )
+    numbers = ([float(cell.split()[0].replace(",", "")) for cell in row[1:]] for row in others)
+    return grid(list(first), [list(row) for row, own in zip(others, numbers, strict=True) if any(own)])
 
 
 def compared_runs() -> str:

@@ -289,6 +289,7 @@ def found(masks, side, agents) -> bool:
 @HideAndSeek.system(Phase.REWARD)
 def pay(
     reward_table: Write[Reward],
+    seen: Write[Seen],
     masks: Read[ObservationMasks],
     side: Read[Side],
     clock: Read[Clock],
@@ -297,23 +298,13 @@ def pay(
     reward: float,
 ) -> None:
     """Nothing before it counts."""
-    pays = 0 if clock.tick[0] <= begin else -reward if found(masks, side, agents) else reward
+    pays = 0.0
+    if clock.tick[0] > begin:
+        exposed = found(masks, side, agents)
+        seen.ticks_seen[0] += exposed
+        pays = -reward if exposed else reward
     for i in range(agents.size):
         reward_table.reward[i] = pays if side.side[agents[i]] == HIDERS else -pays
-
-
-@HideAndSeek.system(Phase.RECORD)
-def count(
-    seen: Write[Seen],
-    masks: Read[ObservationMasks],
-    side: Read[Side],
-    clock: Read[Clock],
-    agents: Rows[Side],
-    begin: int,
-) -> None:
-    """As it was paid."""
-    if clock.tick[0] > begin and found(masks, side, agents):
-        seen.ticks_seen[0] += 1
 
 
 # --- the game

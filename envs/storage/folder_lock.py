@@ -1,10 +1,9 @@
 """Folders that one process at a time writes into."""
 
-import contextlib
 import os
 from pathlib import Path
 
-from outlast.ecs.cache_files import fcntl, try_lock
+from outlast.ecs.cache_files import fcntl, try_lock, unlock
 
 
 class FolderLock:
@@ -35,8 +34,7 @@ class FolderLock:
         """Let others in; again does no harm."""
         handle, self._handle = self._handle, None
         if handle is not None:
-            with contextlib.suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_UN)  # closing would not do: processes that were forked have it open, too
+            unlock(handle)
             os.close(handle)
 
     __del__ = release
