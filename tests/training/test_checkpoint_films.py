@@ -81,9 +81,10 @@ def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytes
     monkeypatch.syspath_prepend(str(RESULTS.parents[1] / "examples"))
     import tag
 
-    game, first = tag.TAG, sys.modules.pop("tag")
+    game = tag.TAG
+    monkeypatch.delitem(sys.modules, "tag")  # which is put back at the end
     importlib.import_module("tag").Stamina.registered.clear()
-    monkeypatch.setitem(sys.modules, "tag", first)
+    monkeypatch.setitem(sys.modules, "tag", tag)
     header = {"scenario": fingerprint(game.replace(stamina_most=7)), "modules": classes(game)}
     made, differs = recorded_scenario(header)
     assert (made.name, made.numbers()["stamina_most"], differs) == ("tag-stamina_most=7", 7, "")
