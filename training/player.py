@@ -76,6 +76,7 @@ class Player:
         Raises TrainingError.
         """
         files = path if isinstance(path, dict) else checkpoint.read_checkpoint(Path(path), ("policy.pt",))
+        self._origin = "" if isinstance(path, dict) else f"{path}: "
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header.get("fields"))
@@ -119,20 +120,29 @@ class Player:
 
     def check(self, env: SurvivalVectorEnv) -> None:
         """Check that it can play in these worlds. Raises TrainingError."""
-        self._check(env._reader.views)  # whatever form a learner gets them in
-        checkpoint.check_fields(self.header, env)
-        known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
-        if known != asked:
-            raise TrainingError(
-                f"the policy was trained where actions have {known} values, and here they have {asked}: take the "
-                "mechanics that it was trained with, as by --with 'FineMotors()'"
-            )
-        trained, here = self.preset.cameras, cameras_mode(env.scenario)
-        if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
-            raise TrainingError(
-                f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
-                f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
-            )
+        with self._named():
+            self._check(env._reader.views)  # whatever form a learner gets them in
+            checkpoint.check_fields(self.header, env)
+            known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
+            if known != asked:
+                raise TrainingError(
+                    f"the policy was trained where actions have {known} values, and here they have {asked}: take the "
+                    "mechanics that it was trained with, as by --with 'FineMotors()'"
+                )
+            trained, here = self.preset.cameras, cameras_mode(env.scenario)
+            if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+                raise TrainingError(
+                    f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
+                    f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
+                )
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        """What is wrong with the policy names its file: others may play, too."""
+        try:
+            yield
+        except TrainingError as error:
+            raise TrainingError(f"{self._origin}{error}") from None
 
     def __call__(self, observations: dict[str, Array]) -> Array:
         """The actions for these observations.
@@ -161,7 +171,7 @@ class Player:
         else:
             known = None if self._begins is None else self._begins.shape
             raise TrainingError(
-                f"episodes begin in some of {where.shape} worlds, and the policy has a memory of {known}: "
+                f"{self._origin}episodes begin in some of {where.shape} worlds, and the policy has a memory of {known}: "
                 "tell it of all worlds first, by player.reset(numpy.ones(worlds, bool))"
             )
 
@@ -190,11 +200,12 @@ class Player:
 
         The memory goes on. Raises TrainingError.
         """
-        self._check(observations)
         memory, begins = None, None
-        if self.memory:
-            leading = observations[OWN].shape[:-1]
-            memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
+        with self._named():
+            self._check(observations)
+            if self.memory:
+                leading = observations[OWN].shape[:-1]
+                memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
         with one_thread(), torch.inference_mode():
             return self._answers(self.packer(observations), memory, begins, question)
 

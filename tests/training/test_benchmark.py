@@ -467,6 +467,11 @@ def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path
     shutil.copy(gone.parents[1] / "0" / result.NAME, gone)
     with pytest.raises(TrainingError, match="is of results that are not in "):
         table.keep(results, tmp_path / "kept")
+    other = tmp_path / "kept" / str(BUDGET) / "ffa_4-v1" / "fast" / "7"
+    other.parent.mkdir(parents=True)
+    gone.parent.rename(other)
+    assert set(table.keep(results, tmp_path / "kept")) < {*(tmp_path / "kept").rglob("*")}
+    assert (other / result.NAME).exists()  # of another task
 
 
 def test_what_marl_eval_cannot_take_stops_no_table(

@@ -199,7 +199,7 @@ def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
     checkpoint.write_checkpoint(tmp_path / "a.zip", resume.capture(trainer, {}))
     player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
     player.check(trainer.env)
-    with pytest.raises(TrainingError, match=r"trained on rows 'own' of id, health, .*stamina; here they are id, team"):
+    with pytest.raises(TrainingError, match=r"a\.zip: .* rows 'own' of id, health, .*stamina; here they are id, team"):
         player.check(make_vec(team, 1))
 
 
@@ -207,7 +207,7 @@ def test_other_observations_are_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
     observations, _ = make_vec("teams_2", 2, seed=0).reset()
     with pytest.raises(
-        TrainingError, match="trained on teams_3 and does not fit here: it needs box_items, box_slot, boxes;"
+        TrainingError, match=r"a\.zip: .* teams_3 and does not fit here: it needs box_items, box_slot, boxes;"
     ):
         Player(tmp_path / "a.zip")(observations)
 
@@ -224,6 +224,6 @@ def test_what_does_not_fit_is_a_sentence(tmp_path: Path, here: outlast.Scenario,
     saved(tmp_path / "a.zip")
     player = Player(tmp_path / "a.zip")
     env = make_vec(player.scenario(here), 1)
-    with pytest.raises(TrainingError, match=f"the policy was trained on teams_3 and does not fit here: {words}"):
+    with pytest.raises(TrainingError, match=f"a.zip: the policy was trained on teams_3 and does not fit here: {words}"):
         player.check(env)
     env.close()

@@ -52,7 +52,10 @@ def keep(places: Path, folder: Path) -> list[Path]:
     """Copy results without most of their recordings; the paths of what was copied.
 
     Of each agent's first seed in a task its policy and the recording of its self-play are kept, of all others the
-    numbers. Raises TrainingError.
+    numbers. Other tasks of the folder stay.
+
+    Raises:
+        TrainingError: The folder has results of one of these tasks that `places` lacks.
     """
     copied: dict[Path, Path] = {}
     for entries in (own for found in scores.by_budget(places).values() for own in scores.task_folders(found).values()):
@@ -67,8 +70,10 @@ def keep(places: Path, folder: Path) -> list[Path]:
         cross = entries[0].folder.parents[1] / crossplay.NAME
         copied[cross] = folder / cross.relative_to(places)
     there = {target for target in copied.values() if target.name in (NAME, crossplay.NAME)}
-    if gone := sorted({path for name in (NAME, crossplay.NAME) for path in folder.rglob(name)} - there):
-        raise TrainingError(f"{gone[0]} is of results that are not in {places}: remove it, or keep in an empty folder")
+    tasks = {folder.joinpath(*target.relative_to(folder).parts[:2]) for target in there}
+    kept = {path for task in tasks for name in (NAME, crossplay.NAME) for path in task.rglob(name)}
+    if gone := sorted(kept - there):
+        raise TrainingError(f"{gone[0]} is of results that are not in {places}: remove it, or keep in another folder")
     write_files({target: source.read_bytes() for source, target in copied.items() if source.exists()})
     return [target for source, target in copied.items() if source.exists()]
 
