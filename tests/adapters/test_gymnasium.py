@@ -245,6 +245,20 @@ def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch)
 # ---- wrappers, copies
 
 
+def test_pictures_can_be_the_observations() -> None:
+    env = gymnasium.make("outlast/FreeForAll2-v1", render_mode="rgb_array", max_episode_steps=5)
+    beside = gymnasium.wrappers.AddRenderObservation(env, render_only=False)
+    seen, _ = beside.reset(seed=0)
+    assert {*seen} - {*env.observation_space} == {"pixels"}
+    before = seen["pixels"].copy()
+    assert np.array_equal(before, outlast.draw(env.unwrapped.base_env.worlds, 0))  # type: ignore[attr-defined]
+    for _ in range(3):  # full speed backwards
+        seen = beside.step(np.zeros(env.action_space.shape, int))[0]
+    assert seen in beside.observation_space
+    assert not np.array_equal(before, seen["pixels"])
+    beside.close()
+
+
 def test_wrappers_for_single_environments() -> None:
     env = gymnasium.make("outlast/FreeForAll-v1", scenario=short("ffa_3"))
     env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.FlattenObservation(env))
