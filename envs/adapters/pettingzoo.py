@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from outlast.components.respawn import inactive
+
 from ..core.action_spaces import ActionSpace
 from ..core.agents import alive, counts_vary, present
 from ..core.concurrency import check_callable
@@ -236,13 +238,13 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         """The actions of all agents, int64 (1, agents, actions)."""
         if not isinstance(actions, Mapping):
             raise ActionError(f"actions are {actions!r}: a dict of agent -> action is needed")
-        living = alive(self.base_env.worlds, 0)
+        idle = inactive(self.base_env.worlds)[0]
         joint = np.tile(self.base_env.noop, (1, self.base_env.num_agents, 1))
         for agent, action in actions.items():
             i = self._index.get(agent)
             if i is None:
                 raise ActionError(f"there is no agent {agent!r} to act; there are: {', '.join(self.possible_agents)}")
-            if agent in self.agents and living[i]:
+            if agent in self.agents and not idle[i]:
                 joint[0, i] = self._actions.rows(action, (), what=f"actions of {agent}", who=agent)
         return joint
 

@@ -11,8 +11,9 @@ from outlast import ScenarioError
 from outlast.components import Health
 from outlast.ecs import Entity, NumberError
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
+from outlast.systems import Respawn
 from tests.adapters.test_parallel import Env, act, both, play, same, short
-from tests.conftest import digest
+from tests.conftest import digest, scaled
 
 IDLE = [1, 1, 1, 0, 0, 0]
 
@@ -137,6 +138,24 @@ def test_the_dead_and_the_missing_idle(dead: str) -> None:
         assert same(env.step({**gone, **dict(reversed(living.items()))}), reference.step(actions))
         tick, nonsense = tick + 1, nonsense + len(gone)
     assert nonsense
+
+
+def test_an_agent_acts_in_the_step_in_which_it_comes_back() -> None:
+    game = outlast.variant("ffa_1").with_(Respawn(ticks=5)).replace(ending_rule="never", safe_zone_radii=(0.5,))
+    game, seen = game.replace(ending_limit=scaled(200, least=60), agents_health=3), 0
+    env, batch = outlast.parallel_env(game, dead="keep"), outlast.make_vec(game, 1)
+    env.reset(seed=0)
+    batch.reset(seed=0)
+    rng = np.random.default_rng(0)
+    while env.agents:
+        actions = rng.integers(0, batch.action_sizes, (1, 2, len(batch.action_sizes)))
+        actions[..., :3] = 2  # ahead, to the left, and around
+        found = env.step(dict(zip(env.agents, actions[0], strict=True)))[0]
+        expected = batch.step(actions)[0]["own"][0]
+        if env.agents:  # else the batch has begun anew
+            assert np.array_equal([found[agent]["own"] for agent in env.possible_agents], expected)
+            seen += len(batch.events()["respawned"])
+    assert seen
 
 
 @pytest.mark.parametrize("kind", [list, tuple, np.int8, np.uint8, np.int32, np.uint64])
