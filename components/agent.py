@@ -11,7 +11,7 @@ from .health import full_health
 class Side(Component):
     """The side an agent belongs to: its team, or in free-for-all its own index. -1 of who is absent."""
 
-    side: Array = column("i4", fill=-1)
+    side: Array = column("i4", fill=-1, unit="side")
 
 
 @kernel

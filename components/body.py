@@ -37,11 +37,11 @@ class Solid(Component):
     """Takes part in contacts. Without it a body is intangible, as items are."""
 
     requires = (Body, Shape)
-    dynamic: Array = column("u1")  # 1: can be pushed; 0: static, as walls are
+    dynamic: Array = column("u1", high=1)  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
     mass: Array = column("f4")  # kilograms, of density and shape; computed at reset
     inertia: Array = column("f4")  # kilogram square metres about the centre; likewise
-    may_collide: Array = column("u1")  # 1: may touch something in this tick
+    may_collide: Array = column("u1", high=1)  # 1: may touch something in this tick
     max_travel: Array = column("f4")  # metres it may travel in this tick
 
 

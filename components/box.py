@@ -20,7 +20,7 @@ class Box(Component):
 class BoxItem(Component):
     """A broken box, on the ground or in a bag. Its shape is that of box `index`."""
 
-    index: Array = column("i4")
+    index: Array = column("i4", below="boxes")
 
 
 class BoxView(Observation):

@@ -24,8 +24,8 @@ class Health(Component):
 
     points: Array = column("i4", fill=100)
     has_health: Array = column("u1", fill=1)  # 1 in every row that has this component
-    damage_type: Array = column("i4", fill=-1)  # of the last loss (see `hurt`)
-    source: Array = column("i4", fill=-1)  # the side that caused it, -1: none
+    damage_type: Array = column("i4", fill=-1, unit="damage type")  # of the last loss (see `hurt`)
+    source: Array = column("i4", fill=-1, unit="side")  # the side that caused it, -1: none
     fatal_tick: Array = column("i8", fill=-1)  # the tick that brought the points to 0 or below
 
 
@@ -33,8 +33,8 @@ class Died(Component):
     """How an agent died, kept until the episode's end. What happens at a death goes by the event `Death`."""
 
     now: Array = column("u1")  # 1 in the tick of death
-    damage_type: Array = column("i4", fill=-1)
-    source: Array = column("i4", fill=-1)  # the side that killed, -1: none
+    damage_type: Array = column("i4", fill=-1, unit="damage type")
+    source: Array = column("i4", fill=-1, unit="side")  # the side that killed, -1: none
 
 
 class Hit(Event, capacity="hits"):

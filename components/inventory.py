@@ -13,8 +13,8 @@ class Item(Component):
     A kind of item is an archetype with this component and a system in phase EFFECT that looks at `user`.
     """
 
-    holder: Array = column("i4", fill=-1)  # row of the agent that carries it, -1: none
-    user: Array = column("i4", fill=-1)  # row of the agent that uses it in this tick, -1: none
+    holder: Array = column("i4", fill=-1, unit="entity")  # row of the agent that carries it, -1: none
+    user: Array = column("i4", fill=-1, unit="entity")  # row of the agent that uses it in this tick, -1: none
 
 
 CLOSED = -2  # in Bag.items: the agent does not have this slot
@@ -23,14 +23,16 @@ CLOSED = -2  # in Bag.items: the agent does not have this slot
 class Bag(Component):
     """An agent's inventory: a stack of item rows. Only its last item can be used, given or dropped."""
 
-    items: Array = column("i4", "slots", fill=-1)  # -1: free, -2: a slot that this agent does not have
-    count: Array = column("i4")
+    items: Array = column(
+        "i4", "slots", fill=-1, low=CLOSED, unit="entity"
+    )  # -1: free, -2: a slot that this agent does not have
+    count: Array = column("i4", below="slots + 1")
 
 
 class Gift(Component):
     """To whom an agent gives in this tick."""
 
-    taker: Array = column("i4", fill=-1)  # row of the taker, -1: none
+    taker: Array = column("i4", fill=-1, unit="entity")  # row of the taker, -1: none
 
 
 class Use(Action, order=2):

@@ -12,7 +12,7 @@ class Attack(Action, order=1):
 class Weapon(Component):
     """A melee weapon."""
 
-    target: Array = column("i4", fill=-1)  # row that this tick's strike hits, -1: none
+    target: Array = column("i4", fill=-1, unit="entity")  # row that this tick's strike hits, -1: none
     cooldown: Array = column("i4")  # ticks until it can strike again
 
 

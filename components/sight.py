@@ -13,7 +13,7 @@ class Sight(Singleton):
     """Visibility bitsets: one bit per entity (see ecs.simd), one row per observer. Without cameras all is visible."""
 
     visible: Array = column("i4", "agents", "blocks")
-    mode: Array = column("i4", fill=OMNISCIENT)  # index into MODES
+    mode: Array = column("i4", fill=OMNISCIENT, low=0, high=len(MODES) - 1)  # index into MODES
 
 
 class ObservationMasks(Singleton, packed=False):

@@ -31,7 +31,7 @@ from .component import (
 from .distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .draw import exists
 from .entity_view import EntityView
-from .errors import AbsentError, CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
+from .errors import AbsentError, CapacityError, DeclarationError, EngineError, NumberError, RangeError, ScheduleError
 from .event import Event, emit
 from .fields import Field, Fields, columns_of
 from .jit import kernel
@@ -75,6 +75,7 @@ __all__ = [
     "Offset",
     "Phase",
     "Random",
+    "RangeError",
     "Read",
     "Real",
     "Role",

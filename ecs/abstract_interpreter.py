@@ -11,6 +11,7 @@ import difflib
 import inspect
 import operator
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import PurePath
 from types import FunctionType, ModuleType
 from typing import Any, Protocol
@@ -20,6 +21,7 @@ from numba.core import ir
 
 from .abstract_values import (
     ANYTHING,
+    FIELD,
     FLOATING,
     UNKNOWN,
     Column,
@@ -27,10 +29,13 @@ from .abstract_values import (
     Definitions,
     PerAgent,
     Shared,
+    Slice,
     Sum,
     Table,
     Values,
     added,
+    component_name,
+    parts_of,
     tracked,
 )
 from .cache_key import FOREIGN
@@ -148,11 +153,10 @@ class Activation:
             case "getattr":
                 return self._union(expression.value, lambda value: self._attribute(value, expression.attr))
             case "static_getitem":
-                return self._union(expression.value, lambda value: self._item(value, expression.index))
+                return self._union(expression.value, lambda value: self._item(value, Constant(expression.index)))
             case "getitem":
                 self._refuse_added([expression.index])
                 index = self._only(expression.index)
-                index = index.value if isinstance(index, Constant) else None
                 return self._union(expression.value, lambda value: self._item(value, index))
             case "pair_first":
                 return self._union(expression.value, self._elements)
@@ -189,7 +193,7 @@ class Activation:
         """Whether all that it may be are floats, of columns or not."""
         values = self._of(variable)
         return bool(values) and all(
-            value == FLOATING or (isinstance(value, Column) and _dtype(value).kind == "f") for value in values
+            value == FLOATING or (isinstance(value, Column) and value.dtype.kind == "f") for value in values
         )
 
     def _attribute(self, value: Any, name: str) -> Values:
@@ -207,7 +211,7 @@ class Activation:
             if name in ("T", "flat"):
                 return frozenset([value])
             if name in (*WRITING, *VIEWS):
-                return frozenset([Column(value.component, value.access, value.name, value.part, name)])
+                return frozenset([replace(value, method=name)])
         elif isinstance(value, Constant) and isinstance(value.value, ModuleType):
             if hasattr(value.value, name):
                 found = getattr(value.value, name)
@@ -217,7 +221,8 @@ class Activation:
         return ANYTHING
 
     def _item(self, value: Any, index: Any) -> Values:
-        value = value.column if isinstance(value, Sum) else value
+        value, known = value.column if isinstance(value, Sum) else value, index
+        index = index.value if isinstance(index, Constant) else None
         if isinstance(value, Table):
             columns = [*value.component.columns]
             if isinstance(index, int) and -len(columns) <= index < len(columns):
@@ -225,7 +230,7 @@ class Activation:
             if value.access == "add":
                 self._refuse_access(value, f"takes a part of the table of {component_name(value)}")
         elif isinstance(value, Column):
-            return frozenset([Column(value.component, value.access, value.name, part=True)])
+            return frozenset([value.at(known)])
         elif isinstance(value, tuple):
             if isinstance(index, int) and -len(value) <= index < len(value):
                 return value[index]  # type: ignore[no-any-return]
@@ -236,7 +241,7 @@ class Activation:
         """What a loop over it gives."""
         if isinstance(value, tuple):
             return frozenset().union(*value)
-        return self._item(value, None)
+        return self._item(value, UNKNOWN)
 
     # ---- calls
 
@@ -246,10 +251,12 @@ class Activation:
         called: Any = target.value if isinstance(target, Constant) else None
         if called is len:
             return ANYTHING
+        if called is slice:
+            return frozenset([Slice(self._only(expression.args[0]))])
         if isinstance(target, Column) and target.method in VIEWS:
-            return frozenset([Column(target.component, target.access, target.name, target.part)])
+            return frozenset([replace(target, method="")])
         if isinstance(target, Column) and target.method:
-            self._refuse_write(target)
+            self._refuse_write(target, whole=True)
         called = getattr(called, "python", getattr(called, "py_func", called))
         module = getattr(called, "__module__", "")
         if module == f"{ENGINE}.per_agent":  # `of`, whose plain form computes with the number
@@ -260,7 +267,7 @@ class Activation:
             if any(called is each for each in SAME) and expression.args:
                 return self._of(expression.args[0])
             if any(called is each for each in WRITERS) and expression.args:
-                self._refuse_write(self._only(expression.args[0]))
+                self._refuse_write(self._only(expression.args[0]), whole=True)
             if module == "math" and not called.__name__.startswith(("is", *WHOLE)):
                 return frozenset([FLOATING])
             if any(called is each for each in (abs, max, min, round, sum, int, *FLOATS)):
@@ -297,7 +304,7 @@ class Activation:
         self._refuse_per_agent([statement.value])
         if isinstance(target, Column):
             self._check_field(target, self._only(statement.index))
-            kind = _dtype(target)
+            kind = target.dtype
             if kind.kind in "iu" and self._is_floating(statement.value):
                 self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
             literal = self._only(statement.value)
@@ -306,12 +313,11 @@ class Activation:
                 self._refuse(f"writes {number} to {target}, {kind}, which cannot hold it")
 
     def _check_field(self, target: Column, index: Any) -> None:
-        """Refuse a literal column: a system with Offsets touches their fields only, which decides on its order."""
+        """Refuse whole rows and literal columns: a system with Offsets touches their fields only, as its order says."""
         names = self.calls.offsets.get((target.component, target.name))
-        last = (
-            next(iter(index[-1]), UNKNOWN) if isinstance(index, tuple) and index else index if target.part else UNKNOWN
-        )
-        if names and isinstance(last, Constant):
+        count, last, _ = parts_of(index)
+        literal = isinstance(last.start if isinstance(last, Slice) else last, Constant)
+        if names and target.axes < FIELD and (literal or target.axes + count < target.ndim):
             own = ", ".join(sorted(names))
             self._refuse(f"writes {target} beside the fields of its Offsets ({own}); take an Offset for each field")
 
@@ -330,20 +336,23 @@ class Activation:
         if isinstance(target, Column) and target.access == "add" and target.part:
             if expression.fn not in (operator.iadd, operator.isub):
                 self._refuse_access(target, f"does more to {target} than add")
-            kind = _dtype(target)
+            kind = target.dtype
             if kind.kind not in "iu" or self._is_floating(expression.rhs):
                 what = f"{target} is {kind}" if kind.kind not in "iu" else f"a float is added to {target}, {kind}"
                 self._refuse_access(target, f"adds, but {what}, and only sums of integers do not depend on the order")
             return frozenset([Sum(target)])
         self._refuse_added([expression.lhs])
         if isinstance(target, Shared) or (isinstance(target, Column) and not target.part):
-            self._refuse_write(target)
+            self._refuse_write(target, whole=True)
             return frozenset([target])
         return self._number([expression.lhs, expression.rhs], expression.immutable_fn)
 
     # ---- errors
 
-    def _refuse_write(self, target: Any) -> None:
+    def _refuse_write(self, target: Any, whole: bool = False) -> None:
+        """Refuse to write what is read-only. whole: whether all that it is gets written."""
+        if isinstance(target, Column) and whole:
+            self._check_field(target, Slice(Constant(None)))
         if isinstance(target, Column) and target.access == "read":
             cure = f"declare it Write[{component_name(target)}]"
             self._raise(ScheduleError, f"writes {target}, which its parameter list declares as Read; {cure}")
@@ -378,16 +387,6 @@ def _can_follow(called: Any) -> bool:
         return False
     kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
     return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
-
-
-def _dtype(column: Column) -> np.dtype[Any]:
-    """Of its elements."""
-    return column.component.columns[column.name].dtype
-
-
-def component_name(value: Any) -> str:
-    """Of a table or a column."""
-    return str(value.component.__name__)
 
 
 def place(function: FunctionType, line: int) -> str:

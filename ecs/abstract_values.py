@@ -1,9 +1,10 @@
 """The values of the abstract interpreter: what a variable of a kernel may hold, and where numba's code defines it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from numba.core import ir
 
 from .component import Component
@@ -19,16 +20,51 @@ class Table:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table, or (part) an element or a slice of it; method: of an array, one of WRITING or of VIEWS."""
+    """A column of a table, or (part) an element or a slice of it; method: of an array, one of WRITING or of VIEWS.
+
+    axes: how many of its axes have an index already, other than a slice; FIELD once its last one has a slice that
+    begins at a number which is no literal, as an Offset.
+    """
 
     component: type[Component]
     access: str
     name: str
     part: bool = False
     method: str = ""
+    axes: int = 0
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of its elements."""
+        return self.component.columns[self.name].dtype
+
+    @property
+    def ndim(self) -> int:
+        """How many axes the column has in a world, if it is a Singleton's."""
+        return len(self.component.columns[self.name].dims)
+
+    def at(self, index: Any) -> "Column":
+        """What an index takes of it."""
+        count, last, slices = parts_of(index)
+        field = self.axes + count >= self.ndim and isinstance(last, Slice) and not isinstance(last.start, Constant)
+        return replace(self, part=True, method="", axes=FIELD if field else self.axes + count - slices)
 
     def __str__(self) -> str:
         return f"{self.component.__name__}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Slice:
+    """An index of several elements. start: the value of its first one."""
+
+    start: Any
+
+
+def parts_of(index: Any) -> tuple[int, Any, int]:
+    """The parts of an index: how many, the value of the last one, and how many are slices."""
+    parts = index if isinstance(index, tuple) and index else (frozenset([index]),)
+    last = next(iter(parts[-1])) if len(parts[-1]) == 1 else UNKNOWN
+    return len(parts), last, sum(any(isinstance(each, Slice) for each in part) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -65,9 +101,15 @@ class Constant:
         return id(self.value)
 
 
+FIELD = 1 << 16  # of Column.axes
 UNKNOWN, FLOATING = "unknown", "floating"  # anything; a float that is no column's
 Values = frozenset[Any]  # of a variable; a tuple's value is a tuple of them
 ANYTHING: Values = frozenset([UNKNOWN])
+
+
+def component_name(value: Any) -> str:
+    """Of a table or a column."""
+    return str(value.component.__name__)
 
 
 def tracked(values: Values) -> bool:

@@ -24,7 +24,7 @@ from numba import config, from_dtype, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .columns import Column
+from .columns import CheckedColumn, Column
 from .component import Component
 from .jit import compiled
 from .module import Module
@@ -156,7 +156,7 @@ class View:
     @property
     def type(self) -> Any:
         """Numba's; with NUMBA_BOUNDSCHECK=1, indices of all kernels are checked."""
-        kind = types.Array if self.checked or config.BOUNDSCHECK else Column
+        kind = CheckedColumn if self.checked or config.BOUNDSCHECK else Column
         return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
 
 

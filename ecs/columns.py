@@ -4,7 +4,10 @@ numba looks at every index whether it is negative, and counts from the end then.
 for each access, a tenth of the time of a tick. An index of a `Column` is at least 0. A negative one that is known when
 the kernel is compiled is an error then; others read and write elsewhere, which only the plain-Python form notices.
 
-Kernels from outside of outlast get arrays of numba's, which count from the end and check their indices.
+Systems from outside of outlast get a `CheckedColumn`. Its indices are checked, also in kernels of outlast's that they
+call, and those below 0 count from the end.
+
+To neither may a float be written where the column holds integers: numba would cut it off.
 """
 
 import operator
@@ -13,9 +16,13 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core.datamodel import models, register_default
-from numba.core.errors import NumbaIndexError
+from numba.core.errors import NumbaIndexError, NumbaTypeError
 from numba.core.imputils import lower_builtin
 from numba.np import arrayobj
+
+from . import jit
+
+CUT = "which cuts it off"
 
 
 class Column(types.Array):  # type: ignore[misc]
@@ -40,7 +47,26 @@ class Column(types.Array):  # type: ignore[misc]
         return kind(dtype or self.dtype, ndim, layout, readonly=readonly)
 
 
+class CheckedColumn(types.Array):  # type: ignore[misc]
+    """The same for systems from outside of outlast."""
+
+    def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
+        super().__init__(dtype, ndim, layout, readonly=readonly, **more)
+        self.name: str = f"Checked{self.name}"
+
+    @property
+    def mangling_args(self) -> Any:
+        """What its part in symbols is made of."""
+        return "CheckedColumn", super().mangling_args[1]
+
+    def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
+        """The type of a part of it."""
+        readonly, ndim = not self.mutable if readonly is None else readonly, self.ndim if ndim is None else ndim
+        return CheckedColumn(dtype or self.dtype, ndim, layout or self.layout, readonly=readonly)
+
+
 register_default(Column)(models.ArrayModel)
+register_default(CheckedColumn)(models.ArrayModel)
 
 
 def _parts(builder: Any, index_kind: Any, index: Any) -> tuple[list[Any], list[Any]]:
@@ -92,13 +118,42 @@ def _get(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return arrayobj.getitem_arraynd_intp(context, builder, signature, arguments)
 
 
+def _refuse_cut(kind: Any, value: Any) -> None:
+    """NumbaTypeError if numba would cut off what is written."""
+    value = value.dtype if isinstance(value, types.Array) else value
+    if isinstance(kind.dtype, types.Integer) and isinstance(value, types.Float):
+        raise NumbaTypeError(f"writes a float to a column of {kind.dtype}, {CUT}; say so, as in np.{kind.dtype}(...)")
+
+
 @lower_builtin(operator.setitem, Column, types.Integer, types.Any)  # type: ignore[untyped-decorator]
 @lower_builtin(operator.setitem, Column, types.BaseTuple, types.Any)  # type: ignore[untyped-decorator]
 def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, index_kind, value_kind = signature.args
+    _refuse_cut(kind, value_kind)
     kinds, indices = _parts(builder, index_kind, arguments[1])
     if not _plain(kind, kinds):
         return arrayobj.setitem_array(context, builder, signature, arguments)
     value = context.cast(builder, arguments[2], value_kind, kind.dtype)
     context.pack_value(builder, kind.dtype, value, _pointer(context, builder, kind, arguments[0], kinds, indices))
     return context.get_dummy_value()
+
+
+def _checked(context: Any) -> Any:
+    """Numba's context for code that checks indices, in a function that may not."""
+    return context.subtarget(enable_boundscheck=True) if jit.BOUNDS_CHECKS else context
+
+
+@lower_builtin(operator.getitem, CheckedColumn, types.Integer)  # type: ignore[untyped-decorator]
+def _get_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return arrayobj.getitem_arraynd_intp(_checked(context), builder, signature, arguments)
+
+
+@lower_builtin(operator.getitem, CheckedColumn, types.BaseTuple)  # type: ignore[untyped-decorator]
+def _get_part_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return arrayobj.getitem_array_tuple(_checked(context), builder, signature, arguments)
+
+
+@lower_builtin(operator.setitem, CheckedColumn, types.Any, types.Any)  # type: ignore[untyped-decorator]
+def _set_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    _refuse_cut(signature.args[0], signature.args[2])
+    return arrayobj.setitem_array(_checked(context), builder, signature, arguments)

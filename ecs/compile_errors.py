@@ -7,6 +7,7 @@ from pathlib import PurePath
 
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
+from .columns import CUT
 from .errors import DeclarationError, EngineError, ScheduleError
 from .system import System
 
@@ -48,4 +49,6 @@ def _explanation(error: BaseException, system: System) -> EngineError:
     label += f" ({where})" if where else ""
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
+    if CUT in text:  # which Python would do, too
+        return DeclarationError(f"{label} {first_sentence(error)}")
     return DeclarationError(f"{label} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}")

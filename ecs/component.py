@@ -20,6 +20,7 @@ entities, zero where an archetype lacks the component, so that a row number mean
 
 import re
 from collections import namedtuple
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any, ClassVar, TypeAlias
@@ -31,6 +32,7 @@ from .fields import Field
 from .references import annotated_arrays, is_outside
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
+INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # dimensions, by unit
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
 EPISODE = ("world", "episode", "against", "own_side", "result")  # which episode a statistic is of, in tables
 
@@ -46,7 +48,8 @@ class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
     `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers of
-    its last dimension, which they add to `dims`: "own fields", for the key "own". `unit` is what it measures.
+    its last dimension, which they add to `dims`: "own fields", for the key "own". `unit` is what it measures. `below`
+    is the dimension that it is an index of.
     """
 
     dtype: np.dtype[Any]
@@ -57,10 +60,29 @@ class Column:
     key: str = ""
     fields: tuple[Field, ...] | str = ()
     unit: str = ""
+    below: str = ""
 
     def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
         """Trailing shape in numbers."""
         return tuple(dims[dim] if isinstance(dim, str) else dim for dim in self.dims)
+
+    def range(self, dims: Mapping[str, int]) -> tuple[int, int] | None:
+        """The lowest and the highest integer (or truth) in it; None of floats, and if its type can hold no others."""
+        if self.dtype.kind not in "biu":
+            return None
+        whole = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
+        index = self.below or INDICES.get(self.unit, "")
+        low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1: none
+        high = min(self.high, _size(index, dims) - 1, 1 if self.dtype == bool else np.inf)
+        if low <= whole.min and high >= whole.max:
+            return None
+        return int(max(low, whole.min)), int(min(high, whole.max))
+
+
+def _size(index: str, dims: Mapping[str, int]) -> float:
+    """What an index stays below; infinite if the scenario has no such dimension, or it is an index of none."""
+    names = [name.strip() for name in index.split("+")]
+    return sum(int(name) if name.isdigit() else dims.get(name, np.inf) for name in names)
 
 
 def column(
@@ -72,6 +94,7 @@ def column(
     key: str = "",
     fields: tuple[Field, ...] | str = (),
     unit: str = "",
+    below: str = "",
 ) -> Any:
     """Declare a column of a component.
 
@@ -79,14 +102,17 @@ def column(
         dtype: Type of its elements, as numpy writes it: "f4", "i4", "u1".
         *dims: Trailing dimensions, as sizes or as names of dimensions of the scenario.
         fill: Value of a new row.
-        low: Inclusive lower bound, published in the spaces of environments; states with integers below are refused.
+        low: Inclusive lower bound, published in the spaces of environments. Integers below are refused, of states and
+            where a system from outside of outlast has written the column.
         high: Inclusive upper bound, likewise.
         key: Name under which environments publish it (default: the attribute's name).
         fields: Of an Observation: what its last dimension holds, which is as long as they are, those that other
             mechanics add included. The key of another observation for rows that are copies of that one's.
-        unit: What it measures, as "m". "entity" (a row), "side" and "damage type" (a number) are -1 for none.
+        unit: What it measures, as "m". "entity" (a row), "side" and "damage type" (a number) are -1 for none, and what
+            is not there is refused like integers below `low`.
+        below: The dimension that it is an index of, from 0 or `low`, as "boxes"; or a sum, as "slots + 1".
     """
-    return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit)
+    return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit, below)
 
 
 def as_stored(label: str, column: Column, value: Any) -> Any:
@@ -282,8 +308,8 @@ class Statistic(Singleton):
 class Entity(Component):
     """The engine's own component of every row. Written by systems that spawn or despawn."""
 
-    alive: Array = column("u1")  # 1 while the entity is in the world
-    identity: Array = column("i8")  # stable number of (archetype, index), to index random draws by; -1: absent
+    alive: Array = column("u1", high=1)  # 1 while the entity is in the world
+    identity: Array = column("i8", low=-1)  # stable number of (archetype, index), to index random draws by; -1: absent
 
 
 class Clock(Singleton):
@@ -292,4 +318,4 @@ class Clock(Singleton):
     seed: Array = column("u8")
     world: Array = column("u8")
     episode: Array = column("u8")
-    tick: Array = column("u8")  # ticks since reset: 0 in the tick that resets
+    tick: Array = column("u8", high=2**62)  # ticks since reset: 0 in the tick that resets

@@ -1,12 +1,13 @@
 """The sizes of the named dimensions of columns, which modules declare and which may name each other."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
 from .archetype import MOST
 from .errors import DeclarationError, NumberError
+from .references import is_outside
 
 NEEDED = 'a whole number, 0 or more, or names of dimensions, as in "agents + boxes"'
 
@@ -49,6 +50,28 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
         return found[dim]
 
     return {dim: size_of(dim, ()) for dim in terms}
+
+
+def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collection[Any]) -> None:
+    """Refuse that a mechanic from outside of outlast adds to a dimension of the engine's, or of one of outlast's.
+
+    Args:
+        modules: Instances of ecs.module.Module.
+        engine: The names of the engine's dimensions.
+        shared: Those of outlast's mechanics that others may add to, as what they size follows from it.
+
+    Raises:
+        DeclarationError: One does, as where it calls a dimension of its own like one that there is.
+    """
+    declared = {dim: module.name for module in modules if not is_outside(type(module)) for dim in module.dims()}
+    owners = declared | dict.fromkeys(engine, "the engine")
+    for module in modules:
+        for dim in module.dims() if is_outside(type(module)) else ():
+            if dim in owners and dim not in shared:
+                raise DeclarationError(
+                    f"{module.name}.dims() has '{dim}', a dimension of {owners[dim]}, to which its size would be "
+                    f"added: give yours another name, as '{module.name} {dim}'"
+                )
 
 
 def _check_size(module: Any, dim: str, size: Any) -> None:

@@ -21,6 +21,10 @@ class AbsentError(EngineError):
     """A system made an entity alive that the episode leaves out, as its number varies from world to world."""
 
 
+class RangeError(EngineError):
+    """A system wrote an integer that its column cannot hold, as a row that there is not."""
+
+
 class ScheduleError(EngineError):
     """The order of systems is ambiguous, contradictory, or names something unknown."""
 

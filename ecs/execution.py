@@ -7,6 +7,7 @@ import numpy as np
 
 from .arguments import ArgumentBlock
 from .cache import RUNNER, CompiledUnits
+from .errors import EngineError
 from .jit import interpreted
 from .machine_code import exception_at
 from .placing import touched_lines
@@ -63,14 +64,17 @@ class PythonExecution:
     """Runs units as Python. Parameters as for CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Any) -> None:
-        self._functions = [unit.function() for unit in segment.units]
+        self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
         self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units, one after the other."""
         with interpreted():
-            for function, block in zip(self._functions, self.blocks, strict=True):
-                function(block, start, stop)
+            for unit, function, block in zip(self._units, self._functions, self.blocks, strict=True):
+                try:
+                    function(block, start, stop)
+                except EngineError as error:
+                    raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
 def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
@@ -80,7 +84,7 @@ def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
     place = f" ({os.path.basename(file)}, {line})" if place and unit.system else ""
     text = " ".join(map(str, arguments)) if arguments else kind.__name__
     try:
-        error = kind(f"{unit.label}{place}: {text}")
+        error = kind(f"{unit.label}{place}: {text}{unit.needed}")
     except Exception:  # a class that is not made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     note = f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}."

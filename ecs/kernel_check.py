@@ -10,8 +10,8 @@ from typing import Any
 
 from numba.core.compiler import run_frontend
 
-from .abstract_interpreter import Activation, component_name, place
-from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Shared, Table, Values, added
+from .abstract_interpreter import Activation, place
+from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Shared, Table, Values, added, component_name
 from .access import SELECTIONS, Parameter
 from .compile_errors import AS_PYTHON, first_sentence
 from .errors import DeclarationError, ScheduleError

@@ -15,7 +15,7 @@ import numpy as np
 
 from .archetype import Archetype, listed, merge
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
-from .dimensions import dimension_sizes
+from .dimensions import check_owners, dimension_sizes
 from .distributions import Distribution
 from .errors import DeclarationError
 from .event import Event, memory_type
@@ -78,7 +78,8 @@ class Layout:
         self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
         self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
         self.dims["damage_types"] = len(self.damage_types)
-        self.dims |= dimension_sizes(self.modules, self.dims)
+        given, sizes = {*self.dims}, dimension_sizes(self.modules, self.dims)
+        self.dims |= sizes
         self.roles = roles
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = one_of_each(self.modules)
@@ -87,6 +88,7 @@ class Layout:
         if observed:
             self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
+        self._counted: set[str] = set()
         for module in self.modules if checks else ():
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
@@ -101,6 +103,10 @@ class Layout:
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
+        if checks:
+            shared = {*self._counted, *(event.capacity for event in self.events)}
+            engine = given | {dim for dim, size in self.dims.items() if sizes.get(dim) != size}
+            check_owners(self.modules, engine, shared)
 
     def __repr__(self) -> str:
         """A line for each archetype: its rows, whether they are alive after reset, and its components."""
@@ -232,6 +238,7 @@ class Layout:
 
     def check_count(self, component: type[Component], dim: str) -> None:
         """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+        self._counted.add(dim)
         count, size = len(self.rows(component)), self.dims.get(dim, 0)
         if count != size:
             raise DeclarationError(

@@ -36,7 +36,7 @@ OUTSIDE = "the row is out of bounds"
 class AgentRoles(Singleton):
     """The engine's own component of worlds with roles: the role of each agent in this episode."""
 
-    role: Array = column("i4", "agents")
+    role: Array = column("i4", "agents", below="roles")
 
 
 class AgentNumbers(Singleton):

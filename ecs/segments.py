@@ -9,6 +9,7 @@ from .component import Action, Component, Entity, Signal
 from .draw import plan, published_rows
 from .layout import Layout
 from .phase import When
+from .range_check import ranges
 from .system import System
 from .tick import Generator, Unit
 from .varied import NumbersView
@@ -55,6 +56,8 @@ def segments(
         units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
         python = not system.compiled or system.label in interpret
         units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
+        if system.outside:
+            units += [generator().check_range(system, *found) for found in ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(generator().check_absent(system))
     if NumbersView in layout.components:

@@ -47,6 +47,7 @@ from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
+from .range_check import check_range, checked_rows
 from .run_units import begin_fetch, fetch
 from .system import System
 from .varied import NumbersView, Varied, VariedNumber
@@ -58,17 +59,18 @@ CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that com
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A system as a function of a range of worlds, or the engine's clock, which has no system.
+    """A system as a function of a range of worlds, or one of the engine's own, such as the clock.
 
     Attributes:
         label: That of the system.
-        system: None for the clock.
+        system: None for the engine's own.
         kernel: What it calls.
         source: Its source.
         names: What its source refers to.
         arguments: The layout of its arguments.
         compiled: False if it runs as Python.
         only_at_reset: Whether it does nothing in other ticks.
+        needed: What an exception of it adds; no part of the machine code.
     """
 
     label: str
@@ -79,6 +81,7 @@ class Unit:
     arguments: ArgumentLayout
     compiled: bool
     only_at_reset: bool
+    needed: str = ""
 
     def function(self) -> Any:
         """The Python function; debuggers and tracebacks find its source."""
@@ -167,30 +170,28 @@ class Generator:
 
     def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
         """The unit that clears the rows of who is absent, in a column that learners get."""
-
-        def rows(worlds: Any) -> np.ndarray[Any, Any]:
-            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-            return values.reshape(*values.shape[:2], -1)
-
-        dtype = component.columns[column].dtype
-        values = self._view_of("rows", rows, dtype, writable=True, ndim=2)
-        arguments = [values, self._view_of("count", *_words_of(number))]
+        rows = self._column_as("rows", component, column, axes=2, writable=True)
+        arguments = [rows, self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
     def zero(self, component: type[Component], column: str, when: When) -> Unit:
         """The unit that sets a column to 0."""
-
-        def row(worlds: Any) -> np.ndarray[Any, Any]:
-            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-            return values.reshape(len(values), -1)
-
-        values = self._view_of("row", row, component.columns[column].dtype, writable=True)
-        return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [values])
+        row = self._column_as("row", component, column, axes=1, writable=True)
+        return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [row])
 
     def check_absent(self, system: System) -> Unit:
         """The unit that follows a system that can make entities alive."""
-        entities = self._table(Entity, "r")
-        return self._unit(f"absent rows after {system.label}", None, check_absent, IDLE[system.phase.when], [entities])
+        label, entities = f"absent rows after {system.label}", self._table(Entity, "r")
+        return self._unit(label, None, check_absent, IDLE[system.phase.when], [entities])
+
+    def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
+        """The unit that follows a system that can write integers out of a column's range."""
+        label = f"{_full_name(component, column)} after {system.label}"
+        values = self._column_as("values", component, column, axes=2)
+        rows = self._constant("rows", checked_rows(self.layout, component, column))
+        ends = (self._number(end, name) for name, end in (("low", low), ("high", min(high, 2**63 - 1))))
+        unit = self._unit(label, None, check_range, IDLE[system.phase.when], [values, rows, *ends])
+        return replace(unit, needed=f": {low} to {high} is needed")
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""
@@ -298,6 +299,15 @@ class Generator:
     def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
         """Memory of a world that a function of the worlds finds."""
         return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
+
+    def _column_as(self, name: str, component: type[Component], column: str, axes: int, writable: bool = False) -> str:
+        """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
+
+        def view(worlds: Any) -> np.ndarray[Any, Any]:
+            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+            return values.reshape(*values.shape[:axes], -1)
+
+        return self._view_of(name, view, component.columns[column].dtype, writable, axes)
 
     def _slot(self, name: str, slot: int) -> str:
         constant = self._unique(name.upper(), ("slot of", name))

@@ -15,6 +15,7 @@ from .ecs.errors import (
     EngineError,
     NumberError,
     OutlastError,
+    RangeError,
     ScheduleError,
 )
 from .envs.errors import (
@@ -58,6 +59,7 @@ __all__ = [
     "PageError",
     "PendingError",
     "PlayError",
+    "RangeError",
     "RecordingError",
     "ReplayError",
     "ScenarioError",

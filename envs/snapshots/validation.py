@@ -1,30 +1,27 @@
 """Validation of saved states: what is used as an index is in range, and booleans are 0 or 1.
 
-Compiled kernels do not check an index: one that is out of range would read and write somewhere else. RANGES has the
-columns of outlast's own components that kernels or views use as an index, a length or a part of an address. The
-others do no harm, whatever they hold: they are compared, counted or computed with.
+Compiled kernels do not check an index: one that is out of range would read and write somewhere else. Columns of
+outlast's own components that kernels or views use as an index, a length or a part of an address declare their range.
+The others do no harm, whatever they hold: they are compared, counted or computed with.
 
-A mechanic of one's own whose columns hold an index declares that, in either of two ways. Without that they are not
-checked, and its states are to be loaded from people one trusts only:
+A mechanic of one's own whose columns hold an index declares that, too. Without that they are not checked, and its
+states are to be loaded from people one trusts only:
 
-    owner: Array = column("i4", fill=-1, low=-1, high=7)   # bounds of integer columns hold for states
-    RANGES[Nest] = {"owner": Range(-1, "rows")}            # of this module, where the scenario decides
+    owner: Array = column("i4", fill=-1, unit="entity")   # a row, -1: none
+    phase: Array = column("i4", low=0, high=7)
 
 A valid state need not be one to which any game leads: items may be in two bags, or agents in a wall.
 """
 
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, BoxItem, Died, Gift, Health, Item, Side, Sight, Weapon
-from outlast.components.inventory import CLOSED
-from outlast.components.sight import MODES
-from outlast.ecs import AgentRoles, Clock, Component, Entity, Layout, Singleton
-from outlast.ecs.event import EventMemory, table
+from outlast.components import Bag, Side, Sight
+from outlast.ecs import Component, Entity, Layout, Singleton
+from outlast.ecs.event import COUNT, EventMemory, table
 from outlast.ecs.given import Given, misfits, wrongly_given
 from outlast.ecs.placing import Place
 from outlast.ecs.varied import Varied
@@ -32,39 +29,6 @@ from outlast.ecs.varied import Varied
 from ..errors import StateError
 
 Array = np.ndarray[Any, Any]
-
-
-@dataclass(frozen=True)
-class Range:
-    """low <= number < below, or <= below if it is `included`. below: a number, or a dimension of the scenario."""
-
-    low: int
-    below: int | str
-    included: bool = False
-
-    def last(self, dims: dict[str, int]) -> int:
-        """The largest number in it; nothing is an index of a dimension that the scenario does not have."""
-        below = dims.get(self.below, LARGEST) if isinstance(self.below, str) else self.below
-        return below - (not self.included)
-
-
-LARGEST = 2**63
-ROW, SIDE, DAMAGE_TYPE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
-UNITS = {"entity": ROW, "side": SIDE, "damage type": DAMAGE_TYPE}  # of columns of events
-RANGES: dict[type[Component], dict[str, Range]] = {
-    AgentRoles: {"role": Range(0, "roles")},
-    Bag: {"items": Range(CLOSED, "rows"), "count": Range(0, "slots", included=True)},
-    BoxItem: {"index": Range(0, "boxes")},
-    Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone
-    Died: {"damage_type": DAMAGE_TYPE, "source": SIDE},
-    Entity: {"alive": Range(0, 2), "identity": Range(-1, LARGEST)},
-    Gift: {"taker": ROW},
-    Health: {"damage_type": DAMAGE_TYPE, "source": SIDE},
-    Item: {"holder": ROW, "user": ROW},
-    Side: {"side": SIDE},
-    Sight: {"mode": Range(0, len(MODES))},
-    Weapon: {"target": ROW},
-}
 
 
 def check(layout: Layout, arrays: dict[str, Array]) -> None:
@@ -109,13 +73,13 @@ def check_events(layout: Layout, counts: Array, given: Array) -> None:
         if ((found.count < 0) | (found.count > capacity)).any():
             raise StateError(f"the state's {event.__name__}.count is not between 0 and {capacity}")
         for name, column in event.columns.items():
-            if column.unit in UNITS and found.count.any():
-                values, last = getattr(found, name), UNITS[column.unit].last(layout.dims)
+            if name != COUNT and (ends := column.range(layout.dims)) and found.count.any():
+                values, (low, high) = getattr(found, name), ends
                 used = np.arange(capacity).reshape(-1, *[1] * (values.ndim - 2)) < found.count.reshape(
                     -1, *[1] * (values.ndim - 1)
                 )
-                if (used & ((values < -1) | (values > last))).any():
-                    raise StateError(f"the state's {event.__name__}.{name} is not between -1 and {last}")
+                if (used & ((values < low) | (values > high))).any():
+                    raise StateError(f"the state's {event.__name__}.{name} is not between {low} and {high}")
 
 
 @dataclass(frozen=True)
@@ -140,26 +104,15 @@ class Span:
 @functools.lru_cache(maxsize=16)
 def _spans(layout: Layout) -> tuple[Span, ...]:
     """What is checked in worlds of that layout; found once, as a search puts single worlds back very often."""
-    return tuple(
-        Span(f"{place.component.__name__}.{place.name}", place, dtype, _rows(layout, place.component), *ends)
-        for place in layout.places
-        if place.offset >= 0
-        for dtype, ends in _ends(place, layout.dims)
-    )
-
-
-def _ends(place: Place, dims: dict[str, int]) -> Iterator[tuple[np.dtype[Any], tuple[int, int]]]:
-    """The type of a column (of booleans, that of its bytes), and the ends of its range; nothing if all is in range."""
-    column, own = place.component.columns[place.name], RANGES.get(place.component, {}).get(place.name)
-    if column.dtype.kind not in "biu":
-        return
-    dtype = np.dtype(np.uint8) if column.dtype == bool else column.dtype
-    whole = np.iinfo(dtype)
-    low, last = (
-        (own.low, own.last(dims)) if own else (column.low, min(column.high, 1 if column.dtype == bool else np.inf))
-    )
-    if low > whole.min or last < whole.max:
-        yield dtype, (int(max(low, whole.min)), int(min(last, whole.max)))
+    found = []
+    for place in layout.places:
+        if place.offset >= 0 and (ends := place.component.columns[place.name].range(layout.dims)):
+            name, dtype = (
+                f"{place.component.__name__}.{place.name}",
+                np.dtype("u1") if place.dtype == bool else place.dtype,
+            )
+            found.append(Span(name, place, dtype, _rows(layout, place.component), *ends))
+    return tuple(found)
 
 
 def _rows(layout: Layout, component: type[Component]) -> slice | Array:

@@ -305,26 +305,59 @@ def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
         Worlds(scenario.modules, 1)
 
 
-def test_a_system_writes_the_fields_of_its_offsets_only() -> None:
+def written(line: str) -> Module:
+    """A mechanic with a system that writes rows that others write, too, by this line."""
+
+    class Sneaky(Module):
+        pass
+
+    source = f"""
+def sneaky(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
+    for i in range(agents.size):
+        {line}
+"""
+    names: dict[str, Any] = {**globals(), "__name__": __name__}
+    exec(source, names)
+    Sneaky.system(Phase.OBSERVE, after="stamina")(names["sneaky"])
+    return Sneaky()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "view.own[i, own_stamina] = 1; view.own[i, 0] = 7",
+        "row = view.own[i]; row[own_stamina] = 1; row[0] = 7",
+        "view.own[i] = 0",
+        "view.own[i] += 1",
+        "view.own[i, :] = 7",
+        "view.own[i, :own_stamina] = 7",
+        "view.own[i, 1:own_stamina] = 7",
+        "view.own[i][:] = 7",
+        "view.own[:] = 7",
+        "view.own[...] = 7",
+        "view.own.fill(7)",
+        "view.own[i].fill(7)",
+        "rows = view.own; rows += 1",
+        "np.copyto(view.own, np.zeros_like(view.own))",
+    ],
+)
+def test_a_system_writes_the_fields_of_its_offsets_only(line: str) -> None:
     """Its order among those of other fields follows from that."""
+    scenario = variant("ffa_1").with_(Stamina(), written(line))
+    with pytest.raises(DeclarationError, match=r"sneaky.sneaky.* beside the fields of its Offsets \(own_stamina\)"):
+        Worlds(scenario.modules, 1)
 
-    def sneaky(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
-        for i in range(agents.size):
-            view.own[i, own_stamina] = 1
-            view.own[i, 0] = 7
 
-    def sneaky_row(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
-        for i in range(agents.size):
-            row = view.own[i]
-            row[own_stamina] = 1
-            row[0] = 7
-
-    for function in (sneaky, sneaky_row):
-
-        class Sneaky(Module):
-            pass
-
-        Sneaky.system(Phase.OBSERVE, after="stamina")(function)
-        scenario = variant("ffa_1").with_(Stamina(), Sneaky())
-        with pytest.raises(DeclarationError, match=r"sneaky.sneaky.* beside the fields of its Offsets \(own_stamina\)"):
-            Worlds(scenario.modules, 1)
+@pytest.mark.parametrize(
+    "line",
+    [
+        "view.own[:, own_stamina] = 1",
+        "view.own[i][own_stamina] = 1",
+        "view.own[i, own_stamina] += 1",
+        "view.own[i, own_stamina : own_stamina + 1] = 1",
+        "part = view.own[i, own_stamina : own_stamina + 1]; part[:] = 0; part[0] = 1; part.fill(2)",
+        "where = i, own_stamina + 0; view.own[where] = 1",
+    ],
+)
+def test_a_system_may_write_a_field_in_any_way(line: str) -> None:
+    Worlds(variant("ffa_1").with_(Stamina(), written(line)).modules, 1)

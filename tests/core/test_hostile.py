@@ -11,15 +11,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import components
 from outlast.components import Bag, Item, Side, Sight, Weapon
 from outlast.ecs import (
     Action,
-    AgentRoles,
     Archetype,
     Clock,
     Component,
-    Entity,
     Layout,
     Module,
     Observation,
@@ -64,29 +61,51 @@ def table(env: SurvivalVectorEnv, state: State, component: type[Component]) -> A
     return env.worlds.layout.columns(state.arrays["world"], component)
 
 
-RANGES = [(component, name) for component, columns in validation.RANGES.items() for name in columns]
+RANGES: dict[str, tuple[int, int | str]] = {  # the lowest and the highest number; a name: of the last one of these
+    "AgentRoles.role": (0, "roles"),
+    "Bag.count": (0, "slots and none"),
+    "Bag.items": (-2, "rows"),
+    "BoxItem.index": (0, "boxes"),
+    "Clock.tick": (0, 2**62),
+    "Died.damage_type": (-1, "damage_types"),
+    "Died.source": (-1, "sides"),
+    "Entity.alive": (0, 1),
+    "Entity.identity": (-1, 2**63 - 1),
+    "Gift.taker": (-1, "rows"),
+    "Health.damage_type": (-1, "damage_types"),
+    "Health.source": (-1, "sides"),
+    "Item.holder": (-1, "rows"),
+    "Item.user": (-1, "rows"),
+    "Side.side": (-1, "sides"),
+    "Sight.mode": (0, 2),
+    "Solid.dynamic": (0, 1),
+    "Solid.may_collide": (0, 1),
+    "Weapon.target": (-1, "rows"),
+}
 
 
-@pytest.mark.parametrize(("component", "name"), RANGES, ids=[f"{c.__name__}.{name}" for c, name in RANGES])
+@pytest.mark.parametrize("name", RANGES)
 @pytest.mark.parametrize("end", ["below", "above"])
-def test_an_index_out_of_range_is_refused(
-    env: SurvivalVectorEnv, component: type[Component], name: str, end: str
-) -> None:
-    found, whole = validation.RANGES[component][name], np.iinfo(component.columns[name].dtype)
-    number = found.low - 1 if end == "below" else found.last(env.worlds.dims) + 1
+def test_an_index_out_of_range_is_refused(env: SurvivalVectorEnv, name: str, end: str) -> None:
+    kind, key = name.split(".")
+    (component,) = (component for component in env.worlds.components if component.__name__ == kind)
+    whole, (low, high) = np.iinfo(component.columns[key].dtype), RANGES[name]
+    if isinstance(high, str):
+        high = (env.worlds.dims | {"slots and none": env.worlds.dims["slots"] + 1})[high] - 1
+    number = low - 1 if end == "below" else high + 1
     if not whole.min <= number <= whole.max:
         pytest.skip("the column cannot hold such a number")
     rows = env.worlds.layout.rows(component)
     row = int(rows[-1]) if len(rows) and env.worlds[component][0].shape[1] == env.worlds.dims["rows"] else 0
 
     def spoil(state: State) -> None:
-        getattr(table(env, state, component), name)[1, row] = number
+        getattr(table(env, state, component), key)[1, row] = number
 
-    assert f"{component.__name__}.{name} is {number} in world 1, row {row}: " in refusal(env, spoil)
+    assert f"{name} is {number} in world 1, row {row}: " in refusal(env, spoil)
 
 
 HARMLESS = {  # integers that are compared, counted, or computed with, or that are random keys
-    "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Solid.dynamic", "Solid.may_collide", "Spawned.cell",
+    "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Spawned.cell",
     "Fault.physics", "Box.broken", "Box.placed", "Box.fresh", "Heal.amount", "Health.points", "Health.has_health",
     "Health.fatal_tick", "Guard.immune_to", "Guard.vulnerable_only_to", "Died.now", "Weapon.cooldown", "Score.alive",
     "Score.deaths", "Score.kills", "Cells.cells",
@@ -95,20 +114,17 @@ HARMLESS = {  # integers that are compared, counted, or computed with, or that a
 
 
 def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
-    """A new column goes into validation.RANGES or into this list."""
-    found = {}
+    """A new column declares its range, and goes into RANGES, or it goes into HARMLESS."""
+    checked, free = set(), set()
     for name in outlast.VARIANTS:
-        for kind in Layout(outlast.variant(name).modules).components:
+        layout = Layout(outlast.variant(name).modules)
+        for kind in layout.components:
             if kind.packed and not issubclass(kind, (Action, Observation, Signal, Statistic)):
-                integers = [key for key, each in kind.columns.items() if each.dtype.kind in "iu"]
-                found |= {f"{kind.__name__}.{key}": key in validation.RANGES.get(kind, {}) for key in integers}
-    assert {name for name, checked in found.items() if not checked} == HARMLESS
-    assert set(validation.RANGES) <= {
-        AgentRoles,
-        Clock,
-        Entity,
-        *(getattr(components, name) for name in components.__all__),
-    }
+                for key, each in kind.columns.items():
+                    if each.dtype.kind in "iu":
+                        (checked if each.range(layout.dims) else free).add(f"{kind.__name__}.{key}")
+    assert free == HARMLESS
+    assert checked == RANGES.keys() - {"AgentRoles.role"}  # of scenarios with roles
 
 
 SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {
@@ -165,30 +181,37 @@ class Nest(Component):
     owner: Any = column("i4", fill=-1, low=-1, high=7)
     warm: Any = column("b1")
     free: Any = column("i4")
+    beside: Any = column("i4", unit="entity")
+    twig: Any = column("u1", "twigs", below="twigs")
 
 
 class Nests(Module):
     def archetypes(self) -> Iterator[Archetype]:
         yield Archetype("nest", (Nest(),), 3)
 
+    def dims(self) -> dict[str, int | str]:
+        return {"twigs": 2}
 
-def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Or adds to RANGES what depends on the scenario. What it does neither for is not checked."""
+
+def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns() -> None:
+    """In numbers, by a unit, or by a dimension. A column without any is not checked."""
     layout = Layout([Nests()])
     block = np.stack([layout.initial_image] * 2)
     nests = layout.columns(block, Nest)
     nests.free[:] = 10**9
     validation.check(layout, {"world": block})
-    nests.owner[1, 2] = 8
-    with pytest.raises(StateError, match=r"Nest.owner is 8 in world 1, row 2: -1 to 7 is needed"):
-        validation.check(layout, {"world": block})
-    nests.owner[1, 2], nests.warm.view(np.uint8)[0, 1] = 7, 2
-    with pytest.raises(StateError, match=r"Nest.warm is 2 in world 0, row 1: 0 to 1 is needed"):
-        validation.check(layout, {"world": block})
-    nests.warm[:] = True
-    monkeypatch.setitem(validation.RANGES, Nest, {"free": validation.Range(0, "rows")})
-    with pytest.raises(StateError, match=r"Nest.free is 1000000000 in world 0, row 0: 0 to 2 is needed"):
-        validation.check(Layout([Nests()]), {"world": block})
+    spoils = {
+        "owner is 8 in world 1, row 2: -1 to 7": (nests.owner, (1, 2), 8),
+        "warm is 2 in world 0, row 1: 0 to 1": (nests.warm.view(np.uint8), (0, 1), 2),
+        "beside is 3 in world 0, row 0: -1 to 2": (nests.beside, (0, 0), 3),
+        "twig is 2 in world 1, row 0: 0 to 1": (nests.twig, (1, 0, 1), 2),
+    }
+    for words, (values, where, number) in spoils.items():
+        before, values[where] = values[where], number
+        with pytest.raises(StateError, match=f"Nest.{words} is needed"):
+            validation.check(layout, {"world": block})
+        values[where] = before
+    validation.check(layout, {"world": block})
 
 
 def test_states_are_kept_whatever_a_scenario_is_called(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from numba.core.errors import NumbaError
 
 from outlast import make_vec
 from outlast.ecs import Read, Rows, Worlds, arguments
-from outlast.ecs.columns import Column
+from outlast.ecs.columns import CheckedColumn, Column
 from outlast.ecs.jit import kernel
 from outlast.ecs.tick import Generator
 from tests.conftest import COMPILED, draw_actions, few_by_day
@@ -120,4 +120,4 @@ def test_with_bounds_checks_there_are_no_columns(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 0)
     assert view.type == Column(types.float32, 1, readonly=True)
     monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 1)
-    assert type(view.type) is types.Array
+    assert type(view.type) is CheckedColumn

@@ -131,7 +131,13 @@ def test_the_source_of_a_tick() -> None:
     worlds = make()
     source = worlds.source()
     labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay"
-    assert [label for label in labels if label != zero] == ["clock", *(s.label for s in worlds.schedule.systems)]
+    checks = [f"outlast.ecs.component.Entity.{column} after food.grow" for column in ("alive", "identity")]
+    assert [label for label in labels if label not in (zero, *checks)] == [
+        "clock",
+        *(s.label for s in worlds.schedule.systems),
+    ]
+    k = labels.index("food.grow") + 1
+    assert labels[k : k + 2] == checks
     writer = next(s.label for s in worlds.schedule.systems if s.touches(Pay, "write", "add"))
     assert labels[labels.index(writer) - 1] == zero
     assert re.findall(r"^# ---- (\w+)", source, re.MULTILINE) == ["BEGIN", "MOVE", "FEED", "SHOW"]
@@ -554,9 +560,8 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     assert not worlds.compiled
     run(worlds, STEP)
     assert worlds.compiled
-    assert (
-        len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + 3
-    )  # the clock, what sets Pay to 0, the runner
+    more = 3 + 2  # the clock, what sets Pay to 0, the runner; checks of what `grow` writes
+    assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + more
 
 
 @compiled_only

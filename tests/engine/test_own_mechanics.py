@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Health, Phase, Reward, SelfView, Side
+from outlast.components import Bag, Body, Health, Item, ObservationMasks, Phase, Reward, SelfView, Side
+from outlast.components.inventory import place, push
+from outlast.components.sight import is_set
 from outlast.ecs import (
     AbsentError,
     Action,
+    Add,
     Archetype,
     Array,
     Clock,
@@ -22,6 +25,7 @@ from outlast.ecs import (
     Module,
     Observation,
     Offset,
+    RangeError,
     Read,
     Rows,
     Signal,
@@ -31,7 +35,6 @@ from outlast.ecs import (
     exists,
 )
 from outlast.systems import Motors, Rewards
-from tests.conftest import COMPILED
 
 DUEL = outlast.variant("ffa_1").replace(ending_rule="never", ending_limit=5)
 MODES = ["NextStep", "SameStep", "Disabled"]
@@ -299,11 +302,101 @@ def defect(side: Write[Side], agents: Rows[Side]) -> None:
     side.side[agents[0]] = 7
 
 
-@pytest.mark.skipif(not COMPILED, reason="in Python, numpy refuses the index itself")
-def test_a_side_that_there_is_not_is_refused() -> None:
-    env = outlast.make_vec(DUEL.with_(Defects()), 2, seed=0)
+class Fills(Module):
+    pass
+
+
+@Fills.system(Phase.MELEE)
+def overfill(bag: Write[Bag], agents: Rows[Bag]) -> None:
+    for e in agents:
+        bag.count[e] = 1000
+
+
+class Doubles(Module):
+    pass
+
+
+@Doubles.system(Phase.RESPAWN)
+def double(entities: Write[Entity], agents: Rows[Side]) -> None:
+    entities.alive[agents[1]] += 1
+
+
+class Marks(Component):
+    mark: Any = column("i4", unit="entity")
+    last: Any = column("i4", low=5, fill=5)  # rows without the component hold 0
+
+
+class Marked(Singleton):
+    marked: Any = column("i4", 2, below="rows")
+
+
+class Points(Module):
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("agent", (Marks(),))]
+
+    def singletons(self) -> list[Singleton]:
+        return [Marked()]
+
+
+@Points.system(Phase.MELEE)
+def point(marks: Write[Marks], marked: Write[Marked], agents: Rows[Marks]) -> None:
+    marks.mark[agents[1]] -= 2
+    marked.marked[0] = 0
+
+
+class Adds(Points):
+    pass
+
+
+@Adds.system(Phase.MELEE)
+def point(marked: Add[Marked]) -> None:  # noqa: F811
+    marked.marked[1] -= 1
+
+
+@pytest.mark.parametrize("interpret", [False, True])
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        (Defects(), r"agent\.Side\.side after defects\.defect: .*: -1 to 1 is needed"),
+        (Fills(), r"inventory\.Bag\.count after fills\.overfill: .*: 0 to 4 is needed"),
+        (Doubles(), r"component\.Entity\.alive after doubles\.double: .*: 0 to 1 is needed"),
+        (Points(), r"Marks\.mark after points\.point: .*: -1 to \d+ is needed"),
+        (Adds(), r"Marked\.marked after adds\.point: .*: 0 to \d+ is needed"),
+    ],
+)
+def test_integers_that_a_column_cannot_hold_are_refused(module: Module, words: str, interpret: bool) -> None:
+    """Ahead of the first system that would take them for an index, or for bits."""
+    label = module.systems()[-1].label
+    env = outlast.make_vec(DUEL.with_(module), 2, seed=0, interpret=(label,) if interpret else ())
     env.reset()
-    with pytest.raises(IndexError, match=r"ending.count .*: a system has given an agent, .* a side that there is not"):
+    with pytest.raises(RangeError, match=words):
+        env.step(say_nothing(env))
+
+
+def push_far(bag: Write[Bag], item: Write[Item], agents: Rows[Bag]) -> None:
+    push(bag, item, agents[0], 100_000)
+
+
+def place_far(body: Write[Body], entities: Write[Entity], agents: Rows[Side]) -> None:
+    place(body, entities, 100_000 + agents[0], 0.0, 0.0)
+
+
+def look_far(side: Write[Side], masks: Read[ObservationMasks], agents: Rows[Side]) -> None:
+    if is_set(masks.filled, 10_000_000 + agents[0], 3):
+        side.side[agents[0]] = 0
+
+
+@pytest.mark.parametrize("interpret", [False, True])
+@pytest.mark.parametrize("function", [push_far, place_far, look_far])
+def test_functions_of_outlast_check_the_indices_that_others_give_them(function: Any, interpret: bool) -> None:
+    class Far(Module):
+        pass
+
+    Far.system(Phase.RESPAWN)(function)
+    label = f"far.{function.__name__}"
+    env = outlast.make_vec(DUEL.with_(Far()), 2, seed=0, interpret=(label,) if interpret else ())
+    env.reset()
+    with pytest.raises(IndexError, match="out of bounds" if interpret else rf"^{label}.*out of bounds"):
         env.step(say_nothing(env))
 
 

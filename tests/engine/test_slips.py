@@ -28,12 +28,14 @@ from outlast.ecs import (
     Statistic,
     Write,
     column,
+    kernel,
     number,
     of,
 )
 from outlast.ecs.kernel_check import check
 from outlast.envs.errors import ScenarioError
 from outlast.envs.inspect.event_table import event_table
+from tests.conftest import COMPILED
 
 DUEL = outlast.variant("ffa_1")
 
@@ -87,6 +89,30 @@ def test_sizes_that_are_none(size: Any, words: str) -> None:
     with pytest.raises(DeclarationError) as error:
         layout(mechanic("Sized", dims={"wide": size}, singletons=[Counted()]))
     assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("dim", "owner"),
+    [
+        ("cells", "spawn_grid"),
+        ("slots", "inventory"),
+        ("sides", "free_for_all"),
+        ("others", "agents"),
+        ("rows", "the engine"),
+        ("blocks", "the engine"),
+        ("own fields", "the engine"),
+        ("capacity of hit", "the engine"),
+    ],
+)
+def test_a_dimension_of_outlasts_is_not_added_to(dim: str, owner: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"mine.dims\(\) has '{dim}', a dimension of {owner}, .* 'mine {dim}'"):
+        DUEL.with_(mechanic("Mine", dims={dim: 5})).worlds(1)
+
+
+def test_the_room_of_events_is_added_to() -> None:
+    """As more can happen in a tick."""
+    before, after = (game.worlds(1).dims for game in (DUEL, DUEL.with_(mechanic("Mine", dims={"hits": 5}))))
+    assert after == before | {"hits": before["hits"] + 5, "capacity of hit": before["capacity of hit"] + 5}
 
 
 def test_a_dimension_of_a_mechanic_that_is_left_out_is_0() -> None:
@@ -334,6 +360,48 @@ def test_what_systems_write_and_read(system: str, words: str) -> None:
         return
     with pytest.raises(EngineError, match=words):
         check(found, ["harm"])
+
+
+CUTS = {
+    "absolute": "marks.whole[e] = abs(marks.real[e])",
+    "most": "marks.whole[e] = max(marks.real[e], 1)",
+    "choice": "marks.whole[e] = marks.real[e] if e > 0 else 0",
+    "floor": "marks.whole[e] = np.floor(marks.real[e])",
+    "sum": "marks.whole[e] = marks.real.sum()",
+    "more": "marks.whole[e] += abs(marks.real[e])",
+    "part": "part = marks.whole[1:]; part[0] = abs(marks.real[e])",
+    "array": "marks.small[:] = np.abs(marks.real)",
+    "kernel": "store(marks, e, abs(marks.real[e]))",
+    "whole": "marks.whole[e] = np.int32(abs(marks.real[e])); marks.small[:] = 3; marks.small[e] = True",
+    "float": "marks.real[e] = abs(marks.real[e]); marks.real[:] = 2; marks.real[e] = e",
+}
+
+
+@kernel
+def store(marks: Any, e: int, value: float) -> None:
+    marks.whole[e] = value
+
+
+@pytest.mark.skipif(not COMPILED, reason="the compiler knows the types")
+@pytest.mark.parametrize("name", CUTS)
+def test_no_float_is_cut_off(name: str) -> None:
+    """Also where the static check cannot tell that it is one."""
+
+    class Cuts(Module):
+        def archetypes(self) -> list[Archetype]:
+            return [Archetype("agent", (Mark(),))]
+
+    names: dict[str, Any] = {**globals(), "__name__": __name__}
+    text = f"def {name}(marks: Write[Mark], agents: Rows[Mark]) -> None:\n    for e in agents:\n        {CUTS[name]}\n"
+    exec(text, names)
+    Cuts.system(Phase.DRIVE)(names[name])
+    if name in ("whole", "float"):
+        outlast.make_vec(DUEL.with_(Cuts()), 1, seed=0).reset()
+        return
+    with pytest.raises(
+        DeclarationError, match=rf"cuts\.{name} \(.*\):? writes a float to .*, which cuts it off; say so"
+    ):
+        outlast.make_vec(DUEL.with_(Cuts()), 1, seed=0).reset()
 
 
 class Far(Rules):
