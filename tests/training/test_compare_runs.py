@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import outlast
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training.averages import average, interval
 from outlast.training.curves import Curves
 from outlast.training.errors import TrainingError
+from outlast.training.paper import results
 from outlast.training.plots.groups import Group, group_runs
 from outlast.training.plots.panels import chosen, drawn, hours
 from outlast.training.plots.runs import load
@@ -30,7 +32,12 @@ KEPT = Path(__file__).resolve().parents[2] / "docs/results/worlds-64"
 
 
 def run(
-    place: Path, name: str = "ffa_2", height: float = 1.0, points: int = 20, numbers: Any = None, **plan: Any
+    place: Path,
+    name: str | outlast.Scenario = "ffa_2",
+    height: float = 1.0,
+    points: int = 20,
+    numbers: Any = None,
+    **plan: Any,
 ) -> Path:
     """The folder of a run whose curves rise to a height."""
     place.mkdir(parents=True)
@@ -42,7 +49,7 @@ def run(
         "settings": {},
         "steps": 1000 * points,
     } | plan
-    scenario = fingerprint(variant(name).replace(**numbers or {}))
+    scenario = fingerprint((variant(name) if isinstance(name, str) else name).replace(**numbers or {}))
     (place / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
     rows = [("tag", "step", "value")]
     for k in range(1, points + 1):
@@ -62,6 +69,32 @@ def groups(*places: Path) -> list[Group]:
 
 
 # ---- groups
+
+
+def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path) -> None:
+    """By what is drawn, roles, what is observed, the order of systems, or the code of a mechanic: never averaged."""
+    duel, strong = variant("ffa_2"), {"hunter": outlast.role(1, melee_damage=50), "prey": outlast.role()}
+    few, many = (duel.vary(melee_damage=outlast.integers(5, most)) for most in (8, 80))
+    games = {
+        "low": few,
+        "high": many,
+        "seen": few.observe_numbers("melee_damage"),
+        "roles": duel.roles(**strong),
+        "weak": duel.roles(**strong | {"hunter": outlast.role(1, melee_damage=5)}),
+        "order": duel.ordered("melee.strike", "safe_zone.burn"),
+    }
+    for name, game in games.items():
+        run(tmp_path / name, game)  # of one seed, which two runs of a group cannot have
+        run(tmp_path / f"{name}1", game, seed=1)
+        with pytest.raises(TrainingError, match=f"{name} is no run of the paper's: its game has .*; leave out --paper"):
+            results.load_runs([tmp_path / name])
+    found = {group.label: [each.origin.name for each in group.runs] for group in groups(tmp_path)}
+    assert sorted(found.values()) == [[name, f"{name}1"] for name in sorted(games)]
+    assert labels(tmp_path / "low", tmp_path / "high1") == [
+        "melee_damage=integers(5, 8)",
+        "melee_damage=integers(5, 80)",
+    ]
+    assert labels(tmp_path / "roles", tmp_path / "weak") == ["hunter melee_damage=5", "hunter melee_damage=50"]
 
 
 def test_settings_that_differ_name_the_groups(tmp_path: Path) -> None:

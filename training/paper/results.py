@@ -152,6 +152,15 @@ def read_runs(places: Iterable[Path], read: Callable[[Path], Kind]) -> list[Kind
     return found
 
 
+NOT_THE_PAPERS = {
+    "varied": "numbers that vary",
+    "observed": "numbers that agents observe",
+    "roles": "roles",
+    "order": "systems in another order",
+    "code": "mechanics of one's own",
+}  # of fingerprints
+
+
 def _found(place: Path) -> list[Path]:
     """Folders of runs and kept files in a place, which may be one."""
     if not place.exists():
@@ -171,6 +180,8 @@ def _of_folder(folder: Path) -> RunResult:
     """The run in a folder."""
     header = run_header.read_run_folder(folder)
     scenario, plan = header["scenario"], header["plan"]
+    if more := [what for key, what in NOT_THE_PAPERS.items() if scenario.get(key)]:
+        raise TrainingError(f"{folder} is no run of the paper's: its game has {', '.join(more)}; leave out --paper")
     try:
         name = variant(scenario["name"]).name
         changed = _changed(name, plan.get("preset"), scenario["numbers"])

@@ -4,11 +4,10 @@ import difflib
 import itertools
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from ..errors import TrainingError
 from ..hyperparameters import Hyperparameters
-from .runs import PRESET, SCENARIO, Run
+from .runs import PRESET, SCENARIO, Run, shown
 
 SEED = "seed"
 ABSENT = "not there"
@@ -127,15 +126,6 @@ def _kinds(runs: Sequence[Run], names: Sequence[str]) -> int:
 def value_of(run: Run, name: str) -> str:
     """A setting of a run as a text."""
     return str(run.seed) if name == SEED else shown(run.settings.get(name, ABSENT))
-
-
-def shown(value: Any) -> str:
-    """A value as one types it: true, 0.5, 8,4."""
-    if isinstance(value, (list, tuple)):
-        return ",".join(map(shown, value))
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _order(text: str) -> tuple[float, str]:

@@ -54,6 +54,15 @@ class Run(Logged):
         return {SCENARIO: self.scenario, **usual, **plan, **self.numbers, **own}
 
 
+def shown(value: Any) -> str:
+    """A value as one types it: true, 0.5, 8,4."""
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(shown, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def load(places: Iterable[Path]) -> list[Run]:
     """The runs in these places, see `results.read_runs`. Raises TrainingError."""
     return results.read_runs(places, lambda path: _of_folder(path) if path.is_dir() else _of_kept(path))
@@ -68,7 +77,25 @@ def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
         preset(plan.get(PRESET))
     except ScenarioError as error:
         raise TrainingError(f"{origin} does not hold a run: {error}") from error
-    return Run(origin, scenario["name"], current(scenario["numbers"], NUMBERS), plan, curves)
+    return Run(origin, scenario["name"], _played(scenario), plan, curves)
+
+
+def _played(scenario: dict[str, Any]) -> dict[str, Any]:
+    """All that a fingerprint has beside names.
+
+    Numbers, or what they are drawn from; roles, what is observed, the order of systems, and the code of mechanics of
+    one's own by the first digits of its hash.
+    """
+    drawn = {name: f"{kind}({', '.join(map(shown, of))})" for name, (kind, *of) in scenario.get("varied", {}).items()}
+    roles, order, code = (scenario.get(key, {}) for key in ("roles", "order", "code"))
+    more = {"roles drawn": roles["drawn"]} if roles else {}
+    for role in roles["roles"] if roles else ():
+        more[f"{role['name']} agents"] = "rest" if role["count"] is None else role["count"]
+        more |= {f"{role['name']} {name}": value for name, value in role["numbers"].items()}
+    more |= {"observed": scenario["observed"]} if scenario.get("observed") else {}
+    more |= {"order": "; ".join(" < ".join(chain) for chain in order)} if order else {}
+    more |= {f"code of {name}": digest[:8] for name, (_, _, digest) in code.items()}
+    return current(scenario["numbers"] | drawn, NUMBERS) | more
 
 
 def _of_folder(folder: Path) -> Run:
