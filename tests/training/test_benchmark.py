@@ -18,7 +18,8 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark import result, scores, suite, table, tasks  # noqa: E402
+from outlast.training.benchmark import described, result, scores, suite, table, tasks  # noqa: E402
+from outlast.training.benchmark import entry as entries  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
 from outlast.training.benchmark.anchors import make  # noqa: E402
 from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
@@ -52,9 +53,8 @@ def quick() -> tasks.Task:
     return tasks._task("quick", "short episodes", trained, {"strong blows": other})
 
 
-def small_response(entry: Entry, policy: Path) -> TrainingConfig:
-    opponents = {str(policy): 1.0}
-    return TrainingConfig(entry.task.scenario, "fast", BUDGET, entry.seed, threads=1, opponents=opponents, **SMALL)
+def small_response(task: tasks.Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
+    return TrainingConfig(task.scenario, "fast", BUDGET, seed, threads=1, opponents={str(policy): 1.0}, **SMALL)
 
 
 def entry(out: Path, agent: str = "fast", seed: int = 0) -> Entry:
@@ -70,7 +70,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(tasks, "tasks", lambda: known)
         patch.setattr(suite, "STYLES", STYLES)
         patch.setattr(make, "STYLES", STYLES)
-        patch.setattr(Entry, "response_config", small_response)
+        for module in (described, entries):
+            patch.setattr(module, "response_config", small_response)
         patch.setattr(suite, "FOLDER", folder / "anchors")
         yield folder
 
@@ -229,6 +230,17 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
     shutil.copy(results / str(BUDGET) / NAME / "fast/1/response.zip", first.folder)
     first.content["response"] = result.read(results / str(BUDGET) / NAME / "fast/1" / result.NAME).content["response"]
     assert wrong(first)[0] == "response.zip was trained otherwise than best responses are: seed is 1, not 0"
+    kept = results / str(BUDGET) / NAME / "fast/0/response.zip"
+    for plan, steps, numbers, words in (
+        ({"settings": {"learning_rate": 1e-9}}, {}, {}, "otherwise than best responses are: settings is .*, not {}"),
+        ({"dead": "drop"}, {}, {}, "otherwise than best responses are: dead is drop, not keep"),
+        ({"warm_start": "scripted"}, {}, {}, "otherwise than best responses are: warm_start is scripted, not "),
+        ({}, {}, {"heals_count": 3}, "otherwise than best responses are: game is False, not True"),
+        ({}, {"steps": 256}, {}, "for 256 agent-steps, not for 512"),
+    ):
+        _change(kept, first.folder / "response.zip", plan, numbers, **steps)
+        first.content["response"] = described.described(first.folder / "response.zip", tasks.task_of(NAME))
+        assert re.match(f"response.zip was trained {words}", wrong(first)[0])
 
 
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
@@ -278,6 +290,10 @@ def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None
         (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
         (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),
         (lambda content: content["matches"][0].update(game="a\nb"), "names that cannot be"),
+        (
+            lambda content: content["matches"].append(content["matches"][0]),
+            "and .* is there twice",
+        ),
     ],
 )
 def test_a_result_that_is_none_is_refused(first: Result, change: Callable[[Content], Any], message: str) -> None:
@@ -376,6 +392,8 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
         ({"warm_start": "scripted:2e6"}, {}, (["scripted"], True)),
         ({"opponents": f"anchors/{NAME}-steps_0000000512.zip:1"}, {}, (["steps_0000000512"], True)),
         ({"anneal": "melee_damage=40:10@512"}, {}, ([], False)),
+        ({"warm_start": "earlier.zip"}, {}, ([], False)),
+        ({"warm_start": "earlier.zip:2e6"}, {}, ([], False)),
         ({"levels": "choose"}, {}, ([], False)),
         ({}, {"heals_count": 3}, ([], False)),
     ):
@@ -389,12 +407,13 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
         entered(tmp_path / "gone", tmp_path / "absent")
 
 
-def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str, Any]) -> None:
+def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str, Any], **more: Any) -> None:
     """Another file of the same policy, whose run.json says otherwise."""
     with zipfile.ZipFile(source) as given, zipfile.ZipFile(target, "w") as changed:
         header = json.loads(given.read("run.json"))
         header["plan"] |= plan
         header["scenario"]["numbers"] |= numbers
+        header |= more
         changed.writestr("run.json", json.dumps(header))
         changed.writestr("policy.pt", given.read("policy.pt"))
 

@@ -11,7 +11,7 @@ from ..evaluation.contenders import Contender
 from . import result
 from .agents import Agent
 from .matches import digest, play
-from .result import DIGEST, POLICY, Content, Result, read_json, write_json, wrong_with_match
+from .result import DIGEST, POLICY, Content, Result, match_twice, read_json, write_json, wrong_with_match
 from .tasks import PROTOCOL, Task, task_of
 
 NAME = "cross.json"
@@ -93,4 +93,4 @@ def _wrong(content: Content) -> str:
             return fault
         if not is_word(match["own"]) or DIGEST.fullmatch(match["own"]) is None:
             return "digests that are none"
-    return ""
+    return match_twice(content["matches"], ("one", "other"))

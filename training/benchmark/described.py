@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.saved import SAVED
 
 from .. import run_header
-from ..config import FAST, OPPONENTS, parse_warm_start
+from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
 from ..config import SELF as OWN
 from ..presets import preset
 from .matches import digest
@@ -25,9 +26,9 @@ def described(path: Path, task: Task) -> Content:
         task: The task.
 
     Returns:
-        "digest": of the file. "steps": agent-steps of its training. "of_task": whether that was in the task's game, and
-        neither in levels that somebody chose nor in numbers that changed. "met": who of the suite it was trained
-        against, or by.
+        "digest": of the file. "steps": agent-steps of its training. "of_task": whether that was in the task's game, in
+        neither levels that somebody chose nor numbers that changed, and all of its training: it took neither weights
+        nor actions from a saved policy. "met": who of the suite it was trained against, or by.
 
     Raises:
         TrainingError: It is no policy, or was trained from a seed that evaluation uses.
@@ -35,32 +36,54 @@ def described(path: Path, task: Task) -> Content:
     header, _ = run_header.read_checkpoint(path, (), (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
     check_training_seed(plan.get("seed", 0))
-    changed = plan.get("levels") or plan.get("anneal")
-    of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
     teacher, _ = parse_warm_start(plan.get("warm_start", ""))
+    changed = plan.get("levels") or plan.get("anneal") or teacher.endswith(SAVED)
+    of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
     known = {Path(name).name for name in (*_opponents(plan), teacher)}
     met = [member.name for member in suite(task) if (member.file.name if member.file else member.name) in known]
     return {"digest": digest(path), STEPS: header[STEPS], "of_task": of_task, "met": met}
 
 
-def wrong_with_response(path: Path, seed: int, budget: int) -> str:
+def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
+    """Of the training of a best response.
+
+    Args:
+        task: The task.
+        seed: Of the entry.
+        budget: Of the entry.
+        policy: The file of the policy that it is to beat.
+        threads: Of the training.
+
+    Raises:
+        TrainingError: It cannot be.
+    """
+    opponents = {str(policy): 1.0}
+    return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)
+
+
+def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
     """What a file says of a training that was not that of the best response to a policy; empty if there is nothing.
 
     Args:
         path: Of the file.
+        task: The task.
         seed: Of the entry.
         budget: Of the entry.
 
     Raises:
         TrainingError: It is no policy.
     """
-    header, _ = run_header.read_checkpoint(path, (), ("plan", "preset"))
-    plan, steps = header["plan"], response_steps(budget)
-    wanted = {"preset": FAST, "seed": seed, STEPS: steps}
-    if wrong := [f"{key} is {plan.get(key)}, not {value}" for key, value in wanted.items() if plan.get(key) != value]:
-        return f"{path.name} was trained otherwise than best responses are: {wrong[0]}"
+    header, _ = run_header.read_checkpoint(path, (), ("plan", "preset", "scenario", STEPS))
+    plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
     if [Path(name).name for name in _opponents(plan)] != [POLICY]:
         return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"
+    given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
+    given |= {"game": not preset(header["preset"]).difference(header["scenario"], task.scenario), "opponents": ""}
+    for key, value in (wanted | {"game": True, "opponents": ""}).items():
+        if given[key] != value:
+            return f"{path.name} was trained otherwise than best responses are: {key} is {given[key]}, not {value}"
+    if header[STEPS] < wanted[STEPS]:
+        return f"{path.name} was trained for {header[STEPS]:,} agent-steps, not for {wanted[STEPS]:,}"
     return ""
 
 

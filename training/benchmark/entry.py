@@ -27,7 +27,7 @@ from ..run import TrainingRun
 from ..workload import Workload
 from . import result
 from .agents import FUNCTION, PRESET, Agent
-from .described import STEPS, described
+from .described import STEPS, described, response_config
 from .matches import digest, play
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import suite
@@ -92,11 +92,6 @@ class Entry:
         return TrainingConfig(
             self.task.scenario, self.agent.source, self.budget, self.seed, threads=self.threads, **options
         )
-
-    def response_config(self, policy: Path) -> TrainingConfig:
-        """Of the training of a best response. Raises TrainingError."""
-        steps, opponents = response_steps(self.budget), {str(policy): 1.0}
-        return TrainingConfig(self.task.scenario, FAST, steps, self.seed, threads=self.threads, opponents=opponents)
 
     @property
     def work(self) -> int:
@@ -224,7 +219,8 @@ class EntryRun:
         """Train a best response to the policy, and let it play."""
         entry, content, game = self.entry, self.result.content, self.entry.task.games[0]
         if content["response"] is None:
-            path = self._train(entry.response_config(entry.folder / POLICY), BEST)
+            config = response_config(entry.task, entry.seed, entry.budget, entry.folder / POLICY, entry.threads)
+            path = self._train(config, BEST)
             content["response"] = self._keep(path, RESPONSE)
             self.result.write()
         if (game.name, BEST) not in self.result.against:

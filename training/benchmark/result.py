@@ -168,8 +168,20 @@ def wrong_with_result(content: Content) -> str:
     faults = (
         f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
     )
+    if fault := next(faults, "") or match_twice(content["matches"], ("game", "against")):
+        return fault
     other = [match["games"] for match in content["matches"] if match["games"] != content["games"]]
-    return next(faults, "") or (f"a match of {other[0]} games: {content['games']} are needed" if other else "")
+    return f"a match of {other[0]} games: {content['games']} are needed" if other else ""
+
+
+def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
+    """The first match that is there twice, in words; empty if there is none. names: keys of what it is of."""
+    seen = set[tuple[str, str]]()
+    for match in matches:
+        if (key := (match[names[0]], match[names[1]])) in seen:
+            return f"the match of {key[0]} and {key[1]} is there twice"
+        seen.add(key)
+    return ""
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:

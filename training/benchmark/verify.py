@@ -94,7 +94,7 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
         for what, found in described(path, task).items():
             if given[what] != found:
                 return f"{what} of {name} is {given[what]} in the result, and {found} by the file"
-        if name == RESPONSE and (wrong := wrong_with_response(path, content["seed"], content["budget"])):
+        if name == RESPONSE and (wrong := wrong_with_response(path, task, content["seed"], content["budget"])):
             return wrong
     return ""
 
