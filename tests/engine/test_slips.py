@@ -104,9 +104,11 @@ def test_sizes_that_are_none(size: Any, words: str) -> None:
         ("capacity of hit", "the engine"),
     ],
 )
-def test_a_dimension_of_outlasts_is_not_added_to(dim: str, owner: str) -> None:
+def test_a_dimension_of_outlasts_is_not_added_to(dim: str, owner: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = mechanic("Mine")
+    monkeypatch.setattr(type(mine), "dims", lambda self: {dim: 5})  # until the end: errors name who has a dimension
     with pytest.raises(DeclarationError, match=rf"mine.dims\(\) has '{dim}', a dimension of {owner}, .* 'mine {dim}'"):
-        DUEL.with_(mechanic("Mine", dims={dim: 5})).worlds(1)
+        DUEL.with_(mine).worlds(1)
 
 
 def test_the_room_of_events_is_added_to() -> None:

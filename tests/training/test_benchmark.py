@@ -290,10 +290,7 @@ def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None
         (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
         (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),
         (lambda content: content["matches"][0].update(game="a\nb"), "names that cannot be"),
-        (
-            lambda content: content["matches"].append(content["matches"][0]),
-            "and .* is there twice",
-        ),
+        (lambda content: content["matches"].append(content["matches"][0]), "and .* is there twice"),
     ],
 )
 def test_a_result_that_is_none_is_refused(first: Result, change: Callable[[Content], Any], message: str) -> None:
