@@ -1,5 +1,6 @@
 """Saved policies, where environments play them: where they lie, loading, and the observations that they need."""
 
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from ..scenarios.scenario import Scenario
 
 SAVED = ".zip"  # what a saved policy's file ends in
 CHECKPOINT = "steps_{:010d}" + SAVED  # of one in the folder of a run, by its agent-steps
+STEPS = re.compile(rf"steps_(\d{{10,}}){re.escape(SAVED)}")
 MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
 
 
@@ -19,8 +21,9 @@ def cameras_mode(scenario: Scenario) -> str | None:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """The saved policies in the folder of a run, by their steps."""
-    return sorted(folder.glob(CHECKPOINT.format(0).replace("0" * 10, "*")))
+    """The saved policies in the folder of a run, by their steps; files with other names beside them are none."""
+    found = [(found[1], path) for path in folder.glob("*") if (found := STEPS.fullmatch(path.name))]
+    return [path for _, path in sorted(found, key=lambda each: (int(each[0]), each[1]))]
 
 
 def runs_in(place: Path) -> list[Path]:

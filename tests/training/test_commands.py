@@ -22,6 +22,7 @@ from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.rollout.saved import CHECKPOINT, checkpoints
 from outlast.envs.web.play.game import Game
 from tests.conftest import interrupted_after
 
@@ -242,6 +243,14 @@ def run_folder(place: Path, *steps: int) -> Path:
     for count in steps:
         saved(place / f"steps_{count:010d}.zip", "paper")
     return place
+
+
+def test_checkpoints_are_in_order_of_their_steps(tmp_path: Path) -> None:
+    """Not of their names; and a copy beside them is none."""
+    names = [CHECKPOINT.format(steps) for steps in (512, 9_999_999_999, 10_000_007_168)]
+    for name in (*names, "steps_good.zip", "steps_0000000600.zip.part", "steps_.zip"):
+        tmp_path.joinpath(name).touch()
+    assert [path.name for path in checkpoints(tmp_path)] == names
 
 
 def test_folders_of_runs_stand_for_their_newest_checkpoints(capsys, tmp_path: Path) -> None:
