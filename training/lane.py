@@ -228,7 +228,8 @@ class Lane:
             goes_on = np.repeat(truncated & ~terminated, env.num_agents) & (living | (self.dead == "keep"))
             if goes_on.any():
                 samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
-            self.episodes.add(info["statistics"], int(done.sum()))
+            learns = self.learner.reshape(-1, env.num_agents) != NOBODY
+            self.episodes.add(info["statistics"], int(done.sum()), learns)
             self._record(t, done)
             self.keys[done, 2] += np.uint64(1)
             if self.curriculum is not None:
@@ -257,7 +258,8 @@ class Lane:
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
         living = self.samples.alive.reshape(own.shape[:3])
-        return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living)
+        learns = self.samples.learner.reshape(own.shape[:3]) != NOBODY
+        return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living, learns)
 
     @property
     def rows(self) -> slice:

@@ -53,14 +53,21 @@ class EpisodeMetrics:
             str, Array
         ] = {}  # episodes that had each agent or side, of statistics that have an entry each
 
-    def add(self, statistics: dict[str, Array], count: int) -> None:
-        """Add `count` episodes: info["statistics"], in which the rows of other worlds are zero. Call before resets."""
+    def add(self, statistics: dict[str, Array], count: int, learns: Array | None = None) -> None:
+        """Add episodes that ended. Call before resets.
+
+        Args:
+            statistics: info["statistics"], in which the rows of other worlds are zero.
+            count: How many they are.
+            learns: Which agents are played by learners, bool (worlds, agents): returns are theirs. None: all.
+        """
         self.count += count
         ended, counts = statistics["length"] > 0, counted(self.base_env.worlds)
         for key, values in statistics.items():
             if key == "return":
                 sides = self.base_env.worlds.dims["sides"]
-                values, counts[key] = means_of_sides(values, side(self.base_env.worlds), sides)
+                of = side(self.base_env.worlds) if learns is None else np.where(learns, side(self.base_env.worlds), -1)
+                values, counts[key] = means_of_sides(values, of, sides)
             if key in MOMENTS:
                 counts[key] = values > 0
             if key in counts:
@@ -68,7 +75,7 @@ class EpisodeMetrics:
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Of the episodes since the last call, by tag. A team's return is the mean over its agents.
+        """Of the episodes since the last call, by tag. A team's return is the mean over its agents who learn.
 
         A mean of a side is over the episodes that have it; where not all have all, "rollout/kills" is that of all.
         """
@@ -113,16 +120,18 @@ class BehaviourMetrics:
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
 
-    def tallies(self, own: dict[str, Array], actions: Array, living: Array) -> Tallies:
-        """Of the living agents of a rollout, by tag.
+    def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
+        """Of the living agents of a rollout, by tag: what learners do; of all, who lives, and heals.
 
         Args:
             own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
             actions: Integers (steps, worlds, agents, actions).
             living: Who lived when it observed, bool (steps, worlds, agents).
+            learns: Who was played by learners, likewise.
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for name, (values, where) in self.quantities(own, actions, living).items():
+            where = where & learns
             tags[f"behaviour/{name}"] = float(values[where].sum(dtype=np.float64)), int(where.sum())
         if self.heals is not None:
             tags["behaviour/heals_held"] = self.held, int(living.sum())

@@ -206,7 +206,7 @@ def test_scripted_opponents_do_what_the_policy_does() -> None:
 
 
 def test_games_are_those_that_a_plain_loop_counts() -> None:
-    """Who outlived, in a second batch of worlds that do the same."""
+    """Who outlived, in a second batch of worlds that do the same; and what the learners earned, without opponents."""
     trainer = make(opponents={"scripted": 1.0}, scenario=SHORT.replace(safe_zone_damage=3))
     env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
     env.set_state(trainer.env.get_state())
@@ -215,8 +215,10 @@ def test_games_are_those_that_a_plain_loop_counts() -> None:
         trainer.collect()
     agents, life = env.worlds.span("agent"), np.zeros((WORLDS, 2))
     sides, found = env.worlds[Side].side[0, agents], Counter[str]()
+    earned, returns = np.zeros((WORLDS, 4)), {0: list[float](), 1: list[float]()}
     for row in watched.rows:
-        _, _, terminated, truncated, _ = env.step(row["actions"])
+        _, rewards, terminated, truncated, _ = env.step(row["actions"])
+        earned += rewards
         for w in range(WORLDS):
             for s in range(2):
                 life[w, s] += env.worlds[Entity].alive[w, agents][sides == s].any()
@@ -224,13 +226,16 @@ def test_games_are_those_that_a_plain_loop_counts() -> None:
                 own, other = life[w, row["own"][w]], life[w, 1 - row["own"][w]]
                 found["won"] += 1 if own > other else 0.5 if own == other else 0  # type: ignore[assignment]
                 found["games"] += 1
-                life[w] = 0
+                returns[row["own"][w]].append(earned[w, sides == row["own"][w]].mean())
+                life[w] = earned[w] = 0
         if (done := terminated | truncated).any():
             env.reset(options={"reset_mask": done})
     scripted = trainer.opponents.all[1]
     assert scripted.total == found["games"] > 20
     assert scripted.won == found["won"]
     assert 0 < found["won"] < found["games"]
+    means = trainer.report()
+    assert [means[f"rollout/reward{k}"] for k in (0, 1)] == pytest.approx([np.mean(returns[k]) for k in (0, 1)])
 
 
 # ---- a policy for each side
