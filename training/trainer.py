@@ -115,6 +115,8 @@ class Trainer:
         self.opponents = Opponents(
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
         )
+        if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
+            raise TrainingError("opponents need a side of their own, and here is one side only: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
         packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         lanes = [

@@ -283,6 +283,13 @@ def test_settings_without_effect_are_refused(given: dict[str, Any], message: str
         TrainingConfig(SHORT, **given)
 
 
+@pytest.mark.parametrize("scenario", [short("ffa_1").replace(n_agents=1), short("teams_1").replace(n_teams=1)])
+def test_who_is_alone_has_no_opponents(scenario: Any) -> None:
+    with pytest.raises(TrainingError, match="opponents need a side of their own, and here is one side only"):
+        make(scenario=scenario, opponents={"scripted": 1.0})
+    make(scenario=scenario, opponents={"self": 1.0})
+
+
 # ---- going on
 
 
