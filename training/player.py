@@ -170,10 +170,11 @@ class Player:
             self._begins |= where
         else:
             known = None if self._begins is None else self._begins.shape
-            raise TrainingError(
-                f"{self._origin}episodes begin in some of {where.shape} worlds, and the policy has a memory of "
-                f"{known}: tell it of all worlds first, by player.reset(numpy.ones(worlds, bool))"
-            )
+            with self._named():
+                raise TrainingError(
+                    f"episodes begin in some of {where.shape} worlds, and the policy has a memory of {known}: "
+                    "tell it of all worlds first, by player.reset(numpy.ones(worlds, bool))"
+                )
 
     def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
         """What agents remember, and where that begins anew, as policies take it. Raises TrainingError."""
