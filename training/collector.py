@@ -66,7 +66,7 @@ class Collector:
 
     def _joined(self, parts: Sequence[Any]) -> Rollout:
         def joined(name: str, axis: int = 1) -> Array:
-            each = [torch.as_tensor(getattr(part, name)).cpu().numpy() for part in parts]
+            each = [np.asarray(getattr(part, name)) for part in parts]
             return each[0] if len(each) == 1 else np.concatenate(each, axis)
 
         def everyones(name: str, axis: int = 1) -> Array:

@@ -76,7 +76,7 @@ class TrainingConfig:
         worlds: How many share a rollout; 0: as the preset has it.
         rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
         dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: Of PyTorch.
+        device: Of PyTorch, where policies are updated; they play on the CPU.
         threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
         every: Agent-steps between checkpoints.
         settings: Hyperparameters of PPO other than the preset's.
@@ -86,8 +86,8 @@ class TrainingConfig:
         prioritised: Whether opponents are drawn the more often, the more they win.
         snapshots: Updates between past selves.
         processes: That share the worlds; the numbers are the same, but for rounding.
-        halves: Whether half of the worlds are stepped while the networks are busy with the other half, on a CPU, too;
-            the numbers are the same.
+        halves: Whether half of the worlds are stepped while the networks are busy with the other half; the numbers
+            are the same.
         memory: Numbers that each agent keeps from step to step; 0: none.
         critic: What values are learned from: "own", what the agent observes. "state": the whole world beside that.
         warm_start: What policies are before PPO begins, see parse_warm_start; "": random.

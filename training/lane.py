@@ -23,7 +23,7 @@ from .noise import ActionNoise
 from .opponents import Opponents, Plain
 from .packer import Packer
 from .policy import ActorCritic
-from .rows import Observed, moved
+from .rows import Observed
 
 Array = np.ndarray[Any, Any]
 NOBODY = -1  # the learner of a sample that none is trained on
@@ -31,10 +31,10 @@ NOBODY = -1  # the learner of a sample that none is trained on
 
 @dataclass
 class Samples:
-    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions). Tensors are on the device.
+    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions).
 
     Attributes:
-        seen: What was observed, step after step, on the device.
+        seen: What was observed, step after step.
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
         log_probs: float32, of the actions, when they were chosen.
@@ -67,11 +67,10 @@ class Samples:
 
 
 class Group(NamedTuple):
-    """Agents that one network plays: their indices, or all as a slice, for arrays and for tensors on the device."""
+    """Agents that one network plays: their indices, or all as a slice, and as a tensor."""
 
     where: Any
-    there: Any
-    members: Tensor  # their indices, int64, on the CPU
+    members: Tensor  # int64
 
 
 class Lane:
@@ -99,7 +98,6 @@ class Lane:
         *,
         seed: int,
         dead: str,
-        device: torch.device,
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
@@ -112,21 +110,20 @@ class Lane:
             opponents: The pool; shared by all lanes.
             seed: Of the run.
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
-            device: Of the networks.
             state: Whether critics learn from the state of the worlds.
             curriculum: What levels are drawn from; None: worlds draw their own.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []
         self.overview = GlobalState(env.worlds) if state else None
-        self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
+        self.env, self.packer, self.team, self.pool, self.dead = env, packer, team, opponents, dead
         self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
         self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
-        self.memory = torch.zeros((self.agents, opponents.memory), device=device)
+        self.memory = torch.zeros((self.agents, opponents.memory))
         self.begins = np.ones(self.agents, bool)
         self.assign()
         self._draw(np.ones(env.num_worlds, bool))
@@ -139,15 +136,15 @@ class Lane:
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
             rewards=np.zeros(shape, np.float32),
-            log_probs=torch.zeros(shape, device=self.device),
-            values=torch.zeros(shape, device=self.device),
-            later=torch.zeros(shape, device=self.device),
+            log_probs=torch.zeros(shape),
+            values=torch.zeros(shape),
+            later=torch.zeros(shape),
             ends=np.zeros(shape, bool),
             begins=np.zeros(shape, bool),
             alive=np.zeros(shape, bool),
             learner=np.zeros(shape, np.int16),
-            memory=torch.zeros((chunks, self.agents, memory), device=self.device),
-            last=torch.zeros(self.agents, device=self.device),
+            memory=torch.zeros((chunks, self.agents, memory)),
+            last=torch.zeros(self.agents),
             games=[],
         )
 
@@ -164,7 +161,7 @@ class Lane:
         """
         env, samples, observations = self.env, self.samples, self.env.observe()
         seen, uniform = self._seen(observations), self.noise(step)
-        numbers = moved(torch.from_numpy(uniform), self.device)
+        numbers = torch.from_numpy(uniform)
         samples.seen.append(seen)
         samples.own[t] = self.packer.own(observations)
         samples.alive[t] = alive(env.worlds).ravel()
@@ -172,16 +169,16 @@ class Lane:
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
         if t % CHUNK == 0:
             samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
-        joint = torch.zeros(uniform.shape, dtype=torch.int16, device=self.device)
-        by_function = []
         for (index, number), group in self.groups.items():
             one = self.pool.all[index]
             if one.plain is not None:
-                by_function.append((one.plain, group.where))
+                samples.actions[t, group.where] = one.plain(
+                    self._batch(observations, group.where), uniform[group.where]
+                )
                 continue
             policy = one.policies[number] if index else policies[number]
             if one.packer is not None:
-                part = one.packer(self._batch(observations, group.where)).to(self.device)
+                part = one.packer(self._batch(observations, group.where))
             else:
                 part = seen if len(group.members) == self.agents else seen.select(group.members)
             memory, begins = self._remembered(policy, group)
@@ -190,16 +187,12 @@ class Lane:
             else:
                 logs, values, memory = policy(part, memory, begins)
             if memory is not None:
-                self.memory[group.there, : policy.memory] = memory
-            chosen = policy.choices.draw(logs, numbers[group.there])
-            joint[group.there] = chosen.to(joint.dtype)
+                self.memory[group.where, : policy.memory] = memory
+            chosen = policy.choices.draw(logs, numbers[group.where])
+            samples.actions[t, group.where] = chosen
             if not index:
-                samples.values[t, group.there] = values
-                samples.log_probs[t, group.there] = policy.choices.of(chosen, logs)
-        by_name = [(where, one(self._batch(observations, where), uniform[where])) for one, where in by_function]
-        samples.actions[t] = joint.cpu()  # the one place where this process waits for a GPU
-        for where, actions in by_name:
-            samples.actions[t, where] = actions
+                samples.values[t, group.where] = values
+                samples.log_probs[t, group.where] = policy.choices.of(chosen, logs)
         self.begins[:] = False
         found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
         if self.teacher is not None:
@@ -227,7 +220,7 @@ class Lane:
         if done.any():
             goes_on = np.repeat(truncated & ~terminated, env.num_agents) & (living | (self.dead == "keep"))
             if goes_on.any():
-                samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
+                samples.later[t] = self._values(policies) * torch.from_numpy(goes_on)
             learns = self.learner.reshape(-1, env.num_agents) != NOBODY
             self.episodes.add(info["statistics"], int(done.sum()), learns)
             self._record(t, done)
@@ -269,7 +262,7 @@ class Lane:
     def state(self) -> dict[str, Array]:
         """Who plays, and what they remember, by name, (worlds, ...); the worlds are not in it."""
         each = self.env.num_worlds, self.env.num_agents
-        memory, begins = self.memory.cpu().numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
+        memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
         found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
@@ -280,7 +273,7 @@ class Lane:
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
         self.opponent, self.own, self.life = opponent, own, life
         self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
-        self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).to(self.device, copy=True)
+        self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).clone()
         self.begins = given["begins"].ravel() > 0
         self._sides = side(self.env.worlds)
         self.assign()
@@ -289,16 +282,15 @@ class Lane:
         """What some agents remember, and where that begins anew, as their policy takes it."""
         if not policy.memory:
             return None, None
-        begins = moved(torch.from_numpy(self.begins[group.where]), self.device)
-        return self.memory[group.there, : policy.memory], begins
+        return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
 
     def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
         """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
-        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, device=self.device)
+        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents)
         for (index, number), group in self.groups.items():
             if not index:
                 policy, part = policies[number], seen.select(group.members)
-                values[group.there] = policy(part, *self._remembered(policy, group))[1]
+                values[group.where] = policy(part, *self._remembered(policy, group))[1]
         return values
 
     def _seen(self, observations: dict[str, Array]) -> Observed:
@@ -307,7 +299,7 @@ class Lane:
         if self.overview is not None:
             state = self.overview(slice(None)) / self.overview.scale
             seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
-        return seen.to(self.device)
+        return seen
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
         """The observations of some agents, (some, ...) by key."""
@@ -352,5 +344,5 @@ class Lane:
     def _group(self, members: Array) -> Group:
         index = torch.from_numpy(np.flatnonzero(members))
         if members.all():
-            return Group(slice(None), slice(None), index)
-        return Group(index.numpy(), moved(index, self.device), index)
+            return Group(slice(None), index)
+        return Group(index.numpy(), index)

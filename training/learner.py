@@ -1,20 +1,24 @@
 """A learner: a policy, its optimiser, and updates from rollouts."""
 
-from collections.abc import Callable
-from typing import Any, cast
+from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from .crew import Crew
+from .cuda_graph import GraphedGradients
 from .hyperparameters import Hyperparameters
 from .loss import Loss, imitation_loss, ppo_loss
 from .minibatches import Chunks, Minibatch, Samples
 from .policy import ActorCritic
 from .rollout import Rollout
+from .rows import Rows
 
 Array = np.ndarray[Any, Any]
+CPU = torch.device("cpu")
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
 DIVERGENCE = Loss.TAGS.index("train/approx_kl")
 
@@ -23,7 +27,10 @@ class Learner:
     """Trains a policy with PPO.
 
     Attributes:
-        optimizer: Adam.
+        policy: On the CPU: the one that plays, and is saved.
+        trained: The one that gradients are of: the same, or on another device a copy, which becomes as `policy` is when
+            an update begins, and `policy` as it is when that ends.
+        optimizer: Adam, of `trained`.
         epochs: Begun so far, in all updates.
     """
 
@@ -34,21 +41,24 @@ class Learner:
         generator: torch.Generator,
         number: int = 0,
         crew: Crew | None = None,
+        device: torch.device = CPU,
     ) -> None:
         """Make an optimiser for a policy.
 
         Args:
-            policy: On the device where it is to be trained.
+            policy: To be trained.
             numbers: Of PPO.
             generator: Shuffles samples; on the CPU.
             number: Which samples are this learner's, see Rollout.learner.
             crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
                 each computes gradients of the samples that are its own.
+            device: Where it is to be trained.
         """
         self.crew = crew or Crew()
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
-        self.parameters = list(policy.parameters())
-        self.device = self.parameters[0].device
+        self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
+        self.parameters = list(self.trained.parameters())
+        self.graphs = GraphedGradients(self._gradients) if device.type == "cuda" else None
         self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
         self.epochs = 0
 
@@ -71,6 +81,7 @@ class Learner:
         rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
+        self._copy(self.policy, self.trained)
         samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
         batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread
@@ -89,6 +100,7 @@ class Learner:
                 steps += 1
             if not going:
                 break
+        self._copy(self.trained, self.policy)
         means = dict(zip(Loss.TAGS, torch.stack(figures).mean(0).tolist(), strict=True))
         return means | {
             "train/epochs": steps / batches,
@@ -96,24 +108,37 @@ class Learner:
             "train/explained_variance": explained_variance(rollout, chosen),
         }
 
+    def _copy(self, source: ActorCritic, target: ActorCritic) -> None:
+        """Let one of the two policies be as the other is, scales of inputs included."""
+        if source is not target:
+            with torch.no_grad():
+                for values, kept in zip(_tensors(source), _tensors(target), strict=True):
+                    kept.copy_(values)
+
     def _differentiate(self, samples: Samples, part: Tensor) -> Tensor:
         """The figures of the loss of a minibatch, units `part`; its gradients are left in the parameters."""
-        self.optimizer.zero_grad()
-        if batch := samples.select(part):
-            loss = self._loss(batch)
-            torch.autograd.backward(loss.total)
-            figures = loss.figures()
-        else:  # all are other processes'
-            figures = torch.zeros(len(Loss.TAGS), device=self.device)
-            for parameter in self.parameters:
-                parameter.grad = torch.zeros_like(parameter)
-        self.crew.sum([figures, *(cast(Tensor, parameter.grad) for parameter in self.parameters)])
+        batch = samples.select(part)
+        if batch is None:  # all are other processes'
+            figures: Tensor = torch.zeros(len(Loss.TAGS), device=self.device)
+            gradients: Sequence[Tensor] = [torch.zeros_like(parameter) for parameter in self.parameters]
+        elif self.graphs is not None and isinstance(batch.seen, Rows):
+            figures, gradients = self.graphs(batch)
+        else:
+            figures, gradients = self._gradients(batch)
+        self.crew.sum([figures, *gradients])
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
+            parameter.grad = gradient
         return figures
+
+    def _gradients(self, batch: Minibatch) -> tuple[Tensor, Sequence[Tensor]]:
+        """The figures of the loss of a minibatch, and the gradients of all parameters."""
+        loss = self._loss(batch)
+        return loss.figures(), torch.autograd.grad(loss.total, self.parameters)
 
     def _loss(self, batch: Minibatch) -> Loss:
         """This process's share of the loss of a minibatch."""
-        choices, numbers = self.policy.choices, self.numbers
-        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
+        choices, numbers = self.trained.choices, self.numbers
+        logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)
         return ppo_loss(
@@ -136,14 +161,19 @@ class Imitator(Learner):
     """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
 
     def _loss(self, batch: Minibatch) -> Loss:
-        choices = self.policy.choices
-        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
+        choices = self.trained.choices
+        logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
         with torch.no_grad():
             entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
         chosen = choices.of(batch.actions, logs)
         return imitation_loss(
             chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
         )
+
+
+def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
+    yield from policy.parameters()
+    yield from policy.buffers()
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:

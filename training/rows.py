@@ -173,23 +173,21 @@ Observed = Rows | PaddedRows
 
 
 def concatenated(parts: Sequence[Observed]) -> Observed:
-    """The batches one behind the other."""
+    """The batches one behind the other, all on the CPU."""
     states = [part.state for part in parts if part.state is not None]
     state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):
         packed = torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)])
         return PaddedRows(packed, first.layout, state)
     rows = cast(Sequence[Rows], parts)
-    known = np.concatenate([part.known for part in rows])
-    entities = torch.cat([part.entities[: int(part.known.sum())] for part in rows])
-    own, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "count"))
-    joined = Rows(own, entities, count, known, state=state)
-    return joined if rows[0].room is None else joined.filled()
+    own, entities, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "entities", "count"))
+    return Rows(own, entities, count, state=state)
 
 
 def _filled(size: int) -> int:
-    """The next multiple of FILL: at least one more."""
-    return (size // FILL + 1) * FILL
+    """At least one more: the next multiple of FILL or, if that is more, of the power of 2 below a sixteenth of it."""
+    step = max(FILL, 1 << max(size.bit_length() - 5, 0))
+    return (size // step + 1) * step
 
 
 def _selected(state: Tensor | None, index: Tensor) -> Tensor | None:

@@ -97,7 +97,7 @@ def train(
         levels: A function that chooses the levels to train in, asked before each rollout; see
             outlast.training.curriculum.TrainingProgress. None: worlds draw their own.
         dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: Of PyTorch.
+        device: Of PyTorch, where policies are updated; they play on the CPU.
         threads: Of the networks and the worlds; 0: one for each core, up to four.
         processes: That share the worlds.
         cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine.

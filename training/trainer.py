@@ -94,7 +94,7 @@ class Trainer:
         self.teacher = Player(name, config.seed) if imitated and name.endswith(SAVED) else None
         seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
         scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
-        own, halves = self.crew.share(self.worlds), 2 if config.halves or self.device.type != "cpu" else 1
+        own, halves = self.crew.share(self.worlds), 2 if config.halves else 1
         parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
         with self.crew.first_ahead():
             self.envs = [self._env(scenario, part, threads) for part in parts if part]
@@ -109,7 +109,7 @@ class Trainer:
         self.state = len(self.state_scale)
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
-            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew)
+            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
             for number in range(self.team.max() + 1)
         ]
         self.opponents = Opponents(
@@ -127,7 +127,6 @@ class Trainer:
                 self.opponents,
                 seed=config.seed,
                 dead=config.dead,
-                device=self.device,
                 state=self.state > 0,
                 curriculum=self.curriculum,
             )
@@ -271,7 +270,9 @@ class Trainer:
         if not steps:
             return {}
         numbers = replace(self.config.numbers, **IMITATION)
-        imitators = [Imitator(own.policy, numbers, own.generator, own.number, self.crew) for own in self.learners]
+        imitators = [
+            Imitator(own.policy, numbers, own.generator, own.number, self.crew, self.device) for own in self.learners
+        ]
         tags = dict[str, float]()
         for k, lane in enumerate(self.collector.lanes):
             lane.teacher = self._teacher(k, lane.env)
@@ -353,7 +354,7 @@ class Trainer:
             memory=self.config.memory,
             state=self.state,
         )
-        return policy.to(self.device)
+        return policy
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:

@@ -5,7 +5,8 @@
 
 One rollout as `outlast train` has it and a number of epochs of one update, with random initial weights. Rates are in
 agent-steps a second while collecting, samples a second while updating; shares are of either part. CPU time, the best of
-several rounds.
+several rounds. On a GPU it is wall time, and each part is waited for: parts that overlap in a run do not here, so the
+rates are lower; `perf.training.scale` has those of a run.
 """
 
 import time
@@ -33,8 +34,17 @@ PARTS = (
 class Stopwatch:
     """Seconds spent in functions that were wrapped, by label."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: torch.device) -> None:
+        """device: of the networks."""
         self.seconds: dict[str, float] = defaultdict(float)
+        self.device = device
+
+    def now(self) -> float:
+        """Seconds of CPU time, or of wall time once the GPU has nothing to do."""
+        if self.device.type == "cpu":
+            return time.process_time()
+        torch.cuda.synchronize(self.device)
+        return time.perf_counter()
 
     def wrap(self, label: str, target: Any, *names: str) -> None:
         """Let functions of `target` be measured under a label."""
@@ -43,20 +53,20 @@ class Stopwatch:
 
     def timed(self, label: str, inner: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **keywords: Any) -> Any:
-            start = time.process_time()
+            start = self.now()
             try:
                 return inner(*args, **keywords)
             finally:
-                self.seconds[label] += time.process_time() - start
+                self.seconds[label] += self.now() - start
 
         return call
 
     def measure(self, call: Callable[[], Any]) -> tuple[float, dict[str, float]]:
         """Seconds of one call, and of what was wrapped in it."""
         self.seconds.clear()
-        start = time.process_time()
+        start = self.now()
         call()
-        return time.process_time() - start, dict(self.seconds)
+        return self.now() - start, dict(self.seconds)
 
 
 def main() -> None:
@@ -70,7 +80,10 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
-    table, clock = Table("training", "variant", "part", "a second", *PARTS, "rest"), watched_functions()
+    table, clock = (
+        Table("training", "variant", "part", "a second", *PARTS, "rest"),
+        watched_functions(torch.device(given.device)),
+    )
     for name in given.variants:
         config = TrainingConfig(
             resolve(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
@@ -95,29 +108,31 @@ def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tup
     }
 
 
-def watched_functions() -> Stopwatch:
+def watched_functions(device: torch.device) -> Stopwatch:
     """A clock on what all trainers share."""
-    clock = Stopwatch()
+    clock = Stopwatch(device)
     clock.wrap("minibatches", learner.Samples, "select")
     clock.wrap("loss", learner, "ppo_loss")
-    clock.wrap("backward", torch.autograd, "backward")
+    clock.wrap("backward", torch.autograd, "grad")
     clock.wrap("clipping", torch.nn.utils, "clip_grad_norm_")
     return clock
 
 
 def watch(trainer: Trainer, clock: Stopwatch) -> None:
     """Put a clock on the parts of a trainer."""
-    clock.wrap("worlds", trainer.env, "step", "reset")
-    clock.wrap("observations", trainer.env, "observe")
-    clock.wrap("observations", trainer.lane, "_seen")
+    for lane in trainer.collector.lanes:
+        clock.wrap("worlds", lane.env, "step", "recv", "reset")
+        clock.wrap("observations", lane.env, "observe")
+        clock.wrap("observations", lane, "_seen")
+        clock.wrap("networks", lane, "noise")
+        clock.wrap("statistics", lane.behaviour, "after_step")
+        clock.wrap("statistics", lane.episodes, "add")
     for one in trainer.learners:
-        clock.wrap("networks", one.policy, "forward")
+        for policy in {one.policy, one.trained}:
+            clock.wrap("networks", policy, "forward")
         clock.wrap("networks", one.policy.choices, "draw", "of")
         clock.wrap("loss", one.policy.choices, "entropy")
-        clock.wrap("optimiser", one.optimizer, "zero_grad", "step")
-    clock.wrap("networks", trainer.lane, "noise")
-    clock.wrap("statistics", trainer.lane.behaviour, "after_step")
-    clock.wrap("statistics", trainer.lane.episodes, "add")
+        clock.wrap("optimiser", one.optimizer, "step")
 
 
 def percent(share: float) -> str:

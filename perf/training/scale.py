@@ -1,16 +1,20 @@
-"""What more processes give to training, and what halves of the worlds do.
+"""What more processes give to training, what a GPU does, and what halves of the worlds do.
 
-    python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast] [--processes 1 2] [--rounds 5] [--halves]
-        [--save MACHINE]
+    python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast] [--processes 1 2] [--devices cpu cuda]
+        [--worlds 256 2048] [--batch N] [--threads 1] [--rounds 5] [--halves] [--save MACHINE]
 
-Agent-steps a second of wall time of collecting and updating, each process on one thread, in turn with one process and
-with several; the best round of each. CPU seconds are those of all processes together: they say what sums and waiting
-cost, also where others use the machine, which the load shows. A wall time of a machine that is not idle says little.
+Agent-steps a second of wall time of collecting and updating, each process on some threads, in turn with the first and
+with all others of devices, numbers of processes and of worlds; the best round of each. With more worlds than the preset
+has, minibatches grow as the rollout does, unless their size is given. CPU seconds are those of all processes together:
+they say what sums and waiting cost, also where others use the machine, which the load shows. A wall time of a machine
+that is not idle says little.
 """
 
 import contextlib
+import itertools
 import os
 import time
+from dataclasses import replace
 
 import torch
 
@@ -28,36 +32,52 @@ def main() -> None:
     parser.add_argument("--variants", nargs="+", default=["ffa_2", "teams_3"])
     parser.add_argument("--preset", choices=PRESETS, default="fast")
     parser.add_argument("--processes", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--devices", nargs="+", default=["cpu"])
+    parser.add_argument("--worlds", nargs="+", type=int, default=[0], help="0: as the preset has it")
+    parser.add_argument("--batch", type=int, default=0, help="samples of a minibatch; 0: as many of a rollout as usual")
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--halves", action="store_true")
     given = parser.parse_args()
-    table = Table(
-        "training_scale", "variant", "processes", "collected/s", "updated/s", "together/s", "times", "CPU s", "load"
-    )
+    measured = "collected/s", "updated/s", "together/s", "times", "CPU s", "load"
+    table = Table("training_scale", "variant", "device", "processes", "worlds", "minibatch", *measured)
     for name in given.variants:
         with contextlib.ExitStack() as opened:
-            runs = {}
-            for count in given.processes:
-                config = TrainingConfig(resolve(name), given.preset, processes=count, halves=given.halves)
-                crew = opened.enter_context(contextlib.closing(recruit(count, follow, config, given.rounds)))
-                runs[count] = Timed(crew, config)
-            rows = [[timed.round() for timed in runs.values()] for _ in range(given.rounds)]
-        best = dict(zip(runs, (list(map(min, zip(*of_one, strict=True))) for of_one in zip(*rows, strict=True))))
-        samples = next(iter(runs.values())).samples
-        first = sum(best[given.processes[0]][:2])
-        for count, (collecting, updating, cpu) in best.items():
-            both = collecting + updating
-            rates = [f"{samples / seconds:,.0f}" for seconds in (collecting, updating, both)]
-            table.add(name, count, *rates, f"{first / both:.2f}", f"{cpu:.2f}", f"{os.getloadavg()[0]:.1f}")
-    table.finish(given.save)
+            runs = []
+            for device, worlds, count in itertools.product(given.devices, given.worlds, given.processes):
+                config = configured(name, given.preset, worlds, given.batch, count, device, given.halves)
+                crew = opened.enter_context(
+                    contextlib.closing(recruit(count, follow, config, given.rounds, given.threads))
+                )
+                runs.append(Timed(crew, config, given.threads))
+            rows = [[timed.round() for timed in runs] for _ in range(given.rounds)]
+        best = [list(map(min, zip(*of_one, strict=True))) for of_one in zip(*rows, strict=True)]
+        first = runs[0].samples / sum(best[0][:2])
+        for timed, (collecting, updating, cpu) in zip(runs, best, strict=True):
+            config, together = timed.trainer.config, timed.samples / (collecting + updating)
+            rates = [timed.samples / collecting, timed.samples / updating, together]
+            plan = config.device, config.processes, config.size[0], config.numbers.batch_size
+            cells = [f"{rate:,.0f}" for rate in rates] + [f"{together / first:.2f}", f"{cpu:.2f}"]
+            table.add(name, *plan, *cells, f"{os.getloadavg()[0]:.1f}")
+    table.finish(given.save, "" if "cuda" not in given.devices else torch.cuda.get_device_name())
+
+
+def configured(
+    name: str, preset: str, worlds: int, batch: int, processes: int, device: str, halves: bool
+) -> TrainingConfig:
+    """What is trained; minibatches of `batch` samples or, with 0, of the usual share of a rollout."""
+    usual = TrainingConfig(resolve(name), preset)
+    config = replace(usual, worlds=worlds, processes=processes, device=device, halves=halves)
+    batch = batch or usual.numbers.batch_size * config.size[1] // usual.size[1]
+    return replace(config, settings={"batch_size": batch})
 
 
 class Timed:
     """A trainer that has warmed up, in each of some processes."""
 
-    def __init__(self, crew: Crew, config: TrainingConfig) -> None:
-        torch.set_num_threads(1)
-        self.crew, self.trainer = crew, Trainer(config, crew=crew)
+    def __init__(self, crew: Crew, config: TrainingConfig, threads: int) -> None:
+        torch.set_num_threads(threads)
+        self.crew, self.trainer = crew, Trainer(config, threads, crew)
         self.samples = self.trainer.collect().learner.size
         self.round()
 
@@ -74,9 +94,9 @@ class Timed:
         return times[1] - times[0], times[2] - times[1], spent
 
 
-def follow(crew: Crew, config: TrainingConfig, rounds: int) -> None:
+def follow(crew: Crew, config: TrainingConfig, rounds: int, threads: int) -> None:
     """What the other processes do."""
-    timed = Timed(crew, config)
+    timed = Timed(crew, config, threads)
     for _ in range(rounds):
         timed.round()
 

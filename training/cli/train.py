@@ -82,13 +82,13 @@ def add(commands: Any) -> None:
     text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"
     command.add_argument("--anneal", action="append", default=[], metavar="NUMBER=FROM:TO[@STEPS]", help=text)
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
-    command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
+    command.add_argument("--device", default="cpu", help="where policies are updated: cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
     text = "that share the worlds; the numbers are the same, but for rounding (default 1)"
     command.add_argument("--processes", type=positive, default=1, metavar="N", help=text)
     text = "run all of them but one on the Ray cluster at ADDRESS, or the one on this machine (default: none)"
     command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
-    text = "step half of the worlds while the networks are busy with the other half; a GPU always does"
+    text = "step half of the worlds while the networks are busy with the other half"
     command.add_argument("--halves", action="store_true", help=text)
     command.add_argument(
         "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"

@@ -1,0 +1,87 @@
+"""Gradients on a GPU without launching their kernels one by one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .minibatches import Minibatch
+from .rows import Rows
+
+MOST = 64  # graphs that are kept
+OPTIONAL = "memory", "begins"
+NUMBERS = "actions", "log_probs", "advantages", "returns", "weights"
+Gradients = tuple[Tensor, Sequence[Tensor]]
+
+
+@dataclass(frozen=True)
+class Captured:
+    """A graph, the tensors that it reads, and those that it writes."""
+
+    graph: Any
+    given: Sequence[Tensor]
+    found: Gradients
+
+
+class GraphedGradients:
+    """The figures and gradients of minibatches of Rows: one CUDA graph for each of the shapes that they have.
+
+    A minibatch takes about 250 kernels, which a GPU has done long before a CPU has launched them. A graph is launched
+    at once, and its shapes are fixed. As the lists of rows on a GPU are filled up, few are enough.
+    """
+
+    def __init__(self, compute: Callable[[Minibatch], Gradients]) -> None:
+        """compute: The figures of a minibatch and the gradients of all parameters; it must not wait for the GPU."""
+        self.compute, self.graphs = compute, dict[Any, Captured]()
+        self.memory = torch.cuda.graph_pool_handle()  # of all graphs, as they run one after the other
+
+    def __call__(self, batch: Minibatch) -> Gradients:
+        """Those of a minibatch; the gradients are overwritten by those of the next one of the same shapes."""
+        tensors = _tensors(batch)
+        shapes = _rows(batch).room, *(each.shape for each in tensors)
+        one = self.graphs.pop(shapes, None) or self._capture(batch)
+        self.graphs[shapes] = one  # behind all others: the first one is that which was not used for longest
+        if len(self.graphs) > MOST:
+            del self.graphs[next(iter(self.graphs))]
+        for own, values in zip(one.given, tensors, strict=True):
+            own.copy_(values, non_blocking=True)
+        one.graph.replay()
+        figures, gradients = one.found
+        return figures.clone(), gradients
+
+    def _capture(self, batch: Minibatch) -> Captured:
+        here = torch.cuda.current_stream()
+        side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+        side.wait_stream(here)
+        with torch.cuda.stream(side):
+            self.compute(_copy(batch))  # libraries set themselves up, which cannot be captured
+        here.wait_stream(side)
+        given, graph = _copy(batch), torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph, pool=self.memory):
+            found = self.compute(given)
+        return Captured(graph, _tensors(given), found)
+
+
+def _copy(batch: Minibatch) -> Minibatch:
+    """One that nothing was computed of yet, in memory of its own."""
+    seen = _rows(batch)
+    own, entities, count = (each.clone() for each in (seen.own, seen.entities, seen.count))
+    state = None if seen.state is None else seen.state.clone()
+    copies: dict[str, Any] = {name: getattr(batch, name) for name in (*NUMBERS, *OPTIONAL)}
+    copies = {name: None if values is None else values.clone() for name, values in copies.items()}
+    return replace(batch, seen=Rows(own, entities, count, seen.known, seen.room, state), **copies)
+
+
+def _tensors(batch: Minibatch) -> list[Tensor]:
+    seen = _rows(batch)
+    optional = seen.state, *(getattr(batch, name) for name in OPTIONAL)
+    each = seen.own, seen.entities, seen.count, *(getattr(batch, name) for name in NUMBERS)
+    return [*each, *(values for values in optional if values is not None)]
+
+
+def _rows(batch: Minibatch) -> Rows:
+    if not isinstance(batch.seen, Rows):
+        raise TypeError(f"minibatches of Rows are needed, not of {type(batch.seen).__name__}")
+    return batch.seen
