@@ -50,13 +50,16 @@ class EntityView:
         return component.Table(*(column[self.world, self.row] for column in self._tables[component]))
 
     def __getattr__(self, name: str) -> Any:
-        tables: dict[type[Component], Any] = vars(self).get("_tables", {})  # empty while it is copied
-        components = {component.__name__: component for component in tables}
-        if name not in components:
-            close = difflib.get_close_matches(name, components, n=1)
+        if "_tables" not in vars(self):  # it is being copied
+            raise AttributeError(name)
+        named = [component for component in self._tables if component.__name__ == name]
+        if not named:
+            close = difflib.get_close_matches(name, self._names, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
-            raise AttributeError(f"{self._name} has no {name}; it has: {', '.join(components)}{hint}")
-        return self[components[name]]
+            raise AttributeError(f"{self._name} has no {name}; it has: {', '.join(self._names)}{hint}")
+        if len(named) > 1:
+            raise AttributeError(f"{self._name} has {len(named)} components called {name}: take entity[its class]")
+        return self[named[0]]
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._names]

@@ -1,9 +1,11 @@
 """Running worlds: each gets what it would have alone, and errors and Ctrl-C leave no thread at work."""
 
+import copy
 import ctypes
 import dataclasses
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -11,7 +13,18 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.ecs import DeclarationError, Entity, Module, Random, ScheduleError, Worlds, Write
+from outlast.ecs import (
+    Archetype,
+    Component,
+    DeclarationError,
+    Entity,
+    Module,
+    Random,
+    ScheduleError,
+    Worlds,
+    Write,
+    column,
+)
 from outlast.ecs.arguments import COUNT, LINES
 from outlast.ecs.placing import ALIGN, touched_lines
 from outlast.ecs.random import uniform
@@ -88,6 +101,25 @@ def test_what_an_entity_lacks_is_named() -> None:
         _ = food.Plaec
     with pytest.raises(DeclarationError, match=r"\(food 0\) has no Energy; it has: Entity, Place"):
         food[Energy]
+
+
+def test_components_of_an_entity_with_one_name_are_told_apart_by_their_classes() -> None:
+    kinds = [type("Twin", (Component,), {name: column("f4")}) for name in ("one", "two")]
+
+    class Twins(Module):
+        def archetypes(self) -> list[Archetype]:
+            return [Archetype("twin", tuple(kind() for kind in kinds), 1)]
+
+    twin = Worlds((Twins(),), 1).entity(0)
+    assert [twin[kind]._fields for kind in kinds] == [("one",), ("two",)]
+    with pytest.raises(AttributeError, match=r"\(twin 0\) has 2 components called Twin: take entity\[its class\]"):
+        _ = twin.Twin
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
+def test_entities_can_be_copied(copied: Callable[[Any], Any]) -> None:
+    food = make().entity(0)
+    assert repr(copied(food)) == repr(food)
 
 
 # ---- modes
