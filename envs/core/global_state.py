@@ -28,10 +28,11 @@ class GlobalState:
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
     walls   stands (0, 1), x, y, angle, half width, half height: blocks inside of the room
+    bodies  stands (0, 1), x, y, angle: all others, such as a ball, but the four walls around
     numbers those that vary (Scenario.vary), in order of names; no words and no lists of numbers
     ======= ===================================================================================
 
-    Objects, items and walls are in the order of their rows (`Worlds.span` says which kinds are where).
+    Objects, items, walls and bodies are in the order of their rows (`Worlds.span` says which kinds are where).
 
     Attributes:
         space: Of the vector.
@@ -45,8 +46,11 @@ class GlobalState:
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
         self.walls = rows(Wall)
-        self.numbers = {name: n for name, n in worlds.layout.varied.items() if n.kind in (bool, int, float)}
         self.objects = np.setdiff1d(rows(Body, Shape, Health), np.concatenate([self.agents, self.items]))
+        around = worlds.layout.spans.get("wall", range(0))
+        known = np.concatenate([self.agents, self.items, self.objects, self.walls, around])
+        self.bodies = np.setdiff1d(rows(Body), known)
+        self.numbers = {name: n for name, n in worlds.layout.varied.items() if n.kind in (bool, int, float)}
         blocks = [np.tile(block, count) for count, block in self._blocks()]
         low, high, self.scale = np.concatenate(blocks, 1, dtype=np.float32)
         self.names = list(self._names())
@@ -59,7 +63,8 @@ class GlobalState:
 
     def __call__(self, w: int | slice = 0) -> Array:
         """The vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
-        parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w), self._numbers(w)]
+        parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w)]
+        parts += [self._bodies(w), self._numbers(w)]
         if ZoneView in self.worlds:
             parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # the same for all agents
         flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
@@ -81,6 +86,7 @@ class GlobalState:
             (len(self.objects), np.hstack([flag, *place, half, half, health])),
             (len(self.items), np.hstack([flag, *place[:2], carrier])),
             (len(self.walls), np.hstack([flag, *place, half, half])),
+            (len(self.bodies), np.hstack([flag, *place])),
             *((1, _column(*_extent(number.distribution))) for number in self.numbers.values()),
         ]
 
@@ -93,6 +99,7 @@ class GlobalState:
             (self.objects, ("stands", *POSE, *half, "health")),
             (self.items, ("lies", "x", "y", "carrier")),
             (self.walls, ("stands", *POSE, *half)),
+            (self.bodies, ("stands", *POSE)),
         ]
         entities = [[f"{self._called(row)}.{name}" for row in rows for name in names] for rows, names in blocks]
         if ZoneView in self.worlds:
@@ -132,6 +139,9 @@ class GlobalState:
 
     def _walls(self, w: int | slice) -> Array:
         return self._standing(w, self.walls, self._rectangles())
+
+    def _bodies(self, w: int | slice) -> Array:
+        return self._standing(w, self.bodies, [getattr(self.worlds[Body], name) for name in POSE])
 
     def _rectangles(self) -> list[Array]:
         """Pose and half sides of all bodies, (worlds, rows) each."""

@@ -17,6 +17,7 @@ from outlast.envs.rollout.policies import STYLES, others_policy
 from outlast.errors import ActionError, DeclarationError
 from outlast.systems import DropLast, FineMotors, FineSteering, Respawn
 from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.helpers.own_bodies import Mine
 
 TEAMS = outlast.variant("teams_3")
 MASKED = {
@@ -301,6 +302,22 @@ def test_names_of_columns_lead_to_their_numbers() -> None:
     box = env.worlds.span("box").start + 5
     assert np.array_equal(env.state()[:, env.state_names.index("box_5.x")], body.x[:, box])
     assert len(env.state_names) == env.state_space.shape[0] == len(set(env.state_names))
+
+
+def test_bodies_of_ones_own_are_in_the_state() -> None:
+    env = outlast.make_vec(outlast.variant("teams_3").with_(Mine()), 3, seed=0)
+    env.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(scaled(60, 10)):
+        env.step(draw_actions(env, rng))
+    body, state = env.worlds[Body], env.state()
+    for kind in ("ball", "crate", "door"):
+        row = env.worlds.span(kind).start
+        for name in ("x", "y", "angle"):
+            assert np.array_equal(state[:, env.state_names.index(f"{kind}_0.{name}")], getattr(body, name)[:, row])
+        assert (state[:, env.state_names.index(f"{kind}_0.stands")] == 1).all()
+    assert not any(name.startswith("wall_") for name in env.state_names)
+    assert env.state_space.contains(state[0])
 
 
 def test_without_copies_arrays_are_reused() -> None:
