@@ -222,7 +222,7 @@ class Lane:
             if goes_on.any():
                 samples.later[t] = self._values(policies) * torch.from_numpy(goes_on)
             learns = self.learner.reshape(-1, env.num_agents) != NOBODY
-            self.episodes.add(info["statistics"], int(done.sum()), learns)
+            self.episodes.add(info["statistics"], learns)
             self._record(t, done)
             self.keys[done, 2] += np.uint64(1)
             if self.curriculum is not None:

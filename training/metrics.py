@@ -53,25 +53,25 @@ class EpisodeMetrics:
             str, Array
         ] = {}  # episodes that had each agent or side, of statistics that have an entry each
 
-    def add(self, statistics: dict[str, Array], count: int, learns: Array | None = None) -> None:
+    def add(self, statistics: dict[str, Array], learns: Array | None = None) -> None:
         """Add episodes that ended. Call before resets.
 
         Args:
             statistics: info["statistics"], in which the rows of other worlds are zero.
-            count: How many they are.
             learns: Which agents are played by learners, bool (worlds, agents): returns are theirs. None: all.
         """
-        self.count += count
-        ended, counts = statistics["length"] > 0, counted(self.base_env.worlds)
+        worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
+        self.count += len(ended)
+        counts = {key: there[ended] for key, there in counted(worlds).items()}
         for key, values in statistics.items():
+            values = values[ended]
             if key == "return":
-                sides = self.base_env.worlds.dims["sides"]
-                of = side(self.base_env.worlds) if learns is None else np.where(learns, side(self.base_env.worlds), -1)
-                values, counts[key] = means_of_sides(values, of, sides)
+                of = side(worlds)[ended] if learns is None else np.where(learns, side(worlds), -1)[ended]
+                values, counts[key] = means_of_sides(values, of, worlds.dims["sides"])
             if key in MOMENTS:
                 counts[key] = values > 0
             if key in counts:
-                self.counts[key] = self.counts.get(key, 0) + counts[key][ended].sum(0)
+                self.counts[key] = self.counts.get(key, 0) + counts[key].sum(0)
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
