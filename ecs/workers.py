@@ -40,13 +40,16 @@ class Job:
     def cancel(self) -> None:
         """Prevent the call, or where a thread has begun it, wait for its end."""
         if not self._claimed.acquire(blocking=False):
-            with self._unfinished:
-                pass
+            self.wait()
+
+    def wait(self) -> None:
+        """Wait for the end."""
+        with self._unfinished:
+            pass
 
     def result(self) -> Any:
         """Wait for the end; return or raise what the call did."""
-        with self._unfinished:
-            pass
+        self.wait()
         if self._error is not None:
             raise self._error
         return self._result

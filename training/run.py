@@ -101,7 +101,8 @@ class TrainingRun:
             TrainingError: The run cannot begin or go on there; nothing is written.
         """
         self.config, self.folder, self.film = config, folder, film
-        files = self._find_checkpoint(resume)
+        there = self._there()
+        files = self._find_checkpoint(there, resume)
         if files is None:
             config.check_teacher()
         else:
@@ -120,7 +121,7 @@ class TrainingRun:
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():
-                self._prepare()
+                self._prepare(there)
                 self.log = RunLog(folder, self.trainer.steps)
         except BaseException:
             self.lock.release()
@@ -226,15 +227,19 @@ class TrainingRun:
             checkpoint.write_checkpoint(self.folder / CHECKPOINT.format(steps), files)
         self.saved = steps
 
-    def _find_checkpoint(self, resume: bool) -> dict[str, bytes] | None:
-        """The checkpoint to go on from, if there is one."""
-        there = [path for path in self.folder.iterdir() if not is_temporary(path)] if self.folder.is_dir() else []
+    def _there(self) -> set[str]:
+        """Names of what is in the folder, without temporary files."""
+        paths = self.folder.iterdir() if self.folder.is_dir() else ()
+        return {path.name for path in paths if not is_temporary(path)}
+
+    def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
+        """The checkpoint to go on from, if there is one. there: What is in the folder."""
         if there and not resume:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
             return None
         found = checkpoints(self.folder)
-        if self.folder / run_header.NAME in there and not found:
+        if run_header.NAME in there and not found:
             self._check_begun()
             return None
         if not found:
@@ -248,8 +253,11 @@ class TrainingRun:
         if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
-    def _prepare(self) -> None:
-        """Make the folder and lock it, remove temporary files of a killed process, and write run.json."""
+    def _prepare(self, there: set[str]) -> None:
+        """Make the folder and lock it, remove temporary files of a killed process, and write run.json.
+
+        there: What was in it when the checkpoint was read.
+        """
         checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # what could not be read is not written
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -258,6 +266,10 @@ class TrainingRun:
             raise TrainingError(
                 f"{self.folder}: another process trains this run; wait until it ends, stop it, or choose another --out"
             ) from None
+        if self._there() != there:
+            raise TrainingError(
+                f"{self.folder}: another process has trained this run in the meantime; go on from there with --resume"
+            )
         for path in filter(is_temporary, list(self.folder.iterdir())):
             remove(path)
         if not (self.folder / run_header.NAME).exists():

@@ -64,6 +64,13 @@ class CallGuard:
             if self.pending.finished:  # it is not after Ctrl-C: then it can be fetched again
                 self.pending = None
 
+    def wait(self) -> None:
+        """Wait for the end of a call that has begun, if there is one; it can still be fetched."""
+        job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
+        if job is not None and here and not job.finished:
+            self._worker.submit([job])  # again, as in `fetch`
+            job.wait()
+
     def close(self) -> None:
         """Let the thread go, after its call."""
         self._worker.close()

@@ -59,4 +59,4 @@ def record(
             stacklevel=2,
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
-    return env.run_with(lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts))
+    return env.run_with(lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait))

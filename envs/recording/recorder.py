@@ -5,6 +5,7 @@ import os
 import platform
 import time
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -44,8 +45,10 @@ class Recorder:
         worlds: Worlds,
         first_world: int = 0,
         policy: PolicyRecorder | None = None,
+        wait: Callable[[], None] = lambda: None,
     ) -> None:
-        self.path, self._worlds, self._policy = Path(path), worlds, policy
+        """wait: Returns when no tick is running in the background, and none is going to."""
+        self.path, self._worlds, self._policy, self._wait = Path(path), worlds, policy, wait
         self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
         form = TickFormat(
             *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
@@ -119,7 +122,8 @@ class Recorder:
         self._continuous = True
 
     def close(self) -> None:
-        """Write what is left, and that this is all. Raises RecordingError if that is impossible."""
+        """Write what is left, also of a step that was sent, and that this is all. RecordingError if it cannot."""
+        self._wait()
         try:
             self._finalizer()
         except OSError as error:

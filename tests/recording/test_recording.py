@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -216,6 +217,20 @@ def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
         env.recv()
     env.close()
     assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 5
+
+
+@pytest.mark.parametrize("pause", [0, 1e-3])
+def test_a_recording_is_closed_after_a_step_that_was_sent(tmp_path: Path, pause: float) -> None:
+    env, later = make(), 3
+    recorder = outlast.record(env, tmp_path / "a.rec")
+    env.reset()
+    env.send(np.ones((3, 2, 6), int))
+    time.sleep(pause)
+    recorder.close()
+    env.recv()
+    play(env, later)
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 2
+    assert not Recording.open(tmp_path / "a.rec").cut
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")

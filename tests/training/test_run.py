@@ -29,6 +29,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.training import checkpoint  # noqa: E402
+from outlast.training import run as runs  # noqa: E402
 from outlast.training.cli import train as command  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
@@ -354,6 +355,25 @@ def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
     run.train()
     assert_same(tmp_path / "run", tmp_path / "whole")
     TrainingRun(config(2 * EACH), tmp_path / "run", resume=True).train()
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_that_another_process_trains_meanwhile_is_left_as_it_is(
+    tmp_path: Path, resume: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if resume:
+        TrainingRun(config(EACH), tmp_path / "run").train()
+
+    def slowly(*given: Any) -> Any:
+        monkeypatch.undo()
+        TrainingRun(config(2 * EACH), tmp_path / "run", resume=resume).train()
+        return runs.prepared(*given)
+
+    monkeypatch.setattr(runs, "prepared", slowly)
+    with pytest.raises(TrainingError, match="another process has trained this run in the meantime; go on"):
+        TrainingRun(config(3 * EACH), tmp_path / "run", resume=resume)
+    TrainingRun(config(2 * EACH), tmp_path / "whole").train()
+    assert_same(tmp_path / "run", tmp_path / "whole")
 
 
 @pytest.mark.parametrize("resume", [False, True])
