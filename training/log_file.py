@@ -24,19 +24,24 @@ def read_log(path: Path) -> Points:
     points: Points = {}
     for number, line in enumerate(lines[1:], 2):
         if line.endswith("\n"):
-            try:
-                tag, step, value = _fields(line)
-                row = (int(step), float(value))
-                if not 0 <= row[0] <= LAST:
-                    raise ValueError
-            except ValueError:
-                raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value") from None
+            tag, step, value = _row(path, number, line)
             before = points.setdefault(tag, [])
-            if before and row[0] <= before[-1][0]:
-                wrong = f"{tag} at step {row[0]} comes after that at step {before[-1][0]}"
+            if before and step <= before[-1][0]:
+                wrong = f"{tag} at step {step} comes after that at step {before[-1][0]}"
                 raise TrainingError(f"{path}, line {number}: {wrong}: these are several runs in one file")
-            before.append(row)
+            before.append((step, value))
     return points
+
+
+def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
+    """The tag, the step and the value of a line. Raises TrainingError."""
+    try:
+        tag, step, value = _fields(line)
+        if 0 <= int(step) <= LAST:
+            return tag, int(step), float(value)
+    except ValueError:
+        pass
+    raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value")
 
 
 def _fields(line: str) -> tuple[str, str, str]:
@@ -59,12 +64,16 @@ def last_step(path: Path) -> int:
 
 
 def truncate_log(path: Path, steps: int) -> None:
-    """Remove the rows after so many steps from a log, and a last row that was not written whole."""
+    """Remove the rows after so many steps from a log, and a last row that was not written whole.
+
+    Raises TrainingError for what is not a log.
+    """
     if not path.exists():
         return
-    lines = path.read_text().splitlines(keepends=True)
+    lines = read_text(path).splitlines(keepends=True)
     if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
-    kept = [line for line in lines[1:] if line.endswith("\n") and int(_fields(line)[1]) <= steps]
+    whole = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
+    kept = [line for number, line in whole if _row(path, number, line)[1] <= steps]
     with atomic_write(path) as place:
         place.write_text("".join([",".join(HEADER) + "\n", *kept]))

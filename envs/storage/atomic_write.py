@@ -35,7 +35,14 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def atomic_write(target: Path) -> Iterator[Path]:
-    """A path beside the target, for a file or a folder that takes its place if all goes well, and else vanishes."""
+    """A path beside the target, for a file or a folder that takes its place if all goes well, and else vanishes.
+
+    Of a link, what it leads to is replaced. What is neither a file nor a folder, such as a device, is written to.
+    """
+    target = Path(os.path.realpath(target))
+    if target.exists() and not target.is_file() and not target.is_dir():
+        yield target
+        return
     path = temporary_path(target)
     try:
         yield path

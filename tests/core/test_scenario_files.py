@@ -1,6 +1,7 @@
 """Scenarios as JSON, and the options of commands that change one."""
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -314,3 +315,20 @@ def test_a_scenario_is_saved_by_any_command(tmp_path: Path, capsys: Any) -> None
     assert Scenario.load(path).name == "ffa_1-without_heals-melee_damage=7"
     assert main(["schedule", str(path)]) == 0
     assert [file.name for file in tmp_path.iterdir()] == ["mine.json"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs links and devices of POSIX")
+def test_what_a_link_leads_to_is_replaced_and_devices_are_written_to(tag: Scenario, tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    link, target = tmp_path / "link.json", tmp_path / "own" / "tag.json"
+    link.symlink_to(target)
+    for scenario in (outlast.variant("ffa_1"), tag):
+        scenario.save(link)
+        assert link.is_symlink()
+        assert Scenario.load(target) == scenario
+    assert [path.name for path in target.parent.iterdir()] == ["tag.json"]
+    os.mkfifo(tmp_path / "pipe")  # what is no file stays what it is
+    with os.fdopen(os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)) as reader:
+        tag.save(tmp_path / "pipe")
+        assert json.loads(reader.read()) == json.loads(target.read_text())
+    assert (tmp_path / "pipe").is_fifo()

@@ -71,8 +71,26 @@ def test_a_game_without_melee_is_trained(tmp_path: Path) -> None:
     assert "behaviour/near" not in run.logged
     assert run.logged["rollout/lived0"] > 0
     found = outlast.plot(tmp_path / "run", tmp_path / "out", curves=("lived", "team_lived", "return"))
-    assert found.panels[0].title == "lived, mean over sides"
+    assert found.panels[0].title == "lived, mean over sides"  # each agent is one
     assert run.policy.exists()
+
+
+def test_a_plot_says_whether_numbers_are_of_agents_or_of_sides(tmp_path: Path) -> None:
+    game = variant("teams_2").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5)
+    run = outlast.train(game.with_(Steps()), tmp_path / "run", steps=1, worlds=8, rollout=512, threads=1, quiet=True)
+    found = outlast.plot(run.folder, tmp_path / "out", curves=("lived", "team_lived", "return"))
+    titles = ["lived, mean over agents", "team lived, mean over sides", "return, mean over sides"]
+    assert [panel.title for panel in found.panels] == titles
+
+
+def test_figures_of_agents_are_means_over_episodes_however_many_agents_they_have() -> None:
+    game = variant("teams_2").vary(n_agents=outlast.integers(2, 4)).replace(ending_limit=60)
+    found = outlast.evaluate(game.with_(Steps()), ["scripted", "noop"], episodes=24, worlds=8, quiet=True)
+    (match,) = (pairing.results for pairing in found.pairings if pairing.pair == (0, 1))
+    lived = match.figures["lived"][:, :, 0]
+    assert (lived[..., 1] == 1).all()
+    assert (lived[..., 0] <= 60).all()  # ticks of one agent
+    assert found.estimates("scripted", "noop")["lived"][0] == pytest.approx(lived[..., 0].mean())
 
 
 class Strong(outlast.systems.Melee):

@@ -117,6 +117,15 @@ def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> N
     assert points(tmp_path) == expected
 
 
+@pytest.mark.parametrize("row", [b"rollout/steps,many,1\n", b"rollout/steps\n", b"\xff,8,1\n", b"\0\0\n"])
+def test_a_damaged_log_is_named(row: bytes, tmp_path: Path) -> None:
+    TrainingRun(config(EACH), tmp_path).train()
+    with (tmp_path / "log.csv").open("ab") as log:
+        log.write(row)
+    with pytest.raises(TrainingError, match=r"log\.csv(, line \d+: .* is not a tag, a step, a value| cannot be read)"):
+        TrainingRun(config(2 * EACH), tmp_path, resume=True)
+
+
 def interrupted(run: TrainingRun) -> None:
     """Ctrl-C in the middle of the next update."""
 

@@ -118,7 +118,9 @@ class Match:
         by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
         for name, values in statistics.items():  # of agents, the mean over those of a role; of sides, the sum
             if self.dims.get(name) == ("agents",):
-                self.results.enter(where, name, (values[rows, None] * mine).sum(2), mine.sum(2))
+                there = mine.sum(2)
+                mean = (values[rows, None] * mine).sum(2) / np.maximum(there, 1)
+                self.results.enter(where, name, mean, there > 0)
             elif self.dims.get(name) == ("sides",):
                 self.results.enter(where, name, (values[rows, None] * by_side).sum(2))
         for name, total in self.metrics.totals.items():

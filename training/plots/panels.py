@@ -23,15 +23,16 @@ MOST = 6  # curves that are drawn unless others are asked for
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve to draw: its name, and the tags of a log that it is made of: of all sides, or several, one for each."""
+    """A curve to draw: its name, and the tags of a log that it is made of, one or several, and what these are of."""
 
     name: str
     tags: tuple[str, ...]
+    of: str = ""
 
     @property
     def title(self) -> str:
         """With how several become one."""
-        how = f", {'sum' if self.name in SUMMED else 'mean'} over sides" if len(self.tags) > 1 else ""
+        how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
         return self.name.replace("_", " ") + how
 
 
@@ -72,7 +73,10 @@ def _known(tags: Sequence[str]) -> dict[str, Panel]:
     found: dict[str, list[str]] = {}
     for tag in sorted(tags):
         found.setdefault(name_of(tag, tags), []).append(tag)
-    return {name: Panel(name, tuple(own)) for name, own in found.items()}
+    sides = len(found.get("return", ()))  # a statistic has a tag for each side or, if there are others, for each agent
+    return {
+        name: Panel(name, tuple(own), "sides" if sides in (0, len(own)) else "agents") for name, own in found.items()
+    }
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
