@@ -90,20 +90,19 @@ class Logged:
         return int(self.curves.steps[-1])
 
 
-def curves_of_log(path: Path, known: Callable[[str], bool], every: bool = False) -> Curves:
+def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
     """The curves in the log of a run.
 
     Args:
         path: log.csv of the run.
-        known: Whether a tag is one that has a number at every point, or the log is broken.
-        every: Whether other tags are wanted, too; their numbers may be NaN.
+        known: Whether a tag is one that has a number at every point, or the log is broken; those of others may be NaN.
 
     Raises:
         EmptyRunError: No episode has ended in it yet.
         TrainingError: It is no log, or has numbers that cannot be drawn.
     """
     begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
-    points = {tag: rows for tag, rows in read_log(path).items() if every or known(tag)} if begun else {}
+    points = read_log(path) if begun else {}
     for tag in NEEDED:
         if tag not in points:
             raise EmptyRunError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")

@@ -91,10 +91,6 @@ class ObservationLayout:
             start += kind.rows
         return views
 
-    def kind_of_row(self) -> list[int]:
-        """The index of the kind of each row."""
-        return [k for k, kind in enumerate(self.kinds) for _ in range(kind.rows)]
-
     def cells(self) -> list[int]:
         """For each cell of a row of each kind, ((kinds + 1) * features), which of the numbers of all kinds it holds.
 

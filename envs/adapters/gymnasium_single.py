@@ -96,7 +96,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         options |= {"max_episode_steps": max_episode_steps, "actions": actions, "observations": observations}
         options |= {"scaled": scaled, "action_masks": action_masks}
         self._recipe = partial(type(self), scenario, **options, render_mode=render_mode)
-        self._window = Window("outlast", FPS) if render_mode == "human" else None
+        self._window = Window(FPS) if render_mode == "human" else None
         drawn = "rgb_array" if render_mode == "human" else render_mode
         self._batch = SurvivalLearnerVectorEnv(1, scenario, autoreset_mode="Disabled", **options, render_mode=drawn)
         self.base_env = self._batch.base_env

@@ -97,7 +97,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         spaces: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
         spaces["action_masks"] = action_masks
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **spaces)
-        self._window = Window("outlast", modes.FPS) if render_mode == "human" else None
+        self._window = Window(modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
             scenario,

@@ -227,7 +227,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         picture: Array = tile_images(self._pictures(range(min(self.render_worlds, self.num_worlds))))
         if mode != "human":
             return picture
-        self._window = self._window or Window("outlast", self.metadata["render_fps"])
+        self._window = self._window or Window(self.metadata["render_fps"])
         self._window.show(picture)
         return None
 

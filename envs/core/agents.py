@@ -65,27 +65,25 @@ def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     return sides
 
 
-def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any = slice(None)) -> dict[str, Array]:
+def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array]) -> dict[str, Array]:
     """Each agent's share of the statistics of episodes.
 
     Args:
         worlds: The worlds that the statistics are of.
         statistics: What `spaces.statistics` returned, or info["statistics"]: (worlds,) or (worlds, n).
-        where: An index of worlds, if those of some are enough.
 
     Returns:
         By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
         side, and of all others what its world has. Of who is absent, 0.
     """
     dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
-    sides, agents, own = side(worlds, where), worlds.dims["agents"], {}
+    sides, agents, own = side(worlds), worlds.dims["agents"], {}
     for key, values in statistics.items():
-        rows = values[where]
         if dims.get(key) == ("agents",):
-            own[key] = rows.copy()
+            own[key] = values.copy()
         elif dims.get(key) == ("sides",):
-            own[key] = np.take_along_axis(rows, np.maximum(sides, 0), 1)
+            own[key] = np.take_along_axis(values, np.maximum(sides, 0), 1)
         else:
-            own[key] = np.repeat(rows[:, None], agents, axis=1)
+            own[key] = np.repeat(values[:, None], agents, axis=1)
         own[key][sides < 0] = 0
     return own

@@ -11,12 +11,12 @@ from ..errors import install
 class Window:
     """Opens with the first frame, and holds the caller up to `fps` frames a second. Needs pygame: ImportError."""
 
-    def __init__(self, title: str, fps: int) -> None:
+    def __init__(self, fps: int) -> None:
         try:
             self.pygame: Any = import_module("pygame")  # optional
         except ModuleNotFoundError as error:
             raise ImportError(f"a window needs pygame: {install('window')}") from error
-        self.title, self.fps = title, fps
+        self.fps = fps
         self.clock = self.pygame.time.Clock()
         self.surface: Any = None
 
@@ -25,7 +25,7 @@ class Window:
         if self.surface is None:
             self.pygame.display.init()
             self.surface = self.pygame.display.set_mode(frame.shape[1::-1])
-            self.pygame.display.set_caption(self.title)
+            self.pygame.display.set_caption("outlast")
         self.pygame.surfarray.blit_array(self.surface, frame.swapaxes(0, 1))
         self.pygame.event.pump()  # or the system takes the window for dead
         self.pygame.display.flip()

@@ -67,7 +67,7 @@ def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) ->
     path = log(tmp_path, LINES + "rollout/heals_used,20,0.25\nrollout/reward0,30,9\ntrain/loss,30,nan\nrollout/steps,3")
     read = curves_of_log(path, is_known)
     assert read.steps.tolist() == [10, 20, 30]
-    assert set(read.values) == {"rollout/reward0", "rollout/steps", "rollout/heals_used"}
+    assert set(read.values) == {"rollout/reward0", "rollout/steps", "rollout/heals_used", "train/loss"}
     np.testing.assert_array_equal(read.values["rollout/reward0"], [1.5, 3, 9])
     np.testing.assert_array_equal(read.values["rollout/steps"], [2.5, 4, np.nan])
     np.testing.assert_array_equal(read.values["rollout/heals_used"], [np.nan, 0.25, np.nan])

@@ -185,7 +185,7 @@ def _of_folder(folder: Path) -> RunResult:
     try:
         name = variant(scenario["name"]).name
         changed = _changed(name, plan.get("preset"), scenario["numbers"])
-        curves = curves_of_log(folder / log_file.NAME, is_known, every=True)
+        curves = curves_of_log(folder / log_file.NAME, is_known)
         kept = Curves(curves.steps, {tag: values for tag, values in curves.values.items() if is_kept(tag)})
         return _checked(RunResult(folder, name, plan, changed, kept))
     except ScenarioError as error:

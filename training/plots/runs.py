@@ -100,7 +100,7 @@ def _played(scenario: dict[str, Any]) -> dict[str, Any]:
 
 def _of_folder(folder: Path) -> Run:
     header = run_header.read_run_folder(folder)
-    return run_of(folder, header, curves_of_log(folder / log_file.NAME, is_known, every=True))
+    return run_of(folder, header, curves_of_log(folder / log_file.NAME, is_known))
 
 
 def _of_kept(path: Path) -> Run:
