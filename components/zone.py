@@ -1,6 +1,8 @@
 """The safe zone."""
 
-from outlast.ecs import Array, Field, Observation, Singleton, column
+from typing import Any
+
+from outlast.ecs import Array, Field, Observation, Singleton, column, kernel
 
 from .body import PLACE, half_room
 
@@ -31,3 +33,11 @@ class ZoneView(Observation):
             Field("next_radius", "m", scale=half_room),
         ),
     )
+
+
+@kernel
+def outside(zone: Any, body: Any, e: int) -> bool:
+    """Whether the centre of `e` is beyond the rim of the zone; of a void one, all are."""
+    x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
+    beyond: bool = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
+    return beyond

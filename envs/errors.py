@@ -40,9 +40,10 @@ class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
 class PendingError(OutlastError, error.AlreadyPendingCallError, error.NoAsyncCallError, RuntimeError):
     """A call between send() and recv() or while another thread is in one, or recv() without send()."""
 
-    def __init__(self, message: str, name: str = "step") -> None:
+    name = "step"  # the call, as in Gymnasium
+
+    def __init__(self, message: str) -> None:
         Exception.__init__(self, message)  # Gymnasium's two constructors cannot be called one after the other
-        self.name = name
 
 
 class FaultError(OutlastError, RuntimeError):

@@ -30,6 +30,7 @@ from outlast.components import (
     Travelled,
     Zone,
 )
+from outlast.components.zone import outside
 from outlast.ecs import Array, Bitset, Entity, Module, Read, RowIndex, Rows, Singleton, Write, kernel, number
 
 from .geometry.blocks import first_row
@@ -182,9 +183,7 @@ def expose(
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
-            x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
-            outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
-            average(exposure.outside_zone, i, outside, travelled.ticks_alive[i])
+            average(exposure.outside_zone, i, outside(zone, body, e), travelled.ticks_alive[i])
 
 
 @Behaviour.system(Phase.RECORD, needs=Strike)

@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import Body, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
 from outlast.components.health import MOST, hurt
 from outlast.components.limits import TICKS
+from outlast.components.zone import outside
 from outlast.ecs import (
     Array,
     Clock,
@@ -139,9 +140,7 @@ def apply_damage(
 ) -> None:
     """Outside means the centre is beyond the rim. It kills at the next check, so a heal before that saves the agent."""
     for e in agents:
-        x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
-        outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
-        if entities.alive[e] and outside:
+        if entities.alive[e] and outside(zone, body, e):
             hurt(health, guard, hits, e, of(damage, e), damage_type, -1, clock.tick[0])
 
 

@@ -145,6 +145,7 @@ _NEEDS = {  # libraries, and the names that raise ModuleNotFoundError without th
     "pufferlib": ("make_puffer",),
     "ray": ("SurvivalMultiAgentEnv",),
     "stable_baselines3": ("make_sb3",),
+    "tensorboard": ("train",),
     "torch": ("evaluate", "load_policy", "train"),
     "torchrl": ("make_torchrl",),
 }

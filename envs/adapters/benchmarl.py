@@ -75,7 +75,7 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return int(max(limits)) if all(limits) else LONGEST
 
     def has_render(self, env: SurvivalTorchEnv) -> bool:
-        """No: films are made by `outlast film`."""
+        """No: films are made by `outlast frames`."""
         return False
 
     def group_map(self, env: SurvivalTorchEnv) -> dict[str, list[str]]:

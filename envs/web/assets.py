@@ -95,8 +95,6 @@ def constants(**others: Any) -> str:
 
 
 def assemble(
-    folder: str,
-    template: str,
     title: str,
     scripts: Sequence[str],
     data: str = "",
@@ -105,13 +103,11 @@ def assemble(
     connect: str = "'none'",
     **others: Any,
 ) -> str:
-    """A page that needs no other file: the template with these scripts and styles of the folder inlined.
+    """A page of replays that needs no other file: its template with these scripts and styles inlined.
 
     The page's policy lets only these scripts run.
 
     Args:
-        folder: Of the page.
-        template: HTML with $title, $icon, $policy, $style, $script and $data.
         title: Of the page.
         scripts: In the order that they need each other.
         data: base64, which the scripts find as the text of #data.
@@ -119,9 +115,9 @@ def assemble(
         connect: What the scripts may connect to, as a Content-Security-Policy says it; nothing unless given.
         **others: Constants for the scripts, see `constants`.
     """
-    style = "\n".join(asset(folder, name) for name in styles)
-    script = "\n".join(['"use strict";', constants(**others), *(asset(folder, name) for name in scripts)])
-    return string.Template(asset(folder, template)).substitute(
+    style = "\n".join(asset("replay", name) for name in styles)
+    script = "\n".join(['"use strict";', constants(**others), *(asset("replay", name) for name in scripts)])
+    return string.Template(asset("replay", "page.html")).substitute(
         title=html.escape(title),
         icon=ICON,
         policy="; ".join(

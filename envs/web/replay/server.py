@@ -48,9 +48,8 @@ def serving(feed: Feed, title: str, port: int = 0) -> Iterator[str]:
     Raises:
         PlayError: The port is not to be had.
     """
-    page = assemble(
-        "replay", "page.html", title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING
-    )  # its own policy lets its inlined scripts run, and connect to this server only
+    # the page's own policy lets its inlined scripts run, and connect to this server only
+    page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING)
     with listen(port) as listener:
         gate = Gate(listener.getsockname()[1])
         server = _Server(listener.getsockname(), _Handler, bind_and_activate=False)

@@ -58,7 +58,7 @@ def save(target: Path, rooms: Sequence[Room], title: str) -> None:
 def page_html(rooms: Sequence[Room], title: str) -> str:
     """The page itself, as HTML."""
     data = base64.b64encode(pack(rooms)).decode()
-    return assemble("replay", "page.html", title, SCRIPTS, data, PACKING=PACKING)
+    return assemble(title, SCRIPTS, data, PACKING=PACKING)
 
 
 def record_ticks(
