@@ -270,7 +270,8 @@ def _ambiguous(first: System, second: System, shared: type[Component]) -> Schedu
     """The error for two systems without an order, with what to write on the one that is more likely the user's."""
     asked, other = (first, second) if first.outside and not second.outside else (second, first)
     keyword = "after" if other.touches(shared, "write", "add") else "before"
-    taken = shared in (*other.after, *other.before)  # two systems that both say so have no order
+    said = (*first.after, *first.before, *second.after, *second.before)
+    taken = shared in said  # by both, which then have no order, or by that which is asked
     return ScheduleError(
         f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both touch "
         f'{shared.__name__} and one of them writes it. Say after="{other.label}" on {asked.label} ('

@@ -218,8 +218,11 @@ class Opponents:
         saved = {k: one.weights for k, one in self.all.items() if one.policies and not one.past}
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
-    def restore(self, given: Any, policies: Sequence[ActorCritic]) -> None:
-        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else."""
+    def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str = "") -> None:
+        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else.
+
+        begun: The opponents with their weights, as the run was begun with them.
+        """
         past = given.get("past") if isinstance(given, dict) else None
         if not isinstance(past, dict):
             raise TrainingError(WRONG)
@@ -230,8 +233,8 @@ class Opponents:
         for number, weights in saved.items():
             if pool[number].weights != weights:
                 raise TrainingError(
-                    f"{pool[number].name} is another policy than the one that the run has played against: put that one "
-                    "there to go on, or begin another run"
+                    f"{pool[number].name} is another policy than the one that the run has played against, as it was "
+                    f"begun with {begun}: name that file, or put it there, to go on, or begin another run"
                 )
         for number, kept in past.items():
             if type(number) is not int or number in pool or number < 0 or not isinstance(kept, dict):

@@ -84,7 +84,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
             raise TrainingError(WRONG)
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
-        trainer.opponents.restore(rest.get("opponents"), trainer.policies)
+        trainer.opponents.restore(rest.get("opponents"), trainer.policies, header["plan"].get("opponents", ""))
         if trainer.curriculum is not None:
             trainer.curriculum.restore(rest.get("levels"))
         like = {name: torch.from_numpy(values) for name, values in trainer.captured_lanes().items()}

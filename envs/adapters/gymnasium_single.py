@@ -189,6 +189,13 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         if self._window is not None:
             self.render()
 
+    def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
+        """An environment that goes on from where this one is."""
+        other = self._recipe()
+        other.set_state(self.get_state())
+        other.spec = self.spec
+        return other
+
     def __reduce__(self) -> tuple[Any, ...]:
         return self._recipe, (), {"spec": self.spec}
 

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -230,6 +230,13 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         if self._window is not None:
             self._window.close()
         self.base_env.close()
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        """An environment that goes on from where this one is."""
+        other = self._recipe()
+        other.set_state(self.get_state())
+        other.agents = [*self.agents]
+        return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._recipe, ()

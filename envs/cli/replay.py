@@ -38,6 +38,8 @@ def add(commands: Any) -> None:
     command = commands.add_parser("replay", help=text, description=description, examples=examples)
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
     add_import(command, "recordings name, and that are not outlast's own")
+    text = "let its worlds take as much memory as they need (default: 1 GiB, more for a long file)"
+    command.add_argument("--trust", action="store_true", help=text)
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
     output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
@@ -96,14 +98,14 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick, `to` is as asked for."""
     import_files(options)
-    recording = _recording(options.file)
+    recording = _recording(options.file, options.trust)
     options.to, options.last = options.last, last_tick(recording, options.first, options.last, options.worlds)
     return recording
 
 
-def _recording(path: str) -> Recording:
+def _recording(path: str, trust: bool) -> Recording:
     try:
-        recording = Recording.open(path)
+        recording = Recording.open(path, trust=trust)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise
@@ -136,7 +138,7 @@ def _film(options: argparse.Namespace, replay: Replay) -> int:
 def _page(options: argparse.Namespace, replay: Replay) -> int:
     from ..web.replay import replay_page
 
-    beside = None if options.beside is None else _recording(options.beside)
+    beside = None if options.beside is None else _recording(options.beside, options.trust)
     chosen = {"worlds": options.worlds, "first": options.first, "last": options.to}
     how = {"verify": options.verify, "threads": options.threads, "quiet": options.quiet}
     replay_page(replay.recording, options.html, beside=beside, **chosen, **how)

@@ -41,6 +41,7 @@ class Recording:
 
     def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, chunks: list[Chunk], size: int) -> None:
         self.path, self.header, self.scenario = path, header, scenario
+        self._place = Path(path).absolute()  # also where the working directory is another one later
         self.components: list[str] = header["digests"]["components"]
         self.num_worlds, self.num_agents, self.first_world = (
             header[key] for key in ("worlds", "agents", "first_world")
@@ -59,7 +60,9 @@ class Recording:
         self.cut = "" if chunks[-1].tag == DONE else sentence
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], scenario: Scenario | str | None = None) -> "Recording":
+    def open(
+        cls, path: str | os.PathLike[str], scenario: Scenario | str | None = None, *, trust: bool = False
+    ) -> "Recording":
         """Read a file and check all of it; what a killed writer left unfinished at its end is dropped (see `cut`).
 
         Args:
@@ -67,6 +70,7 @@ class Recording:
             scenario: Needed if some of its mechanics are neither outlast's own nor imported, as what a file names is
                 never imported: the recorded scenario; or the name of one, such as "mygame.py:arena", that is imported
                 for its mechanics, whatever its numbers are.
+            trust: Let its worlds take as much memory as they need: unless the file is long, 1 GiB is the limit.
 
         Returns:
             The recording. The file is read again, chunk by chunk, when ticks are asked for.
@@ -83,7 +87,7 @@ class Recording:
             _check_order(name, chunks)
             header = _read_header(file, name, chunks[0])
             recording = cls(name, header, _scenario(name, header, scenario), chunks, size)
-            recording._check_size(size)
+            recording._check_size(math.inf if trust else MAX_WORLDS_BYTES + MORE_FOR_EACH_BYTE * size)
             recording._check_begin(file)
         return recording
 
@@ -112,21 +116,22 @@ class Recording:
         Raises:
             RecordingError: The file is damaged.
         """
-        with open(self.path, "rb") as file:
+        with self._place.open("rb") as file:
             for chunk in self._chunks:
                 yield from self._decoded(file, chunk)
 
-    def _check_size(self, size: int) -> None:
-        """Refuse worlds of absurd size, for which few bytes could ask. size: of the file, bytes."""
+    def _check_size(self, most: float) -> None:
+        """Refuse worlds of absurd size, for which few bytes could ask. most: bytes."""
         try:
             agents, each = planned(self.scenario)
         except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{self.path}: its worlds cannot be made: {error}") from None
         if agents != self.num_agents:
             raise RecordingError(f"{self.path}: agents are {self.num_agents} there and {agents} here")
-        if (asked := each * self.num_worlds) > (most := MAX_WORLDS_BYTES + MORE_FOR_EACH_BYTE * size):
+        if (asked := each * self.num_worlds) > most:
             raise RecordingError(
-                f"{self.path}: its worlds would take {asked} bytes: {most} are given to a file so small"
+                f"{self.path}: its worlds would take {asked} bytes: {most} are given to a file so small; if you know "
+                "where it is from, open it with Recording.open(path, trust=True) or replay --trust"
             )
 
     def _check_begin(self, file: BinaryIO) -> None:

@@ -26,6 +26,8 @@ def entries(file: BinaryIO, only: Collection[str] = ()) -> dict[str, bytes]:
     Raises one of BROKEN for anything else.
     """
     size = file.seek(0, io.SEEK_END)
+    if not size:  # nor is it read where it has no end, as that of a device
+        raise ValueError("it is empty")
     with zipfile.ZipFile(file) as archive:
         infos = archive.infolist()
         for info in infos:

@@ -270,16 +270,33 @@ def test_wrappers_for_single_environments() -> None:
     assert (info["episode"]["r"], info["episode"]["l"]) == (info["return"], info["length"])
 
 
-def test_copies_and_pickles_are_made_anew() -> None:
+def test_pickles_are_made_anew() -> None:
     env = gymnasium.make("outlast/Teams-v1", learner=2, others="scripted").unwrapped
     expected, _ = env.reset(seed=SEED)
     following = env.step(IDLE)[0]
-    for other in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
-        with pytest.raises(NotResetError):
-            other.step(IDLE)
-        assert equal(other.reset(seed=SEED)[0], expected)
-        assert equal(other.step(IDLE)[0], following)
-        assert other.spec == env.spec
+    other = pickle.loads(pickle.dumps(env))
+    with pytest.raises(NotResetError):
+        other.step(IDLE)
+    assert equal(other.reset(seed=SEED)[0], expected)
+    assert equal(other.step(IDLE)[0], following)
+    assert other.spec == env.spec
+
+
+def test_copies_go_on_from_where_an_environment_is() -> None:
+    """Also under wrappers, which copy what they count, and into the next episode."""
+    env = gymnasium.make("outlast/Teams-v1", learner=2, others="scripted", max_episode_steps=5)
+    with pytest.raises(NotResetError):
+        copy.deepcopy(env.unwrapped).step(IDLE)
+    env.reset(seed=SEED)
+    env.step(IDLE)
+    other = copy.deepcopy(env)
+    assert other.unwrapped.spec == env.unwrapped.spec
+    for _ in range(4):
+        (seen, *result, _), (expected, *wanted, _) = other.step(IDLE), env.step(IDLE)
+        assert equal(seen, expected)
+        assert result == wanted
+    assert result[-1]
+    assert equal(other.reset()[0], env.reset()[0])
 
 
 def test_states_go_on_where_they_were() -> None:

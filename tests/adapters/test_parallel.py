@@ -314,12 +314,23 @@ def test_every_count_of_agents_is_played() -> None:
         assert not any(list(rewards.values())[count:])
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_are_made_the_same_way(copied: Any) -> None:
+def test_copies_go_on_from_where_an_environment_is() -> None:
+    env = short(dead="keep", render_mode="ansi")
+    assert copy.deepcopy(env).agents == []
+    env.reset()
+    env.step({})
+    other = copy.deepcopy(env)
+    assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", env.agents)
+    for _ in range(3):
+        assert same(other.step({}), env.step({}))
+    assert same(other.reset(), env.reset())
+
+
+def test_pickles_are_made_the_same_way() -> None:
     env = short(dead="keep", render_mode="ansi", seed=4)
     first = env.reset()
     env.step({})
-    other = copied(env)
+    other = pickle.loads(pickle.dumps(env))
     assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", [])
     assert other.base_env.scenario == env.base_env.scenario
     assert same(other.reset(), first)

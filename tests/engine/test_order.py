@@ -153,6 +153,8 @@ def test_an_ambiguous_order_is_addressed_to_the_users_mechanic() -> None:
     )
     with pytest.raises(ScheduleError, match=r"on zoo\.act \(or before=Place,"):
         labels(module("ape.act", reads), module("zoo.act", writes))
+    with pytest.raises(ScheduleError, match=r"on zoo\.act \(or the other way round\)"):  # nothing it says already
+        labels(module("ape.act", reads), module("zoo.act", writes, after=Place))
 
 
 @pytest.mark.parametrize(

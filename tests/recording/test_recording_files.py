@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording import Recording, recorder
+from outlast.envs.recording import Recording, reader, recorder
 from outlast.envs.recording.container import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
 from tests.conftest import COMPILED
 from tests.recording.test_recording import CHILD, make, recorded, replayed_ticks
@@ -203,6 +204,28 @@ def header(small: bytes, **changes: Any) -> bytes:
     return MAGIC + encode_chunk(HEAD, json.dumps(found | changes).encode(), 0, 0) + small[end:]
 
 
+def test_large_worlds_of_a_file_that_is_trusted(small: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.rec"
+    path.write_bytes(small)
+    monkeypatch.setattr(reader, "MAX_WORLDS_BYTES", 0)
+    monkeypatch.setattr(reader, "MORE_FOR_EACH_BYTE", 0)
+    with pytest.raises(RecordingError, match=r"trust=True\) or replay --trust"):
+        Recording.open(path)
+    assert len(Recording.open(path, trust=True)) > 0
+    assert main(["replay", str(path), "--quiet"]) == 2
+    assert main(["replay", str(path), "--quiet", "--trust"]) == 0
+
+
+def test_a_recording_is_read_wherever_the_process_goes(
+    small: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.rec").write_bytes(small)
+    monkeypatch.chdir(tmp_path)
+    recording = Recording.open("a.rec")
+    monkeypatch.chdir("/")
+    assert len(list(recording.tick_records())) == len(recording)
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
@@ -210,7 +233,7 @@ def header(small: bytes, **changes: Any) -> bytes:
         ({"worlds": "3"}, "does not say what was recorded"),
         ({"worlds": 2**40}, "does not say what was recorded"),
         ({"worlds": 1000}, "is damaged"),
-        ({"worlds": 10**6}, "its worlds would take 5394000000 bytes: .* are given to a file so small"),
+        ({"worlds": 10**6}, "its worlds would take 5394000000 bytes: .* are given to a file so small; .*trust=True"),
         ({"agents": 3}, "is damaged|agents are 3 there and 2 here"),
         ({"actions": [["ahead", -1, 3]]}, "is damaged|actions are"),
         ({"actions": 5}, "does not say what was recorded"),

@@ -326,7 +326,7 @@ def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -
     restore(make(opponents=opponents), kept)
     path.unlink()
     write_checkpoint(path, versions[1])
-    with pytest.raises(TrainingError, match=r"rival\.zip is another policy than the one that the run has played"):
+    with pytest.raises(TrainingError, match=r"rival\.zip is another policy .* as it was begun with self:1,.*rival"):
         restore(make(opponents=opponents), kept)
 
 
