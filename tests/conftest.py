@@ -55,12 +55,12 @@ def scaled(count: int, least: int = 1) -> int:
     return count if COMPILED else max(least, count // 100)
 
 
-def digest(worlds: Worlds, where: Any = slice(None)) -> str:
-    """A digest of every byte of the worlds `where`: state, events, and buffers of actions, observations and signals."""
+def digest(worlds: Worlds, where: Any = slice(None), but: tuple[type, ...] = ()) -> str:
+    """A digest of every byte of the worlds `where`: state, events, and buffers of components, but those of `but`."""
     zero_unused(worlds.layout.events, worlds.event_memory)
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
-        if not component.packed:
+        if not component.packed and not issubclass(component, but):
             for column in worlds[component]:
                 total.update(column[where].tobytes())
     return total.hexdigest()

@@ -10,9 +10,9 @@ from gymnasium.vector import AutoresetMode
 import outlast
 from outlast.components import ObservationMasks
 from outlast.ecs import Action, Clock, Worlds
-from outlast.ecs.event import zero_unused
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.envs.snapshots.state import State
+from tests.conftest import digest
 from tests.helpers.invariants import InvariantChecker
 
 Array = np.ndarray[Any, Any]
@@ -180,13 +180,7 @@ class ModelledEnv:
 
 def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
     """A digest of the worlds `where`, without what a reset does not write: actions and observation masks."""
-    zero_unused(worlds.layout.events, worlds.event_memory)
-    total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
-    for component in worlds.components:
-        if not component.packed and not issubclass(component, (Action, ObservationMasks)):
-            for column in worlds[component]:
-                total.update(column[where].tobytes())
-    return total.hexdigest()
+    return digest(worlds, where, but=(Action, ObservationMasks))
 
 
 def replay_alone(memory: Outcomes, scenario: outlast.Scenario, history: History) -> None:

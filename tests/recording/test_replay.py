@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Fault, Health, ObservationMasks
-from outlast.ecs import Action, Clock, Entity, Signal
-from outlast.ecs.event import zero_unused
+from outlast.components import Body, Fault, Health
+from outlast.ecs import Clock, Entity, Signal
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
@@ -22,6 +21,7 @@ from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers.execution_modes import short
+from tests.helpers.model import digest_of_episode
 
 WORLDS, STEPS = 5, scaled(90, least=12)
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
@@ -31,32 +31,24 @@ def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Surv
     return outlast.make_vec(outlast.variant(variant).replace(**SHORT), worlds, seed=1, **options)
 
 
-def state(worlds: Any) -> str:
-    """Everything but the actions of worlds that took no step, and observation masks: they mean nothing any more."""
-    zero_unused(worlds.layout.events, worlds.event_memory)
-    parts = [c for c in worlds.components if not c.packed and c is not ObservationMasks and not issubclass(c, Action)]
-    buffers = [column.tobytes() for c in parts for column in worlds[c]]
-    return worlds.block.tobytes().hex() + b"".join(buffers).hex()
-
-
 class Watched:
     """Keeps the state after every tick of an environment's worlds."""
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
-        self.states: list[int] = []
+        self.states: list[str] = []
         run = env.worlds.run
 
         def watched(mode: Any) -> None:
             run(mode)
-            self.states.append(hash(state(env.worlds)))
+            self.states.append(digest_of_episode(env.worlds))
 
         env.worlds.run = watched  # type: ignore[method-assign]
 
 
-def replayed(path: Path, **options: Any) -> list[int]:
+def replayed(path: Path, **options: Any) -> list[str]:
     """The state after every tick of a replay, digests compared."""
     replay = Replay(Recording.open(path, **options))
-    return [hash(state(replay.worlds)) for _ in replay.ticks()]
+    return [digest_of_episode(replay.worlds) for _ in replay.ticks()]
 
 
 # ---- the same bits
