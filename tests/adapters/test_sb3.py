@@ -14,7 +14,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import EACH_LEVEL, HUNT, short
+from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 from tests.helpers.goal import TICK, won_at_the_limit
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
@@ -30,10 +30,6 @@ STEPS = scaled(150, least=60)
 
 def draw(env: Any, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     return rng.integers(0, env.action_space.nvec, (env.num_envs, len(env.action_space.nvec)))
-
-
-def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
 
 
 def agent(observations: dict[str, Any], *index: int) -> dict[str, Any]:
@@ -79,20 +75,20 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
     assert env.seed(11) == [seed - w for w, seed in enumerate(dummy.seed(11))]
     rng, ends = np.random.default_rng(0), []
     for _ in range(2):
-        assert same(env.reset(), dummy.reset())
+        assert equal(env.reset(), dummy.reset())
         assert env.reset_infos == dummy.reset_infos
         for _ in range(STEPS // 2):
             actions = draw(env, rng)
             observations, rewards, dones, infos = env.step(actions)
             expected, *outcome, expected_infos = dummy.step(actions)
-            assert same(observations, expected)
+            assert equal(observations, expected)
             for mine, theirs in zip((rewards, dones), outcome, strict=True):
                 assert (mine.dtype, mine.shape, mine.tolist()) == (theirs.dtype, theirs.shape, theirs.tolist())
             for info, expected_info in zip(infos, expected_infos, strict=True):
                 assert info.keys() - expected_info.keys() <= {"alive", "statistics"}
                 assert info["TimeLimit.truncated"] is expected_info["TimeLimit.truncated"]
                 if "terminal_observation" in expected_info:
-                    assert same(info["terminal_observation"], expected_info["terminal_observation"])
+                    assert equal(info["terminal_observation"], expected_info["terminal_observation"])
                     ends.append(info["TimeLimit.truncated"])
             assert env.reset_infos == dummy.reset_infos
     assert {True, False} == set(ends)
@@ -126,18 +122,18 @@ def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i. Who is absent is dead."""
     scenario = short(name).replace(ending_limit=22)
     env, batch = make_sb3(scenario, WORLDS, seed=3), make_vec(scenario, WORLDS, autoreset_mode="SameStep")
-    assert same(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
+    assert equal(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
     rng, ended, cut = np.random.default_rng(0), 0, 0
     for _ in range(STEPS):
         actions, sides = draw(env, rng), side(batch.worlds)
         observations, rewards, dones, infos = env.step(actions)
         expected, reward, terminated, truncated, info = batch.step(actions.reshape(WORLDS, AGENTS, 6))
-        assert same(observations, {key: np.concatenate(rows) for key, rows in expected.items()})
+        assert equal(observations, {key: np.concatenate(rows) for key, rows in expected.items()})
         assert rewards.tolist() == reward.ravel().tolist()
         assert dones.tolist() == np.repeat(terminated | truncated, AGENTS).tolist()
         for i in np.flatnonzero(dones):
             w, k = divmod(int(i), AGENTS)
-            assert same(infos[i]["terminal_observation"], agent(info["final_obs"][w], k))
+            assert equal(infos[i]["terminal_observation"], agent(info["final_obs"][w], k))
             assert infos[i]["TimeLimit.truncated"] is bool(truncated[w])
             own = {key: values[w] for key, values in info["statistics"].items()}
             own |= {"return": own["return"][k], "kills": own["kills"][sides[w, k]]}
@@ -172,7 +168,7 @@ def test_nothing_that_is_handed_out_changes_later() -> None:
     kept = {key: values.copy() for key, values in before.items()}
     last: list[dict[str, Any]] = []
     for observations, rewards, dones, infos in walk(env):
-        assert same(before, kept)
+        assert equal(before, kept)
         assert len({id(info) for info in infos + last}) == 2 * env.num_envs - (0 if last else env.num_envs)
         assert not any(np.shares_memory(values, env.base_env.observe()[key]) for key, values in observations.items())
         if dones.sum() > 1:
@@ -185,7 +181,7 @@ def test_nothing_that_is_handed_out_changes_later() -> None:
         rewards[:] = np.nan
         before, last = observations, infos
         kept = {key: values.copy() for key, values in before.items()}
-    assert same(before, kept)
+    assert equal(before, kept)
 
 
 # ---- seeds
@@ -198,15 +194,15 @@ def test_worlds_are_keyed_by_seed_and_number_at_the_next_reset() -> None:
     following, *_ = env.step(np.tile([2, 1, 1, 0, 0, 0], (6, 1)))  # not yet
     moved = np.hypot(*(following["own"] - built["own"])[:, 2:4].T)
     assert ((moved > 0) & (moved < 1)).all()
-    assert same(env.reset(), built)
+    assert equal(env.reset(), built)
     for w in range(3):
         alone, _ = make_vec("ffa_1", 1, seed=8, first_world=w).reset()
         assert all(np.array_equal(alone[key][0], built[key][2 * w : 2 * w + 2]) for key in built)
     second = env.reset()  # a seed is used once
-    assert not same(second, built)
+    assert not equal(second, built)
     batch = make_vec("ffa_1", 3)
     batch.reset(seed=8)
-    assert same(second, {key: np.concatenate(rows) for key, rows in batch.reset()[0].items()})
+    assert equal(second, {key: np.concatenate(rows) for key, rows in batch.reset()[0].items()})
 
 
 def test_no_seed_is_a_new_one() -> None:
@@ -224,7 +220,7 @@ def test_a_bad_seed_is_refused(seed: Any) -> None:
     env = make_sb3("ffa_1", 2, seed=1)
     with pytest.raises(ValueError, match="0 to 2\\*\\*64 - 1"):
         env.seed(seed)
-    assert same(env.reset(), make_sb3("ffa_1", 2, seed=1).reset())
+    assert equal(env.reset(), make_sb3("ffa_1", 2, seed=1).reset())
 
 
 # ---- actions
@@ -239,7 +235,7 @@ def test_actions_are_those_of_step_async() -> None:
     env.step_async(actions)
     expected, *_ = other.step(actions.tolist())
     actions[:] = 0
-    assert same(env.step_wait()[0], expected)
+    assert equal(env.step_wait()[0], expected)
 
 
 def test_step_async_and_step_wait_take_turns() -> None:
@@ -255,10 +251,10 @@ def test_step_async_and_step_wait_take_turns() -> None:
     env.step_async(actions)
     with pytest.raises(PendingError, match="call step_wait"):
         env.step_async(actions)
-    assert same(env.step_wait()[0], other.step(actions)[0])
+    assert equal(env.step_wait()[0], other.step(actions)[0])
     env.step_async(actions)
-    assert same(env.reset(), other.reset())  # drops it
-    assert same(env.step(actions)[0], other.step(actions)[0])
+    assert equal(env.reset(), other.reset())  # drops it
+    assert equal(env.step(actions)[0], other.step(actions)[0])
 
 
 @pytest.mark.parametrize(
@@ -277,4 +273,4 @@ def test_bad_actions_change_nothing(actions: Any, message: str) -> None:
     with pytest.raises(ActionError, match=message):
         env.step(actions)
     good = np.tile([2, 1, 1, 0, 0, 0], (4, 1))
-    assert same(env.step(good)[0], other.step(good)[0])
+    assert equal(env.step(good)[0], other.step(good)[0])
