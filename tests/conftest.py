@@ -4,6 +4,7 @@ import hashlib
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -13,6 +14,7 @@ import pytest
 from outlast.ecs import Worlds
 from outlast.ecs.event import zero_unused
 from outlast.envs.cli import main as cli
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
 
@@ -93,6 +95,14 @@ def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
     status = cli.main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
+
+
+def call(command: ModuleType, *words: object) -> int:
+    """The status of the command that a module adds, also where its entry point has not been installed."""
+    parser = Parser()
+    command.add(parser.add_subparsers())
+    options = parser.parse_args([command.__name__.rpartition(".")[2], *map(str, words)])
+    return int(options.run(options))
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,6 @@ from outlast import make_vec, variant
 from outlast.components import Body
 from outlast.envs.adapters.opponents import checked_others
 from outlast.envs.cli import main as cli
-from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import ActionError, FilmError, UsageError
 from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
@@ -24,7 +24,7 @@ from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import CHECKPOINT, checkpoints
 from outlast.envs.web.play.game import Game
-from tests.conftest import interrupted_after
+from tests.conftest import call, interrupted_after
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
@@ -37,17 +37,10 @@ from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
+evaluate = partial(call, evaluate_command)
 QUICK = [
     word for number in ("safe_zone_damage=50", "safe_zone_stand=10", "safe_zone_shrink=5") for word in ("--set", number)
 ]
-
-
-def evaluate(*arguments: object) -> int:
-    """`outlast evaluate`, also where its entry point has not been installed."""
-    parser = Parser()
-    evaluate_command.add(parser.add_subparsers())
-    parsed = parser.parse_args(["evaluate", *map(str, arguments)])
-    return int(parsed.run(parsed))
 
 
 def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:

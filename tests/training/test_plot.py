@@ -7,6 +7,7 @@ import io
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,7 +17,6 @@ import pytest
 
 import outlast
 from outlast import make_vec, variant
-from outlast.envs.cli.grammar import Parser
 from outlast.envs.rollout.saved import newest
 from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
@@ -26,6 +26,7 @@ from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
 from outlast.training.paper.report import report
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
+from tests.conftest import call
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
@@ -34,6 +35,7 @@ from PIL import Image  # noqa: E402
 from outlast.training.image import STYLE  # noqa: E402
 from outlast.training.paper import figures  # noqa: E402
 
+outlast_plot = partial(call, plot, "--paper")
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
 
 
@@ -57,13 +59,6 @@ def group(*paths: Path) -> RunGroup:
 def drawn(of: RunGroup) -> Any:
     with matplotlib.rc_context(STYLE):
         return figures.draw(of)
-
-
-def outlast_plot(*arguments: object) -> int:
-    parser = Parser()
-    plot.add(parser.add_subparsers())
-    options = parser.parse_args(["plot", "--paper", *map(str, arguments)])
-    return int(options.run(options))
 
 
 def files(folder: Path) -> list[str]:

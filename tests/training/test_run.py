@@ -11,6 +11,7 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,9 +22,9 @@ import pytest
 import outlast
 from outlast import choice, variant
 from outlast.ecs import Module, Singleton, column
-from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
+from tests.conftest import call
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
@@ -509,17 +510,12 @@ def test_a_checkpoint_of_another_version_is_refused(tmp_path: Path) -> None:
 
 # ---- the command
 
+outlast_train = partial(call, command)
+
 
 def test_the_command_is_there_without_torch() -> None:
     text = "import sys, outlast.training.cli.train; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", text], check=True)
-
-
-def outlast_train(*arguments: str) -> int:
-    parser = Parser()
-    command.add(parser.add_subparsers())
-    options = parser.parse_args(["train", *arguments])
-    return int(options.run(options))
 
 
 def test_the_command_trains_resumes_and_counts_both_steps(

@@ -12,17 +12,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
+from tests.conftest import call
 from tests.web.clients import answer
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.envs.cli.grammar import Parser  # noqa: E402
 from outlast.envs.errors import PlayError  # noqa: E402
 from outlast.envs.rollout.saved import CHECKPOINT  # noqa: E402
 from outlast.training import watch  # noqa: E402
@@ -238,14 +239,7 @@ COMMAND = (  # for a process, also where the entry point has not been installed
     "options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
     "sys.exit(options.run(options))"
 )
-
-
-def outlast_watch(*arguments: object) -> int:
-    """`outlast watch`, also where its entry point has not been installed."""
-    parser = Parser()
-    command.add(parser.add_subparsers())
-    options = parser.parse_args(["watch", *map(str, arguments), "--no-browser"])
-    return int(options.run(options))
+outlast_watch = partial(call, command, "--no-browser")
 
 
 def test_the_command_is_there_without_torch() -> None:
