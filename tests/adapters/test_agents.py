@@ -15,7 +15,7 @@ from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.core.agents import counts_vary, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
+from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, same, short
 
 KINDS = ("ffa_3", "teams_3", HUNT, *EACH_LEVEL)
 MODES = [mode.value for mode in AutoresetMode]
@@ -42,15 +42,6 @@ def lives(env: Any, observations: Any) -> Any:
     """Who is alive, from observations: the place of the dead, and of who is absent, is 0."""
     place = columns_of(env.base_env.fields["own"], "x", "y")
     return (observations["own"][:, place] != 0).any(-1)
-
-
-def same(one: Any, other: Any) -> bool:
-    """Equal dicts of dicts, arrays, and arrays of dicts, with equal types; rows behind a mask must be empty."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, np.ndarray) and one.dtype == object:
-        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
-    return type(one) is type(other) and np.array_equal(one, other)
 
 
 # ---- beside the batched environment

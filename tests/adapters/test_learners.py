@@ -1,6 +1,7 @@
 """A batch of learners, one in every world: beside Gymnasium's own vector of single environments."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -17,7 +18,7 @@ from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
 from outlast.envs.rollout.policies import noop_policy, scripted_policy
 from tests.conftest import COMPILED, digest, few_by_day, scaled
-from tests.helpers.execution_modes import ALL, COUNTS, HUNT, MAZE, ROLES, equal, short
+from tests.helpers.execution_modes import ALL, COUNTS, HUNT, MAZE, ROLES, equal, same, short
 from tests.helpers.remembering import Remembering
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
@@ -53,6 +54,7 @@ DAILY = (
     "other counts, roles and a maze",
     "none moves, and time is short",
 )
+alike = partial(same, typed=False)  # Gymnasium makes Python's numbers 64 bits wide
 
 
 def single(name: str, max_episode_steps: int | None = None, **options: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
@@ -65,15 +67,6 @@ def single(name: str, max_episode_steps: int | None = None, **options: Any) -> C
 
 def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(tick).integers(0, [3, 3, 3, 2, 2, 2], (env.num_envs, 6))
-
-
-def alike(one: Any, other: Any) -> bool:
-    """Equal keys and values, whatever the types of numbers: Gymnasium makes Python's numbers 64 bits wide."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
-    if isinstance(one, np.ndarray) and one.dtype == object:
-        return len(one) == len(other) and all(alike(a, b) for a, b in zip(one, other, strict=True))
-    return np.array_equal(one, other)
 
 
 @pytest.mark.parametrize("mode", MODES)

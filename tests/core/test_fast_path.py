@@ -9,6 +9,7 @@ import outlast
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, PendingError
 from tests.conftest import COMPILED, digest, draw_actions
+from tests.helpers.execution_modes import same
 
 WORLDS, STEPS = 8, 40 if COMPILED else 4
 
@@ -18,13 +19,6 @@ def make(**options: Any) -> SurvivalVectorEnv:
     env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1, "copy": False} | options)
     env.reset()
     return env
-
-
-def same(left: Any, right: Any) -> bool:
-    """Equal, whatever it is made of."""
-    if isinstance(left, dict):
-        return left.keys() == right.keys() and all(same(left[key], right[key]) for key in left)
-    return bool(np.array_equal(left, right))
 
 
 @pytest.mark.parametrize("threads", [1, 2])

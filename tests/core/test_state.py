@@ -17,6 +17,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.snapshots.state import HEADER, State
 from tests.conftest import COMPILED, digest, draw_actions
+from tests.fuzz.mutations import npy
 
 WORLDS, STEPS = 6, 60 if COMPILED else 6
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}  # episodes end in between
@@ -182,12 +183,6 @@ def rewrite(file: Path, change: Any) -> None:
     with zipfile.ZipFile(file, "w") as new:
         for name, content in entries.items():
             new.writestr(name, content)
-
-
-def npy(array: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    np.save(buffer, array)
-    return buffer.getvalue()
 
 
 def with_header(**changes: Any) -> Any:

@@ -49,6 +49,15 @@ def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
 
 
+def same(one: Any, other: Any, typed: bool = True) -> bool:
+    """Equal dicts of dicts, arrays, and arrays of dicts, and types if `typed`; rows behind a mask must be empty."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key], typed) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return len(one) == len(other) and all(same(a, b, typed) for a, b in zip(one, other, strict=True))
+    return (not typed or type(one) is type(other)) and np.array_equal(one, other)
+
+
 class ExecutionMode:
     """A way to run some worlds of a batch, which all start from the same seed.
 

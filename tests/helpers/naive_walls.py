@@ -1,5 +1,6 @@
 """Naive forms for walls inside of the room: distances, overlaps, and which floor is connected; float64."""
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -7,8 +8,14 @@ import numpy as np
 
 from outlast.components import Body, Floor, Shape, Solid, Spawned, Wall
 from outlast.ecs import Entity, Worlds
+from outlast.systems import Walls
 
 Array = np.ndarray[Any, Any]
+
+
+def level(*rectangles: tuple[float, ...]) -> Walls:
+    """Walls from rectangles of six numbers."""
+    return Walls(layout=tuple(itertools.chain(*rectangles)))
 
 
 class Block(NamedTuple):

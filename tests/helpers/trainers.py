@@ -42,3 +42,9 @@ def in_float64(rollout: Rollout) -> Rollout:
 def weights(policy: torch.nn.Module) -> torch.Tensor:
     """A copy of all parameters, in a row."""
     return torch.nn.utils.parameters_to_vector(policy.parameters()).detach().clone()
+
+
+def nearly(one: Any, other: Any, tolerance: float = 1e-6) -> None:
+    """Tensors of two lists differ by no more than the tolerance, in their own size or in all."""
+    for value, expected in zip(one, other, strict=True):
+        torch.testing.assert_close(value.detach().cpu(), expected.detach().cpu(), rtol=tolerance, atol=tolerance)

@@ -1,6 +1,5 @@
 """Levels that cannot be are refused in words that name the cure."""
 
-import itertools
 import math
 from typing import Any
 
@@ -11,12 +10,7 @@ from outlast import systems, variant
 from outlast.components import Unplaced
 from outlast.ecs import NumberError, Worlds
 from outlast.envs.errors import FaultError
-
-
-def level(*rectangles: tuple[float, ...]) -> systems.Walls:
-    """Walls from rectangles of six numbers."""
-    return systems.Walls(layout=tuple(itertools.chain(*rectangles)))
-
+from tests.helpers.naive_walls import level
 
 BAD: dict[str, tuple[Any, tuple[str, ...]]] = {
     "five numbers": (lambda: systems.Walls(layout=(0, 0, 1, 1, 0)), ("5 numbers", "6 for each", "FloorPlan")),

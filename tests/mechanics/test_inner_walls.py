@@ -12,7 +12,7 @@ from outlast import Scenario, systems, variant
 from outlast.components import Body, Side, Solid, Spawned, Strike, Wall
 from outlast.ecs import Entity, Worlds
 from tests.conftest import COMPILED, digest, draw_actions, few_by_day, scaled
-from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, obstacles, overlap, signed_distance
+from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, level, obstacles, overlap, signed_distance
 from tests.helpers.random_worlds import RUNS, TEXT
 
 GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
@@ -25,11 +25,6 @@ GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
 }
 HALL = variant("teams_3").replace(room_width=40.0, room_height=16.0, safe_zone_radii=(7.0, 4.0))
 generators = pytest.mark.parametrize("kind", few_by_day(GENERATORS, ("maze", "narrow doors", "many pillars")))
-
-
-def level(*rectangles: tuple[float, ...]) -> systems.Walls:
-    """Walls from rectangles of six numbers."""
-    return systems.Walls(layout=tuple(itertools.chain(*rectangles)))
 
 
 def duel(*rectangles: tuple[float, ...], **numbers: Any) -> Any:

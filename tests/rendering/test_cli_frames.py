@@ -14,13 +14,10 @@ from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import POLICIES, scripted_policy
 from tests.conftest import interrupted_after, run
+from tests.helpers.outputs import pictures
 
 SMALL = ("--size", "64", "--steps", "4", "--quiet")
 BARE = "--views=-title,-scores,-feed"
-
-
-def pictures(folder: Path) -> np.ndarray:
-    return np.array([cv2.imread(str(file))[..., ::-1] for file in sorted(folder.glob("frame_*.png"))])
 
 
 def test_a_folder_of_pictures_shows_what_was_played(capsys, tmp_path: Path) -> None:

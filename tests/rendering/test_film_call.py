@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,6 +14,7 @@ from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.conftest import run
+from tests.helpers.outputs import pictures
 
 GAME = """
 import outlast
@@ -22,10 +22,6 @@ from outlast import systems
 
 arena = outlast.Scenario("arena", (*outlast.variant("ffa_1").modules,))
 """
-
-
-def pictures(folder: Path) -> np.ndarray:
-    return np.array([cv2.imread(str(file))[..., ::-1] for file in sorted(folder.glob("frame_*.png"))])
 
 
 def test_a_film_shows_what_was_played_with_all_that_films_show(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Agents that an episode does not have: no mean, no row, no dataset and no win counts them."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from outlast.systems import Teams
 from outlast.training.metrics import BehaviourMetrics, EpisodeMetrics, means
 from tests.conftest import draw_actions, scaled
 from tests.helpers.execution_modes import short
+from tests.helpers.outputs import rows_of
 
 WORLDS = scaled(30, least=4)
 ALONE = short("ffa_3").vary(n_agents=integers(1, 3))
@@ -106,10 +106,8 @@ def test_means_of_a_rollout(scenario: Any, tmp_path: Path) -> None:
     """The same from the rows of --csv, which are empty there, and from the replay of a recording."""
     files = {"csv": tmp_path / "episodes.csv", "record": tmp_path / "fight.osr"}
     summary = outlast.rollout(scenario, "random", worlds=WORLDS, seed=3, **files)
-    with files["csv"].open() as file:
-        rows = list(csv.DictReader(file))
     expected = []
-    for row in rows:
+    for row in rows_of(files["csv"]):
         count, there = int(row["agents_count"]), {}
         for key in ("return", "kills"):
             cells = [row[name] for name in sorted(name for name in row if name.startswith(f"{key}_"))]

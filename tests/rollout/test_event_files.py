@@ -1,6 +1,5 @@
 """Files of events: what env.events() said, in a table; whole or not there."""
 
-import csv
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,13 +17,9 @@ from outlast.envs.inspect.events import events
 from outlast.envs.rollout import random_policy, table_file
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import interrupted_after, run
+from tests.helpers.outputs import rows_of
 
 ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--set=safe_zone_damage=20", "--set=pickup_reach=4.0", "--quiet")
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> None:
@@ -47,7 +42,7 @@ def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> N
             more = f"side={row['side']}" if name in ("hit", "death") and row["side"] >= 0 else ""
             times = [str(row[time]) for time in ("episode", "tick")]
             expected.append([str(w), *times, name, who, whom, amount, why, more])
-    rows = read(path)
+    rows = rows_of(path)
     assert list(rows[0]) == list(COLUMNS)
     assert [list(row.values()) for row in rows] == expected
     assert {"hit", "death", "strike", "item_picked", "item_used"} <= {row["event"] for row in rows}
@@ -63,14 +58,14 @@ def test_parquet_has_the_same_rows_with_types(capsys: Any, tmp_path: Path) -> No
         ["" if value is None else f"{value:g}" if isinstance(value, float) else str(value) for value in row.values()]
         for row in table.to_pylist()
     ]
-    assert texts == [list(row.values()) for row in read(tmp_path / "a.csv")]
+    assert texts == [list(row.values()) for row in rows_of(tmp_path / "a.csv")]
 
 
 def test_whole_episodes_only(capsys: Any, tmp_path: Path) -> None:
     """What a world plays after the episodes that count is in the file as little as in the table."""
     path = tmp_path / "events.csv"
     out = run(capsys, *ROLLOUT, "--episodes=2", "--policy=noop", "--events", path)[1]
-    rows = read(path)
+    rows = rows_of(path)
     assert {(row["world"], row["episode"]) for row in rows} == {(str(w), str(k)) for w in range(3) for k in (1, 2)}
     deaths = sum(row["event"] == "death" for row in rows)
     assert float(out.split("deaths_zone")[1].split()[0]) == pytest.approx(deaths / 6, abs=1e-4)
@@ -90,10 +85,10 @@ def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: A
     monkeypatch.setitem(POLICIES, "noop", interrupted_after(30))
     monkeypatch.setattr(table_file, "ROWS", 1)
     assert run(capsys, *rollout, part)[0] == 130
-    rows = read(part)
+    rows = rows_of(part)
     assert rows
-    assert rows == read(whole)[: len(rows)]
-    assert len(rows) < len(read(whole))
+    assert rows == rows_of(whole)[: len(rows)]
+    assert len(rows) < len(rows_of(whole))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["part.csv", "whole.csv"]
 
 
@@ -104,8 +99,8 @@ def test_a_replay_writes_the_same_file(capsys: Any, tmp_path: Path) -> None:
     assert run(capsys, "replay", record, "--events", files[1], "--quiet")[:2] == (0, f"{files[1]}\n")
     assert files[0].read_bytes() == files[1].read_bytes()
     run(capsys, "replay", record, "--events", files[2], "--worlds=1,2", "--from=10", "--to=30", "--quiet")
-    chosen = [row for row in read(files[0]) if row["world"] != "0" and 10 <= int(row["tick"]) <= 30]
-    assert read(files[2]) == chosen
+    chosen = [row for row in rows_of(files[0]) if row["world"] != "0" and 10 <= int(row["tick"]) <= 30]
+    assert rows_of(files[2]) == chosen
 
 
 def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:

@@ -14,6 +14,7 @@ from outlast.envs.rollout.policies import GOLDEN, POLICIES, mix64, random_policy
 from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import short
+from tests.helpers.outputs import length
 
 WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
 
@@ -144,10 +145,6 @@ def first_episodes(task: Task, count: int) -> dict[str, np.ndarray]:
             found.setdefault(key, []).append(values[0].copy())
         env.close()
     return {key: np.array(values) for key, values in found.items()}
-
-
-def length(summary: Summary) -> tuple[float, float]:
-    return next((mean, error) for name, mean, error in summary.rows() if name == "length")
 
 
 def test_the_first_episode_of_every_world_is_counted_and_no_other():

@@ -1,7 +1,6 @@
 """outlast.rollout from a game's name; files of episodes and summaries; what is printed when something fails."""
 
 import contextlib
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -17,18 +16,10 @@ from outlast.envs.rollout import table_file
 from outlast.envs.rollout.policies import scripted_policy
 from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, interrupted_after, run
+from tests.helpers.outputs import length, rows_of
 
 SHORT = {"safe_zone_stand": 10, "safe_zone_shrink": 5, "safe_zone_damage": 50}
 COMMAND = ("rollout", "ffa_2", "--worlds=6", "--quiet", *(f"--set={name}={value}" for name, value in SHORT.items()))
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def length(summary: Summary) -> tuple[float, float]:
-    return next((mean, error) for name, mean, error in summary.rows() if name == "length")
 
 
 def test_a_name_an_environment_and_the_command_give_the_same(capsys: Any) -> None:
@@ -89,7 +80,7 @@ def test_a_row_of_the_file_is_an_episode(capsys: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     _, out, err = run(capsys, *COMMAND, "--episodes=3", "--csv", path)
     assert err == ""
-    rows = read(path)
+    rows = rows_of(path)
     assert list(rows[0])[:2] == ["world", "episode"]
     pairs = [(int(row["world"]), int(row["episode"])) for row in rows]
     assert sorted(pairs) == [(w, k) for w in range(6) for k in (1, 2, 3)]
@@ -106,7 +97,7 @@ def test_episodes_have_their_own_numbers_however_worlds_restart(mode: str, tmp_p
     )
     outlast.rollout(env, "random", episodes=2, csv=tmp_path / "a.csv")
     env.close()
-    rows = read(tmp_path / "a.csv")
+    rows = rows_of(tmp_path / "a.csv")
     assert sorted((int(row["world"]), int(row["episode"])) for row in rows) == [
         (w, k) for w in range(3) for k in (1, 2)
     ]
@@ -209,7 +200,7 @@ def test_ctrl_c_leaves_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     env = outlast.make_vec("ffa_2", 6, seed=0, **SHORT)
     with pytest.raises(KeyboardInterrupt) as stopped:
         outlast.rollout(env, interrupted_after(40)(env, 0), episodes=5, csv=tmp_path / "a.csv")
-    lines = read(tmp_path / "a.csv")
+    lines = rows_of(tmp_path / "a.csv")
     assert stopped.value.args[0].episodes == len(lines) > 0
     env.close()
 
@@ -229,7 +220,7 @@ def test_whole_episodes_of_the_scripted_duel_are_as_long_as_in_the_long_run() ->
 def test_the_statistics_of_each_episode_are_kept_as_arrays(mode: str, tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_2", 5, seed=0, first_world=7, autoreset_mode=mode, **SHORT)
     summary = outlast.rollout(env, "random", episodes=3, keep=True, csv=tmp_path / "a.csv")
-    found, rows = summary.arrays(), read(tmp_path / "a.csv")
+    found, rows = summary.arrays(), rows_of(tmp_path / "a.csv")
     assert found["return"].shape == (15, env.num_agents)
     assert found["world"].tolist() == np.repeat(np.arange(7, 12), 3).tolist()
     assert found["episode"].tolist() == [1, 2, 3] * 5
@@ -304,11 +295,11 @@ def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
     env.set_levels([outlast.Level(key=(9, 0, 2)), outlast.Level(key=(9, 1, 50))])
     files = {name: tmp_path / f"{name}.csv" for name in ("csv", "events")}
     found = outlast.rollout(env, "hunter", episodes=3, keep=True, **files)
-    numbers = [(int(row["world"]), int(row["episode"])) for row in read(files["csv"])]
+    numbers = [(int(row["world"]), int(row["episode"])) for row in rows_of(files["csv"])]
     assert sorted(numbers) == [(w, e) for w in range(2) for e in (1, 2, 3)]
     assert found.arrays()["episode"].tolist() == [1, 2, 3] * 2
-    ended = {(int(row["world"]), int(row["episode"])): int(row["first_death"]) for row in read(files["csv"])}
-    deaths = [row for row in read(files["events"]) if row["event"] == "death"]
+    ended = {(int(row["world"]), int(row["episode"])): int(row["first_death"]) for row in rows_of(files["csv"])}
+    deaths = [row for row in rows_of(files["events"]) if row["event"] == "death"]
     assert deaths
     assert all(ended[int(row["world"]), int(row["episode"])] == int(row["tick"]) for row in deaths)
 
@@ -316,7 +307,7 @@ def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
 def test_files_say_who_played_and_how_it_ended(tmp_path: Path) -> None:
     path, others = tmp_path / "league.csv", {"hunter": 1.0, "noop": 2.0}
     found = outlast.rollout("teams_2", "scripted", others=others, worlds=8, episodes=2, csv=path, keep=True, **SHORT)
-    rows, arrays = read(path), found.arrays()
+    rows, arrays = rows_of(path), found.arrays()
     assert list(rows[0])[:5] == ["world", "episode", "against", "own_side", "result"]
     for name, counts in found.outcomes.items():
         results = [row["result"] for row in rows if row["against"] == name]

@@ -1,6 +1,5 @@
 """outlast evaluate, and saved policies in rollout, frames and play."""
 
-import csv
 import json
 import re
 import subprocess
@@ -25,6 +24,7 @@ from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import CHECKPOINT, checkpoints
 from outlast.envs.web.play.game import Game
 from tests.conftest import call, interrupted_after
+from tests.helpers.outputs import rows_of
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
@@ -55,12 +55,10 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     found = json.loads((out / "evaluation.json").read_text())
     assert (found["complete"], found["episodes"], found["scenario"]["name"]) == (True, 8, "teams_3")
     assert [entry["label"] for entry in found["policies"]] == ["a", "noop", "scripted"]
-    with (out / "ratings.csv").open() as file:
-        ratings = list(csv.DictReader(file))
+    ratings = rows_of(out / "ratings.csv")
     assert np.mean([float(row["elo"]) for row in ratings]) == pytest.approx(1000)
     assert f"{float(ratings[2]['elo']):.0f}" in printed.out.split("wins of")[0]
-    with (out / "figures.csv").open() as file:
-        rows = {(row["policy"], row["against"], row["figure"]): row for row in csv.DictReader(file)}
+    rows = {(row["policy"], row["against"], row["figure"]): row for row in rows_of(out / "figures.csv")}
     assert sum(float(rows[(*pair, "wins")]["mean"]) for pair in (("a", "noop"), ("noop", "a"))) == pytest.approx(1)
     figures = {"length", "return", "kills", "deaths_zone", "attack_far", "zone_distance", "heals_held", "heals_used"}
     assert figures <= {figure for _, _, figure in rows}
@@ -77,11 +75,8 @@ def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) ->
     names = ["scripted-scripted", "scripted-noop", "noop-noop"]
     endings = {path.name for path in (tmp_path / "film").iterdir() if path.suffix in (".webm", ".html")}
     assert endings == {name + ending for name in names for ending in (".webm", ".html")}
-    lengths = {
-        (row["policy"], row["against"]): row
-        for row in csv.DictReader(numbers[0].splitlines())
-        if row["figure"] == "length"
-    }
+    rows = [row for row in rows_of(tmp_path / "film/figures.csv") if row["figure"] == "length"]
+    lengths = {(row["policy"], row["against"]): row for row in rows}
     video = cv2.VideoCapture(str(tmp_path / "film" / "scripted-noop.webm"))
     frames = 0
     while video.read()[0]:

@@ -1,6 +1,5 @@
 """outlast plot: one's own runs in one figure, groups named by what differs, ends with intervals."""
 
-import csv
 import json
 import logging
 import re
@@ -20,6 +19,7 @@ from outlast.training.paper import results
 from outlast.training.plots.groups import Group, group_runs
 from outlast.training.plots.panels import chosen, drawn, hours
 from outlast.training.plots.runs import load
+from tests.helpers.outputs import rows_of
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
@@ -187,8 +187,7 @@ def test_the_table_has_a_row_for_each_group_and_curve(tmp_path: Path) -> None:
     found = plot(tmp_path / "runs", tmp_path / "out", curves=("length", "kills"))
     assert [path.name for path in found.files] == ["curves.png", "ends.md", "ends.csv"]
     assert all(path.exists() for path in found.files)
-    with (tmp_path / "out/ends.csv").open() as file:
-        rows = {(row["melee_damage"], row["curve"]): row for row in csv.DictReader(file)}
+    rows = {(row["melee_damage"], row["curve"]): row for row in rows_of(tmp_path / "out/ends.csv")}
     length = rows["5", "length"]  # of each run, the mean of the last two of twenty points
     assert [float(length[key]) for key in ("mean", "lowest", "highest")] == [39, 19.5, 58.5]
     assert float(length["low 95 %"]) == pytest.approx(39 - 12.706 * 19.5, abs=0.01)

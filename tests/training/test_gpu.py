@@ -18,6 +18,7 @@ from outlast.training.minibatches import Chunks, Samples  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
+from tests.helpers.trainers import nearly  # noqa: E402
 
 pytestmark = [
     pytest.mark.usefixtures("one_torch_thread"),
@@ -44,11 +45,6 @@ def config(device: str, *, preset: str = "fast", settings: dict[str, Any] | None
     return TrainingConfig(
         variant("ffa_2"), preset, worlds=16, rollout=EACH, device=device, settings=settings, **changes
     )
-
-
-def nearly(one: Any, other: Any, tolerance: float) -> None:
-    for value, expected in zip(one, other, strict=True):
-        torch.testing.assert_close(value.detach().cpu(), expected.detach().cpu(), rtol=tolerance, atol=tolerance)
 
 
 def parameters(trainer: Trainer) -> list[Any]:

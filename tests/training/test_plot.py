@@ -1,7 +1,6 @@
 """outlast plot --paper: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
 
 import contextlib
-import csv
 import importlib
 import io
 import subprocess
@@ -27,6 +26,7 @@ from outlast.training.paper.curves import published_curves
 from outlast.training.paper.report import report
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from tests.conftest import call
+from tests.helpers.outputs import rows_of
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
@@ -126,8 +126,7 @@ def test_the_table_has_the_ends_of_both(tmp_path: Path) -> None:
     keep(tmp_path, "teams_2", 0, 1.1), keep(tmp_path, "teams_2", 1, 1.3), keep(tmp_path, "ffa_4", 0, 0.9)
     assert outlast_plot(tmp_path, "--out", tmp_path / "out") == 0
     assert files(tmp_path / "out") == ["ends.csv", "ends.md", "ffa_4-original.png", "teams_2-original.png"]
-    with (tmp_path / "out/ends.csv").open() as file:
-        rows = {(row["variant"], row["quantity"], row["agent or team"]): row for row in csv.DictReader(file)}
+    rows = {(row["variant"], row["quantity"], row["agent or team"]): row for row in rows_of(tmp_path / "out/ends.csv")}
     length = rows["teams_2", "episode length", ""]
     numbers = [float(length[key]) for key in ("paper", "outlast", "lowest seed", "highest seed", "apart")]
     assert numbers == pytest.approx([403.870, 484.644, 444.257, 525.031, 0.2], rel=1e-5)

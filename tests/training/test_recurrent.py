@@ -25,7 +25,6 @@ from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.lane import NOBODY  # noqa: E402
 from outlast.training.learner import Learner  # noqa: E402
-from outlast.training.log_file import read_log  # noqa: E402
 from outlast.training.loss import normalised  # noqa: E402
 from outlast.training.minibatches import Chunks  # noqa: E402
 from outlast.training.observation_layout import ObservationLayout  # noqa: E402
@@ -37,6 +36,7 @@ from outlast.training.rollout import Rollout  # noqa: E402
 from outlast.training.rows import Rows, concatenated  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
+from tests.training.test_run import points  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -205,10 +205,6 @@ def test_rollouts_that_are_no_whole_chunks_are_refused() -> None:
 
 
 # ---- runs and checkpoints
-
-
-def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
-    return {tag: values for tag, values in read_log(folder / "log.csv").items() if not tag.startswith("time/")}
 
 
 def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:

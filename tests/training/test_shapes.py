@@ -16,6 +16,7 @@ from outlast.training.learner import Learner  # noqa: E402
 from outlast.training.minibatches import Samples  # noqa: E402
 from outlast.training.rows import FILL, Rows  # noqa: E402
 from outlast.training.run import Trainer  # noqa: E402
+from tests.helpers.trainers import nearly  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 META = torch.device("meta")
@@ -42,11 +43,6 @@ def gradients(policy: Any, seen: Any) -> list[Any]:
     policy.zero_grad()
     (logs.square().mean() + values.square().mean()).backward()
     return [logs, values, *(parameter.grad.clone() for parameter in policy.parameters())]
-
-
-def nearly(one: list[Any], other: list[Any], tolerance: float = 1e-6) -> None:
-    for value, expected in zip(one, other, strict=True):
-        torch.testing.assert_close(value.detach().cpu(), expected.detach().cpu(), rtol=tolerance, atol=tolerance)
 
 
 def test_rows_of_nobody_change_no_number(played: tuple[Trainer, Any]) -> None:
