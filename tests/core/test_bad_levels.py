@@ -297,8 +297,11 @@ def test_levels_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
     path = tmp_path / "levels.json"
     levels.save(path, GAME, [Level({"agents_count": np.int64(2), "motors_ahead": np.float32(0.2)})])
     before = path.read_text()
-    assert levels.load(path, GAME)[0].numbers["agents_count"] == 2
-    for wrong in ({"agents_count": 9}, {"motors_ahead": NAN}, {"motors_ahead": object()}, {"melee_reach": 1.0}):
-        with pytest.raises(NumberError):
-            levels.save(path, GAME, [Level(), Level(wrong)])
+    assert levels.load(path, GAME) == [Level({"agents_count": 2, "motors_ahead": float(np.float32(0.2))})]
+    wrong = ({"agents_count": 9}, {"motors_ahead": NAN}, {"motors_ahead": object()}, {"melee_reach": 1.0})
+    cases: list[Any] = [([Level(), Level(each)], f"level 1: {next(iter(each))}") for each in wrong]
+    cases += [([Level({"n_agents": 3})], "level 0: n_agents does not"), ([Level(), 3], "level 1 is 3")]
+    for given, reason in cases:
+        with pytest.raises(NumberError, match=reason):
+            levels.save(path, GAME, given)
         assert path.read_text() == before

@@ -247,15 +247,6 @@ def test_levels_are_made_of_plain_values() -> None:
     assert {type(each) for each in (*level.key, level.numbers["melee_damage"])} == {int}  # type: ignore[misc]
 
 
-def test_levels_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
-    path = tmp_path / "levels.json"
-    levels.save(path, DUEL, [Level({"melee_damage": np.int64(7)})])
-    for given, reason in (([Level({"n_agents": 3})], "level 0: n_agents does not"), ([Level(), 3], "level 1 is 3")):
-        with pytest.raises(NumberError, match=reason):
-            levels.save(path, DUEL, given)  # type: ignore[arg-type]
-    assert levels.load(path, DUEL) == [Level({"melee_damage": 7})]
-
-
 def test_levels_of_some_worlds() -> None:
     env = make()
     mask = np.array([True, False, False, True, False, True])
