@@ -90,38 +90,6 @@ def test_the_same_seed_gives_the_same_table(capsys):
     assert tables[0] == tables[1] != tables[2]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("rollout", "ffa_9"), ("ffa_9", "did you mean", "ffa_1")),
-        (("rollout", "ffa_1", "--set", "n_agents=100"), ("115 bodies", "64 cells")),
-        (("rollout", "ffa_1", "--set", "mele_damage=3"), ("mele_damage", "melee_damage")),
-        (("rollout", "ffa_1", "--set", "n_heals=0"), ("heals.count = 0: must be >= 1", "--without heals")),
-        (("rollout", "ffa_3", "--set", "n_boxes=0"), ("boxes.count = 0: must be >= 1", "--without boxes")),
-        (("rollout", "ffa_1", "--set", "safe_zone_radii=5,x"), ("safe_zone.radii[1] = 'x'", "finite number")),
-        (("rollout", "ffa_1", "--set", "safe_zone_radii="), ("safe_zone.radii[0] = ''", "finite number")),
-        (
-            ("rollout", "ffa_1", "--set", "safe_zone_radii=13,4"),
-            ("safe_zone.radii: 13 does not fit into a room of side 25",),
-        ),
-        (("rollout", "ffa_1", "--set", "melee_damage=1,2"), ("melee.damage = '1,2': an integer",)),
-        (("rollout", "ffa_1", "--set", "melee_damage"), ("--set melee_damage: NUMBER=VALUE is needed",)),
-        (
-            ("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"),
-            ("room.size = 1e+30", "<= 100000"),
-        ),
-        (("rollout", "ffa_1", "--worlds", "1000000000000"), ("not enough memory, take fewer --worlds",)),
-        (("schedule", "nothing"), ("nothing", "known")),
-    ],
-)
-def test_mistakes_are_one_line(capsys, arguments, words):
-    status, _, err = run(capsys, *arguments)
-    assert status == 2
-    assert len(err.strip().splitlines()) == 1
-    for word in words:
-        assert word in err
-
-
 def others(name: str) -> Iterator[tuple[Any, Scenario]]:
     """Values like that of a number of teams_4, which has all mechanics, and the scenario with each that it takes."""
     asked = variant("teams_4")
@@ -168,27 +136,6 @@ def test_a_smaller_room_gets_a_smaller_zone(capsys):
     )
     assert status == 0
     assert float(out.split("length")[1].split()[0]) <= 21  # when the last circle is gone
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "least"), [("--worlds", "0", 1), ("--steps", "many", 1), ("--seed", "-1", 0)]
-)
-def test_numbers_that_cannot_be_are_refused(capsys, option, value, least):
-    with pytest.raises(SystemExit):
-        cli.main(("rollout", "ffa_1", option, value))
-    assert f"{value}: an integer of at least {least} is needed" in capsys.readouterr().err
-
-
-def test_a_seed_has_64_bits(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(("rollout", "ffa_1", "--seed", str(2**64)))
-    assert f"{2**64}: an integer of at most 2**64 - 1 is needed" in capsys.readouterr().err
-
-
-def test_a_misspelt_policy_gets_a_hint(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(("rollout", "ffa_1", "--policy", "scriptd"))
-    assert f"scriptd: did you mean scripted? {', '.join(POLICIES)} or a saved policy" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
