@@ -126,15 +126,15 @@ from tests.core.test_determinism import watched
 from tests.helpers.sines import sines_of_c
 
 with sines_of_c() if sys.argv[1] == "libm" else nullcontext():
-    np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
+    np.savez(sys.argv[2], **watched(sys.argv[3]))
 """
 
 
-def watched(name: str, ticks: int) -> dict[str, np.ndarray[Any, Any]]:
+def watched(name: str) -> dict[str, np.ndarray[Any, Any]]:
     """Observations and rewards of two short worlds, a row a tick."""
     mode = ExecutionMode(short(name), range(2))
     rows: dict[str, list[Any]] = {}
-    for tick in range(ticks):
+    for tick in range(70):
         observations, reward, terminated, truncated, _ = mode.env.step(numbered_actions(mode.env, tick))
         outcome = {**observations, "reward": reward, "terminated": terminated, "truncated": truncated}
         for key, array in outcome.items():
@@ -142,10 +142,10 @@ def watched(name: str, ticks: int) -> dict[str, np.ndarray[Any, Any]]:
     return {key: np.stack(arrays) for key, arrays in rows.items()}
 
 
-def as_plain_python(sines: str, name: str, ticks: int, file: Path) -> dict[str, np.ndarray[Any, Any]]:
+def as_plain_python(sines: str, name: str, file: Path) -> dict[str, np.ndarray[Any, Any]]:
     """The same from kernels that are not compiled. sines: of numpy or of libm."""
     variables = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-c", PLAIN, sines, str(file), name, str(ticks)]
+    command = [sys.executable, "-c", PLAIN, sines, str(file), name]
     subprocess.run(command, cwd=ROOT, env=variables, check=True)
     with np.load(file) as arrays:
         return dict(arrays)
@@ -156,7 +156,7 @@ def as_plain_python(sines: str, name: str, ticks: int, file: Path) -> dict[str, 
 def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_path: Path) -> None:
     """Nothing else differs: neither order of operations, nor a fused multiply and add, nor a rounding."""
     for name in QUICK:
-        here, there = watched(name, 70), as_plain_python("libm", name, 70, tmp_path / "observed.npz")
+        here, there = watched(name), as_plain_python("libm", name, tmp_path / "observed.npz")
         assert {key: array.tobytes() for key, array in here.items()} == {k: a.tobytes() for k, a in there.items()}
 
 
@@ -164,7 +164,7 @@ def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_pa
 @pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
 def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path: Path) -> None:
     """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""
-    here, there = watched("teams_4", 70), as_plain_python("numpy", "teams_4", 70, tmp_path / "observed.npz")
+    here, there = watched("teams_4"), as_plain_python("numpy", "teams_4", tmp_path / "observed.npz")
     for key, array in here.items():
         if key in ("own", "others"):
             np.testing.assert_allclose(there[key], array, rtol=0, atol=1e-4)

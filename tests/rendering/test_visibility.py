@@ -22,8 +22,8 @@ PROBES, PROBE = 400, 0.02  # places; metres, the radius of the heal that lies th
 BORDER = 0.12  # metres around the border of a cone that are not compared: some pixels, and the step between rays
 
 
-def probed(game: ScenarioBuilder, agent: int, places: np.ndarray) -> list[bool]:
-    """Which of these places the agent sees, by a heal that lies there, as the simulation says."""
+def probed(game: ScenarioBuilder, places: np.ndarray) -> list[bool]:
+    """Which of these places agent 0 sees, by a heal that lies there, as the simulation says."""
     body, shape = game.column(Body), game.column(Shape)
     row, seen = game.row("heal", 0), []
     shape.radius[0, row] = shape.bound[0, row] = PROBE
@@ -32,14 +32,14 @@ def probed(game: ScenarioBuilder, agent: int, places: np.ndarray) -> list[bool]:
         before = body.x[0].copy(), body.y[0].copy()
         game.step()
         assert np.array_equal(before, (body.x[0], body.y[0]))  # the picture is of where all stand still
-        seen.append(bool(game.column(Sight).visible[0, agent][row // SIMD_WIDTH] >> row % SIMD_WIDTH & 1))
+        seen.append(bool(game.column(Sight).visible[0, 0][row // SIMD_WIDTH] >> row % SIMD_WIDTH & 1))
     game.column(Entity).alive[0, row] = 0
     return seen
 
 
-def covered(game: ScenarioBuilder, agent: int) -> np.ndarray:
-    """Pixels that the agent's cone covers, bool (SIZE, SIZE)."""
-    cone = [CamerasLayer(agents=[agent], lines=False, opacity=0.9)]
+def covered(game: ScenarioBuilder) -> np.ndarray:
+    """Pixels that agent 0's cone covers, bool (SIZE, SIZE)."""
+    cone = [CamerasLayer(agents=[0], lines=False, opacity=0.9)]
     return (draw(game.env.worlds, 0, SIZE, cone) != draw(game.env.worlds, 0, SIZE, [])).any(-1)
 
 
@@ -59,7 +59,7 @@ def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlud
     bearings, far = rng.uniform(-0.8, 0.8, scaled(PROBES, 40)), rng.uniform(0.7, 11, scaled(PROBES, 40))
     places = np.stack([-3 + far * np.cos(0.4 + bearings), -2 + far * np.sin(0.4 + bearings)], 1)
     places = places[(np.abs(places) < 12.3).all(1)]
-    drawn, seen = covered(game, 0), probed(game, 0, places)
+    drawn, seen = covered(game), probed(game, places)
     reach, compared = math.ceil(BORDER * SIZE / (2 * HALF)), []
     for (x, y), visible in zip(places, seen, strict=True):
         column, row = (int(SIZE * (0.5 + length / (2 * HALF))) for length in (x, -y))
@@ -75,7 +75,7 @@ def test_a_cone_ends_at_the_wall_and_behind_a_box_there_is_shadow() -> None:
     game = ScenarioBuilder("ffa_4", cameras_depth=30.0)
     game.put("agent", 0, 0, 0, 0.0)
     game.put("box", 0, 5, 0, size=(1, 4))
-    rows, columns = np.nonzero(covered(game, 0))
+    rows, columns = np.nonzero(covered(game))
     x, y = columns / SIZE * 2 * HALF - HALF, HALF - rows / SIZE * 2 * HALF
     assert x.max() == pytest.approx(12.4, abs=0.05)  # walls overlap the room
     assert not ((x > 4.6) & (np.abs(y) < 0.4 * x)).any()
@@ -84,7 +84,7 @@ def test_a_cone_ends_at_the_wall_and_behind_a_box_there_is_shadow() -> None:
 
 def test_agents_that_observe_everything_have_no_cone() -> None:
     game = ScenarioBuilder("ffa_4", cameras_mode="omniscient")
-    assert not covered(game, 0).any()
+    assert not covered(game).any()
 
 
 # ---- the geometry alone
