@@ -10,10 +10,11 @@ from torch import Tensor
 from .minibatches import Minibatch
 from .rows import Rows
 
-MOST = 64  # graphs that are kept
+MOST = 64  # graphs that are kept, and shapes that are remembered
 OPTIONAL = "memory", "begins"
 NUMBERS = "actions", "log_probs", "advantages", "returns", "weights"
 Gradients = tuple[Tensor, Sequence[Tensor]]
+Compute = Callable[[Minibatch], Gradients]
 
 
 @dataclass(frozen=True)
@@ -29,39 +30,53 @@ class GraphedGradients:
     """The figures and gradients of minibatches of Rows: one CUDA graph for each of the shapes that they have.
 
     A minibatch takes about 250 kernels, which a GPU has done long before a CPU has launched them. A graph is launched
-    at once, and its shapes are fixed. As the lists of rows on a GPU are filled up, few are enough.
+    at once, and its shapes are fixed. As the lists of rows on a GPU are filled up, few are enough. Shapes that were met
+    once have none yet, as to make it takes longer than to do without.
     """
 
-    def __init__(self, compute: Callable[[Minibatch], Gradients]) -> None:
-        """compute: The figures of a minibatch and the gradients of all parameters; it must not wait for the GPU."""
-        self.compute, self.graphs = compute, dict[Any, Captured]()
+    def __init__(self, device: torch.device) -> None:
+        """device: a GPU."""
+        self.device, self.graphs = device, dict[Any, Captured | None]()
         self.memory = torch.cuda.graph_pool_handle()  # of all graphs, as they run one after the other
 
-    def __call__(self, batch: Minibatch) -> Gradients:
-        """Those of a minibatch; the gradients are overwritten by those of the next one of the same shapes."""
+    def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
+        """Those of a minibatch. The gradients are overwritten by the next call.
+
+        Args:
+            compute: The figures of a minibatch and the gradients of all parameters, always the same function; it must
+                not wait for the GPU.
+            batch: The minibatch.
+        """
         tensors = _tensors(batch)
         shapes = _rows(batch).room, *(each.shape for each in tensors)
-        one = self.graphs.pop(shapes, None) or self._capture(batch)
-        self.graphs[shapes] = one  # behind all others: the first one is that which was not used for longest
-        if len(self.graphs) > MOST:
-            del self.graphs[next(iter(self.graphs))]
-        for own, values in zip(one.given, tensors, strict=True):
-            own.copy_(values, non_blocking=True)
-        one.graph.replay()
-        figures, gradients = one.found
-        return figures.clone(), gradients
+        met = shapes in self.graphs
+        one = self.graphs.pop(shapes, None)
+        with torch.cuda.device(self.device):
+            if met and one is None:
+                one = _capture(compute, batch, self.memory)
+            self.graphs[shapes] = one  # behind all others: the first one is that which was not used for longest
+            if len(self.graphs) > MOST:
+                del self.graphs[next(iter(self.graphs))]
+            if one is None:
+                return compute(batch)
+            for own, values in zip(one.given, tensors, strict=True):
+                own.copy_(values, non_blocking=True)
+            one.graph.replay()
+            figures, gradients = one.found
+            return figures.clone(), gradients
 
-    def _capture(self, batch: Minibatch) -> Captured:
-        here = torch.cuda.current_stream()
-        side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-        side.wait_stream(here)
-        with torch.cuda.stream(side):
-            self.compute(_copy(batch))  # libraries set themselves up, which cannot be captured
-        here.wait_stream(side)
-        given, graph = _copy(batch), torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph, pool=self.memory):
-            found = self.compute(given)
-        return Captured(graph, _tensors(given), found)
+
+def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
+    here = torch.cuda.current_stream()
+    side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+    side.wait_stream(here)
+    with torch.cuda.stream(side):
+        compute(_copy(batch))  # libraries set themselves up, which cannot be captured
+    here.wait_stream(side)
+    given, graph = _copy(batch), torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph, pool=memory):
+        found = compute(given)
+    return Captured(graph, _tensors(given), found)
 
 
 def _copy(batch: Minibatch) -> Minibatch:

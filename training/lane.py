@@ -172,15 +172,14 @@ class Lane:
         for (index, number), group in self.groups.items():
             one = self.pool.all[index]
             if one.plain is not None:
-                samples.actions[t, group.where] = one.plain(
-                    self._batch(observations, group.where), uniform[group.where]
-                )
+                where = group.where
+                samples.actions[t, where] = one.plain(self._batch(observations, where), uniform[where])
                 continue
             policy = one.policies[number] if index else policies[number]
             if one.packer is not None:
                 part = one.packer(self._batch(observations, group.where))
             else:
-                part = seen if len(group.members) == self.agents else seen.select(group.members)
+                part = self._part(seen, group)
             memory, begins = self._remembered(policy, group)
             if index:
                 logs, memory = policy.logs(part, memory, begins)
@@ -289,7 +288,7 @@ class Lane:
         seen, values = self._seen(self.env.observe()), torch.zeros(self.agents)
         for (index, number), group in self.groups.items():
             if not index:
-                policy, part = policies[number], seen.select(group.members)
+                policy, part = policies[number], self._part(seen, group)
                 values[group.where] = policy(part, *self._remembered(policy, group))[1]
         return values
 
@@ -300,6 +299,10 @@ class Lane:
             state = self.overview(slice(None)) / self.overview.scale
             seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
         return seen
+
+    def _part(self, seen: Observed, group: Group) -> Observed:
+        """What some of the agents observe."""
+        return seen if len(group.members) == self.agents else seen.select(group.members)
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
         """The observations of some agents, (some, ...) by key."""

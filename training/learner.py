@@ -58,7 +58,8 @@ class Learner:
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
         self.parameters = list(self.trained.parameters())
-        self.graphs = GraphedGradients(self._gradients) if device.type == "cuda" else None
+        graphed = device.type == "cuda" and self.crew.size == 1  # shares of a minibatch are seldom of one size
+        self.graphs = GraphedGradients(device) if graphed else None
         self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
         self.epochs = 0
 
@@ -122,7 +123,7 @@ class Learner:
             figures: Tensor = torch.zeros(len(Loss.TAGS), device=self.device)
             gradients: Sequence[Tensor] = [torch.zeros_like(parameter) for parameter in self.parameters]
         elif self.graphs is not None and isinstance(batch.seen, Rows):
-            figures, gradients = self.graphs(batch)
+            figures, gradients = self.graphs(self._gradients, batch)
         else:
             figures, gradients = self._gradients(batch)
         self.crew.sum([figures, *gradients])

@@ -57,7 +57,7 @@ def _fields(line: str) -> tuple[str, str, str]:
 def last_step(path: Path) -> int:
     """The agent-steps of the last whole row of a log that is being written; 0 if there is none."""
     try:
-        lines = path.read_text().rpartition("\n")[0].splitlines()
+        lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
         return int(_fields(lines[-1])[1]) if len(lines) > 1 else 0
     except (OSError, ValueError, IndexError):
         return 0
@@ -76,4 +76,4 @@ def truncate_log(path: Path, steps: int) -> None:
     whole = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
     kept = [line for number, line in whole if _row(path, number, line)[1] <= steps]
     with atomic_write(path) as place:
-        place.write_text("".join([",".join(HEADER) + "\n", *kept]))
+        place.write_text("".join([",".join(HEADER) + "\n", *kept]), encoding="utf-8")

@@ -24,7 +24,7 @@ class CsvLog:
     """Appends rows tag,step,value to a file; step counts agent-steps."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.open("a", newline="")
+        self.file = path.open("a", newline="", encoding="utf-8")
         if self.file.tell() == 0:
             self.file.write(",".join(log_file.HEADER) + "\n")
             self.file.flush()

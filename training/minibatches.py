@@ -46,7 +46,7 @@ class Samples:
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """number: of the learner. device: of its policy."""
+        """number: of the learner. device: where that is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
         returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
         self.advantages, *self.own = (
@@ -89,7 +89,7 @@ class Chunks(Samples):
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """rollout: Its steps are a multiple of CHUNK. number: of the learner. device: of its policy."""
+        """rollout: Its steps are a multiple of CHUNK. number: of the learner. device: where that is trained."""
         super().__init__(rollout, number, device)
         mine = rollout.learner == number
         self.agents = mine.shape[1]

@@ -218,7 +218,7 @@ class Opponents:
         saved = {k: one.weights for k, one in self.all.items() if one.policies and not one.past}
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
-    def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str = "") -> None:
+    def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str) -> None:
         """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else.
 
         begun: The opponents with their weights, as the run was begun with them.

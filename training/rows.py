@@ -114,10 +114,10 @@ class Rows:
         return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
-        """The same on a device; with room for more, unless that is the CPU."""
-        if device == self.own.device:
+        """The same on a device, where it has room for more; on the CPU it stays as it is."""
+        if device.type == self.own.device.type:
             return self
-        here = self if device.type == "cpu" else self.filled()
+        here = self.filled()
         own, entities, count = (moved(each, device) for each in (here.own, here.entities, here.count))
         return Rows(own, entities, count, self.known, here.room, _moved(self.state, device))
 

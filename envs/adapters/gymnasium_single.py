@@ -1,5 +1,6 @@
 """One agent of one world as an ordinary gymnasium environment; the others follow a policy."""
 
+import copy
 from functools import partial
 from typing import Any
 
@@ -193,7 +194,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         """An environment that goes on from where this one is."""
         other = self._recipe()
         other.set_state(self.get_state())
-        other.spec = self.spec
+        other.spec, other.action_space = self.spec, copy.deepcopy(self.action_space)  # with what it draws next
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:

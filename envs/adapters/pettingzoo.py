@@ -1,5 +1,6 @@
 """PettingZoo: one world as a ParallelEnv, and as an AECEnv through PettingZoo's own conversion."""
 
+import copy
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import partial
@@ -236,6 +237,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         other = self._recipe()
         other.set_state(self.get_state())
         other.agents = [*self.agents]
+        other._action_spaces = copy.deepcopy(self._action_spaces)  # with what they draw next
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -53,9 +53,9 @@ class State:
         return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
 
     def __getitem__(self, which: Any) -> "State":
-        if isinstance(which, tuple) or np.ndim(which) > 1:
-            raise IndexError(f"a state has one axis, its worlds: {which!r:.80} is no index of it")
         which = which.item() if isinstance(which, np.ndarray) and not which.ndim else which
+        if isinstance(which, (tuple, bool, np.bool_)) or which is None or np.ndim(which) > 1:
+            raise IndexError(f"a state has one axis, its worlds: {which!r:.80} is no index of it")
         if isinstance(which, (int, np.integer)) and not -len(self) <= which < len(self):
             raise IndexError(f"there is no world {which}: the state is of {len(self)}")
         chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which

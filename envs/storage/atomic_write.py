@@ -39,10 +39,10 @@ def atomic_write(target: Path) -> Iterator[Path]:
 
     Of a link, what it leads to is replaced. What is neither a file nor a folder, such as a device, is written to.
     """
-    target = Path(os.path.realpath(target))
     if target.exists() and not target.is_file() and not target.is_dir():
         yield target
         return
+    target = Path(os.path.realpath(target))
     path = temporary_path(target)
     try:
         yield path

@@ -128,10 +128,11 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
         clock.wrap("statistics", lane.behaviour, "after_step")
         clock.wrap("statistics", lane.episodes, "add")
     for one in trainer.learners:
+        one.graphs = None  # of CUDA: nobody sees their parts
         for policy in {one.policy, one.trained}:
             clock.wrap("networks", policy, "forward")
-        clock.wrap("networks", one.policy.choices, "draw", "of")
-        clock.wrap("loss", one.policy.choices, "entropy")
+            clock.wrap("networks", policy.choices, "draw", "of")
+            clock.wrap("loss", policy.choices, "entropy")
         clock.wrap("optimiser", one.optimizer, "step")
 
 

@@ -319,10 +319,13 @@ def test_copies_go_on_from_where_an_environment_is() -> None:
     assert copy.deepcopy(env).agents == []
     env.reset()
     env.step({})
+    for name in env.agents:
+        env.action_space(name).seed(3)
     other = copy.deepcopy(env)
     assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", env.agents)
     for _ in range(3):
-        assert same(other.step({}), env.step({}))
+        one, two = ({name: each.action_space(name).sample() for name in each.agents} for each in (other, env))
+        assert same(other.step(one), env.step(two))
     assert same(other.reset(), env.reset())
 
 

@@ -332,3 +332,8 @@ def test_what_a_link_leads_to_is_replaced_and_devices_are_written_to(tag: Scenar
         tag.save(tmp_path / "pipe")
         assert json.loads(reader.read()) == json.loads(target.read_text())
     assert (tmp_path / "pipe").is_fifo()
+    reading, writing = os.pipe()
+    tag.save(f"/dev/fd/{writing}")
+    assert json.loads(os.read(reading, 2**16)) == json.loads(target.read_text())
+    os.close(writing)
+    os.close(reading)

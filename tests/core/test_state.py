@@ -250,6 +250,6 @@ def test_a_state_can_be_gone_through() -> None:
     with pytest.raises(IndexError, match="there is no world 3: the state is of 3"):
         state[3]
     assert len(state[np.array(2)]) == 1
-    for wrong in ((0,), np.zeros((3, 3), bool)):
+    for wrong in ((0,), None, True, np.array(False), np.zeros((3, 3), bool)):
         with pytest.raises(IndexError, match="a state has one axis, its worlds"):
             state[wrong]

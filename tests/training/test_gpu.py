@@ -72,11 +72,11 @@ def test_graphs_give_the_gradients_of_single_kernels(changes: dict[str, Any]) ->
     trainer.update(rollout := trainer.collect())
     learner = trainer.learners[0]
     samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, learner.device)
-    graphed = GraphedGradients(learner._gradients)
+    graphed = GraphedGradients(learner.device)
     parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)
-    for part in (*parts, *parts):
+    for part in (*parts, *parts, *parts):
         batch = samples.select(part)
-        figures, gradients = graphed(batch)
+        figures, gradients = graphed(learner._gradients, batch)
         expected = learner._gradients(batch)
         nearly([figures, *gradients], [expected[0], *expected[1]], 1e-4)
     assert 1 <= len(graphed.graphs) <= len(parts)
@@ -90,7 +90,7 @@ def test_nothing_waits_in_an_update(changes: dict[str, Any]) -> None:
     learner = gpu.learners[0]
     samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, learner.device)
     parts = torch.arange(len(samples.units)).tensor_split(2)
-    for part in parts:
+    for part in (*parts, *parts):
         learner._differentiate(samples, part)  # now these shapes have graphs
     torch.cuda.set_sync_debug_mode("error")
     try:
@@ -119,6 +119,6 @@ def test_a_saved_policy_plays_against_learners_on_a_gpu(tmp_path: Path) -> None:
     TrainingRun(replace(config("cuda"), steps=2 * EACH), tmp_path / "run").train()
     saved = str(checkpoints(tmp_path / "run")[-1])
     gpu, plain = (Trainer(config(device, opponents={saved: 1.0})) for device in ("cuda", "cpu"))
-    one, other = gpu.collect(), plain.collect()
-    np.testing.assert_array_equal(one.learner, other.learner)
-    np.testing.assert_array_equal(one.actions, other.actions)
+    for trainer in (gpu, plain):
+        trainer.update(trainer.collect())
+    nearly(parameters(gpu), parameters(plain), 2e-3)

@@ -99,11 +99,11 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     assert opponents.report()["games/past"] == 2 * PAST_SELVES  # also those against who is gone
     given = opponents.state()
     again = make().opponents
-    again.restore(given, trainer.policies)
+    again.restore(given, trainer.policies, "")
     assert again.report()["games/past"] == 2 * PAST_SELVES
     for wrong in (-1, 1.5, True, None):
         with pytest.raises(TrainingError, match="not what a run goes on with"):
-            again.restore(given | {"dropped": wrong}, trainer.policies)
+            again.restore(given | {"dropped": wrong}, trainer.policies, "")
 
 
 def test_a_past_self_stays_as_it_was() -> None:

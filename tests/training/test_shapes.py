@@ -1,5 +1,6 @@
 """What a GPU needs of shapes and tensors, checked on a CPU; what one computes is in test_gpu.py."""
 
+import contextlib
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -10,10 +11,10 @@ from outlast import variant
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import rows  # noqa: E402
+from outlast.training import cuda_graph, rows  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.learner import Learner  # noqa: E402
-from outlast.training.minibatches import Samples  # noqa: E402
+from outlast.training.minibatches import Chunks, Samples  # noqa: E402
 from outlast.training.rows import FILL, Rows  # noqa: E402
 from outlast.training.run import Trainer  # noqa: E402
 from tests.helpers.trainers import nearly  # noqa: E402
@@ -80,12 +81,64 @@ def test_a_run_with_filled_rows_gives_the_same_numbers(monkeypatch: pytest.Monke
     nearly(list(other.policies[0].parameters()), list(plain.policies[0].parameters()), 1e-5)
 
 
+@pytest.mark.parametrize("changes", [{}, {"memory": 16}, {"policies": "agent"}], ids=str)
+def test_a_copy_that_is_trained_elsewhere_gives_the_same_bits(changes: dict[str, Any]) -> None:
+    plain, other = (trainer(**changes) for _ in range(2))
+    for learner in other.learners:
+        learner.trained = deepcopy(learner.policy)
+        learner.parameters = list(learner.trained.parameters())
+        learner.optimizer = torch.optim.Adam(learner.parameters, learner.numbers.learning_rate, eps=1e-5, fused=True)
+    for _ in range(2):
+        for one in (plain, other):
+            one.update(one.collect())
+    for one, two in zip(plain.policies, other.policies, strict=True):
+        assert all(map(torch.equal, one.parameters(), two.parameters()))
+
+
+class Recomputed:
+    """What a CUDA graph does: the same again, from tensors that are there to tensors that are there."""
+
+    def __init__(self, compute: Any, given: Any) -> None:
+        self.compute, self.given, self.found = compute, given, compute(cuda_graph._copy(given))
+
+    def replay(self) -> None:
+        figures, gradients = self.compute(cuda_graph._copy(self.given))
+        for kept, values in zip((self.found[0], *self.found[1]), (figures, *gradients), strict=True):
+            kept.copy_(values)
+
+
+@pytest.mark.parametrize("changes", [{}, {"memory": 16}, {"critic": "state"}], ids=str)
+def test_graphs_read_the_minibatch_that_they_are_asked_for(
+    changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captured = []
+
+    def capture(compute: Any, batch: Any, memory: Any) -> Any:
+        captured.append(one := Recomputed(compute, given := cuda_graph._copy(batch)))
+        return cuda_graph.Captured(one, cuda_graph._tensors(given), one.found)
+
+    monkeypatch.setattr(cuda_graph, "_capture", capture)
+    monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: None)
+    monkeypatch.setattr(torch.cuda, "device", contextlib.nullcontext)
+    one = trainer(**changes)
+    learner, rollout = one.learners[0], one.collect()
+    samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, torch.device("cpu"))
+    samples.seen = samples.seen.filled()
+    graphed = cuda_graph.GraphedGradients(torch.device("cpu"))
+    parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)
+    for k in range(3):
+        for part in parts:
+            figures, gradients = graphed(learner._gradients, batch := samples.select(part))
+            expected = learner._gradients(batch)
+            nearly([figures, *gradients], [expected[0], *expected[1]])
+        assert k or len(captured) < len(parts)  # not at the first time
+    assert len(captured) == len(graphed.graphs)
+
+
 def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[Trainer, Any]) -> None:
     """A minibatch and its gradients on the device without numbers: asking for one fails there, and so does mixing."""
     one, rollout = played
-    learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator())
-    learner.policy.to(META)
-    learner.parameters, learner.device = list(learner.policy.parameters()), META
+    learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator(), device=META)
     samples, shapes = Samples(rollout, 0, META), set()
     for part in torch.randperm(rollout.learner.size).tensor_split(4):
         seen = samples.seen.select(part)

@@ -47,8 +47,9 @@ def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
     Raises:
         TrainingError: No run has such a curve.
     """
-    tags = list(dict.fromkeys(tag for run in runs for tag in run.curves.values))
-    known = _known(tags)
+    logs = [run.curves.values for run in runs]
+    tags = list(dict.fromkeys(tag for log in logs for tag in log))
+    known = _known(tags, logs)
     if not names:
         return [known[name] for name in usual(known)]
     panels = []
@@ -69,14 +70,19 @@ def usual(known: Collection[str]) -> list[str]:
     return [*first, *rest, *(name for name in known if name.startswith(LAST))][:MOST]
 
 
-def _known(tags: Sequence[str]) -> dict[str, Panel]:
+def _known(tags: Sequence[str], logs: Sequence[Collection[str]]) -> dict[str, Panel]:
     found: dict[str, list[str]] = {}
     for tag in sorted(tags):
         found.setdefault(name_of(tag, tags), []).append(tag)
-    sides = len(found.get("return", ()))  # a statistic has a tag for each side or, if there are others, for each agent
-    return {
-        name: Panel(name, tuple(own), "sides" if sides in (0, len(own)) else "agents") for name, own in found.items()
-    }
+    returns = found.get("return", [])
+    return {name: Panel(name, tuple(own), _owners(own, returns, logs)) for name, own in found.items()}
+
+
+def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collection[str]]) -> str:
+    """Whom a statistic has a tag for: each side, as the return has, or if they are more each agent."""
+    counts = [(sum(tag in log for tag in own), sum(tag in log for tag in returns)) for log in logs]
+    kinds = {"agents" if there > sides > 0 else "sides" for there, sides in counts if there > 1}
+    return " or ".join(sorted(kinds))
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
