@@ -13,8 +13,9 @@ import pytest
 
 from outlast.envs.errors import ClosedError, NotResetError
 from outlast.systems import FineMotors
-from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, same, walk
+from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, walk
 from tests.conftest import COMPILED, scaled
+from tests.helpers.execution_modes import equal
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 torch = pytest.importorskip("torch", reason="needs torch: outlast[sb3]")
@@ -52,7 +53,7 @@ def test_normalized_observations_are_the_normalized_ones() -> None:
     env, ends = vec.VecNormalize(inner, clip_obs=3.0, clip_reward=2.0), 0
     for expected, mine in zip(walk(plain), walk(env), strict=True):
         observations, rewards, dones, infos = mine
-        assert same(env.get_original_obs(), expected[0])
+        assert equal(env.get_original_obs(), expected[0])
         assert np.array_equal(env.get_original_reward(), expected[1])
         assert (rewards.dtype, dones.tolist()) == (np.float32, expected[2].tolist())
         for key, values in observations.items():
@@ -244,7 +245,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     reference.seed(4)  # as PPO did
     seen, dones = reference.reset(), np.ones(agents, bool)
     for t in range(steps):
-        assert same(seen, {key: rows[:, t] for key, rows in observed.items()})
+        assert equal(seen, {key: rows[:, t] for key, rows in observed.items()})
         assert dones.tolist() == kept.episode_starts[t].tolist()
         seen, rewards, dones, _ = reference.step(acted[:, t])
         assert rewards.tolist() == kept.rewards[t].tolist()
