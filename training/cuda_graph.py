@@ -1,7 +1,7 @@
 """Gradients on a GPU without launching their kernels one by one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
@@ -11,8 +11,7 @@ from .minibatches import Minibatch
 from .rows import Rows
 
 MOST = 64  # graphs that are kept, and shapes that are remembered
-OPTIONAL = "memory", "begins"
-NUMBERS = "actions", "log_probs", "advantages", "returns", "weights"
+NUMBERS = [field.name for field in fields(Minibatch) if field.name != "seen"]
 Gradients = tuple[Tensor, Sequence[Tensor]]
 Compute = Callable[[Minibatch], Gradients]
 
@@ -67,6 +66,7 @@ class GraphedGradients:
 
 
 def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
+    """The graph of a function of a minibatch. memory: of all graphs."""
     here = torch.cuda.current_stream()
     side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     side.wait_stream(here)
@@ -81,19 +81,21 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 
 def _copy(batch: Minibatch) -> Minibatch:
     """One that nothing was computed of yet, in memory of its own."""
+
+    def clone(values: Tensor | None) -> Any:
+        return None if values is None else values.clone()
+
     seen = _rows(batch)
-    own, entities, count = (each.clone() for each in (seen.own, seen.entities, seen.count))
-    state = None if seen.state is None else seen.state.clone()
-    copies: dict[str, Any] = {name: getattr(batch, name) for name in (*NUMBERS, *OPTIONAL)}
-    copies = {name: None if values is None else values.clone() for name, values in copies.items()}
-    return replace(batch, seen=Rows(own, entities, count, seen.known, seen.room, state), **copies)
+    own, entities, count, state = map(clone, (seen.own, seen.entities, seen.count, seen.state))
+    rows = Rows(own, entities, count, seen.known, seen.room, state)
+    return Minibatch(rows, **{name: clone(getattr(batch, name)) for name in NUMBERS})
 
 
 def _tensors(batch: Minibatch) -> list[Tensor]:
+    """All that there are of a minibatch, in a fixed order."""
     seen = _rows(batch)
-    optional = seen.state, *(getattr(batch, name) for name in OPTIONAL)
-    each = seen.own, seen.entities, seen.count, *(getattr(batch, name) for name in NUMBERS)
-    return [*each, *(values for values in optional if values is not None)]
+    found = seen.own, seen.entities, seen.count, seen.state, *(getattr(batch, name) for name in NUMBERS)
+    return [values for values in found if values is not None]
 
 
 def _rows(batch: Minibatch) -> Rows:

@@ -53,12 +53,12 @@ class EpisodeMetrics:
             str, Array
         ] = {}  # episodes that had each agent or side, of statistics that have an entry each
 
-    def add(self, statistics: dict[str, Array], learns: Array | None = None) -> None:
+    def add(self, statistics: dict[str, Array], learns: Array) -> None:
         """Add episodes that ended. Call before resets.
 
         Args:
             statistics: info["statistics"], in which the rows of other worlds are zero.
-            learns: Which agents are played by learners, bool (worlds, agents): returns are theirs. None: all.
+            learns: Which agents are played by learners, bool (worlds, agents): returns are theirs.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)
@@ -66,7 +66,7 @@ class EpisodeMetrics:
         for key, values in statistics.items():
             values = values[ended]
             if key == "return":
-                of = side(worlds)[ended] if learns is None else np.where(learns, side(worlds), -1)[ended]
+                of = np.where(learns, side(worlds), -1)[ended]
                 values, counts[key] = means_of_sides(values, of, worlds.dims["sides"])
             if key in MOMENTS:
                 counts[key] = values > 0

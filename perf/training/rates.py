@@ -80,10 +80,8 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
-    table, clock = (
-        Table("training", "variant", "part", "a second", *PARTS, "rest"),
-        watched_functions(torch.device(given.device)),
-    )
+    table = Table("training", "variant", "part", "a second", *PARTS, "rest")
+    clock = watched_functions(torch.device(given.device))
     for name in given.variants:
         config = TrainingConfig(
             resolve(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,

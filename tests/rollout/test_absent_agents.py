@@ -182,7 +182,7 @@ def test_what_training_measures(scenario: Any) -> None:
         there += int(present(env.worlds).sum())
         alive += int((env.worlds[Score].alive > 0).sum())
         if (done := terminated | truncated).any():
-            measured.add(info["statistics"])
+            measured.add(info["statistics"], np.ones((WORLDS, env.num_agents), bool))
             for w in np.flatnonzero(done):
                 for side in np.flatnonzero(info["statistics_present"]["kills"][w]):
                     kills[side].append(float(info["statistics"]["kills"][w, side]))
