@@ -260,8 +260,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def _statistics(self, statistics: Arrays) -> Arrays:
         """Each sub-environment's own entry of statistics of worlds, (num_envs,) by key."""
-        own = agent_statistics(self.base_env.worlds, statistics)
-        return {key: self._rows(values) for key, values in own.items()}
+        own = agent_statistics(self.base_env.worlds, statistics, self._indices)
+        return {key: values.reshape(self.num_envs, *values.shape[2:]) for key, values in own.items()}
 
     def _rows(self, values: Array) -> Array:
         """(worlds, agents, ...) as (num_envs, ...), sub-environments only; a view where that is possible."""

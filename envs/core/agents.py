@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Side
-from outlast.ecs import Entity, Statistic, Worlds
+from outlast.ecs import Entity, Worlds
 
-from .spaces import published
+from .spaces import reported_statistics
 
 Array = np.ndarray[Any, Any]
 
@@ -55,8 +55,7 @@ def counted(worlds: Worlds) -> dict[str, Array]:
     sides = side(worlds)
     inhabited = (sides[:, :, None] == np.arange(worlds.dims["sides"])).any(1)
     by_dims = {("agents",): present(worlds), ("sides",): inhabited}
-    dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
-    return {key: by_dims[each] for key, each in dims.items() if each in by_dims}
+    return {key: by_dims[dims] for key, (_, dims) in reported_statistics(worlds).items() if dims in by_dims}
 
 
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
@@ -65,25 +64,29 @@ def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     return sides
 
 
-def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array]) -> dict[str, Array]:
+def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: slice = slice(None)) -> dict[str, Array]:
     """Each agent's share of the statistics of episodes.
 
     Args:
         worlds: The worlds that the statistics are of.
         statistics: What `spaces.statistics` returned, or info["statistics"]: (worlds,) or (worlds, n).
+        agents: Of which agents of a world.
 
     Returns:
         By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
         side, and of all others what its world has. Of who is absent, 0.
     """
-    dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
-    sides, agents, own = side(worlds), worlds.dims["agents"], {}
+    reported, sides, own = reported_statistics(worlds), side(worlds)[:, agents], dict[str, Array]()
+    absent = sides < 0
+    of_sides, some_absent = (np.arange(len(sides))[:, None], np.maximum(sides, 0)), absent.any()
     for key, values in statistics.items():
-        if dims.get(key) == ("agents",):
-            own[key] = values.copy()
-        elif dims.get(key) == ("sides",):
-            own[key] = np.take_along_axis(values, np.maximum(sides, 0), 1)
+        _, dims = reported.get(key, (None, ()))
+        if dims == ("agents",):
+            own[key] = values[:, agents].copy()
+        elif dims == ("sides",):
+            own[key] = values[of_sides]
         else:
-            own[key] = np.repeat(values[:, None], agents, axis=1)
-        own[key][sides < 0] = 0
+            own[key] = np.repeat(values[:, None], sides.shape[1], axis=1)
+        if some_absent:
+            own[key][absent] = 0
     return own

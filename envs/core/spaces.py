@@ -25,7 +25,8 @@ from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
-STATISTICS: WeakKeyDictionary[Worlds, list[tuple[str, Array]]] = WeakKeyDictionary()  # see _statistic_columns
+Reported = tuple[Array, tuple[int | str, ...]]  # (worlds,) or (worlds, n), what there are n of
+STATISTICS: WeakKeyDictionary[Worlds, dict[str, Reported]] = WeakKeyDictionary()  # see reported_statistics
 BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
 
@@ -209,25 +210,28 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     A column with one entry a damage type becomes one key for each: "deaths_zone".
     """
     rows, result = np.flatnonzero(where), dict[str, Array]()
-    for key, values in _statistic_columns(worlds):
-        result[key] = np.zeros(values.shape, values.dtype)
-        result[key][rows] = values[rows]
+    for key, (values, _) in reported_statistics(worlds).items():
+        if len(rows) == len(where):
+            result[key] = values.copy()
+        else:
+            result[key] = np.zeros(values.shape, values.dtype)
+            result[key][rows] = values[rows]
     for key, values in worlds.numbers().items():
         if values.dtype.kind in "bif":
             result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
     return result
 
 
-def _statistic_columns(worlds: Worlds) -> list[tuple[str, Array]]:
-    """The names of what is reported, and where it is counted: (worlds,) or (worlds, n)."""
+def reported_statistics(worlds: Worlds) -> dict[str, Reported]:
+    """Where the statistics that are reported are counted, by the names that they have then."""
     if worlds not in STATISTICS:
-        STATISTICS[worlds] = found = list[tuple[str, Array]]()
+        STATISTICS[worlds] = found = dict[str, Reported]()
         for key, component, name, column in published(worlds, Statistic):
             values = getattr(worlds[component], name)
             if column.dims == ("damage_types",):
-                found += zip(_reported(worlds, key, column), values.T, strict=True)
+                found |= {each: (row, ()) for each, row in zip(_reported(worlds, key, column), values.T, strict=True)}
             else:
-                found.append((key, values if column.dims else values[:, 0]))
+                found[key] = values if column.dims else values[:, 0], column.dims
     return STATISTICS[worlds]
 
 
