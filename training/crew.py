@@ -4,8 +4,6 @@ import contextlib
 import json
 import math
 import multiprocessing
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import timedelta
@@ -17,6 +15,7 @@ from torch import Tensor
 from torch import distributed as dist
 
 from .errors import TrainingError
+from .processes import deaf_to_ctrl_c
 
 Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
@@ -161,7 +160,7 @@ class Children:
             context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
             for rank in range(1, size)
         ]
-        with _deaf_to_ctrl_c():
+        with deaf_to_ctrl_c():
             for process in self.processes:
                 process.start()
 
@@ -251,16 +250,3 @@ def _group(store: Any, rank: int, size: int, host: str) -> Any:
     options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
     options._timeout = TIMEOUT
     return dist.ProcessGroupGloo(store, rank, size, options)
-
-
-@contextlib.contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Processes that are started in it leave Ctrl-C, which a terminal sends to all, to this one."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

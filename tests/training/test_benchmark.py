@@ -25,7 +25,7 @@ from outlast.training.benchmark.anchors import make  # noqa: E402
 from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
 from outlast.training.benchmark.matches import digest  # noqa: E402
 from outlast.training.benchmark.result import Content, Result  # noqa: E402
-from outlast.training.benchmark.verify import verify, verify_cross  # noqa: E402
+from outlast.training.benchmark.verify import checks, cross_checks  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.evaluation.ratings import anchored  # noqa: E402
@@ -86,7 +86,7 @@ def results(place: Path) -> Path:
     out = place / "results"
     for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'mine.py'}:make", 1)):
         EntryRun(entry(out, agent, seed)).run()
-    assert main(["benchmark", "score", str(out), "--quiet"]) == 0
+    assert main(["benchmark", "score", str(out), "--quiet", "--jobs=2"]) == 0
     return out
 
 
@@ -113,7 +113,7 @@ def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.Cap
     EntryRun(entry(results, seed=1), lambda *_: pytest.fail("there was nothing to do")).run()
     assert main(["benchmark", "score", str(results), "--quiet"]) == 0
     assert times(results) == before
-    assert main(["benchmark", "verify", str(results), "--quiet"]) == 0
+    assert main(["benchmark", "verify", str(results), "--quiet", "--jobs=2"]) == 0
     total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == f"of {total}: {total - 1} as recorded, 0 wrong, 1 without all files here"  # that of the function
@@ -155,14 +155,15 @@ def _outcomes(found: Result) -> dict[Any, Any]:
 def wrong(entry: Result, only: tuple[str, str] = ("trained", "scripted")) -> list[str]:
     """What verification finds of the entry itself and of one of its matches."""
     kept = [match for match in entry.matches if (match["game"], match["against"]) == only]
-    return [found.wrong for found in verify(Result(entry.folder, entry.content | {"matches": kept})) if found.wrong]
+    every = [check() for check in checks(Result(entry.folder, entry.content | {"matches": kept}))]
+    return [found.wrong for found in every if found.wrong]
 
 
 def test_a_true_result_is_as_recorded(first: Result) -> None:
     assert wrong(first) == []
     for path in first.folder.glob("*.rec"):
         path.unlink()
-    assert [bool(found.missing) for found in verify(first)] == [False, *[True] * len(first.matches)]
+    assert [bool(check().missing) for check in checks(first)] == [False, *[True] * len(first.matches)]
 
 
 def test_an_edited_outcome_is_found(first: Result) -> None:
@@ -245,7 +246,7 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
 
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
     first.content["matches"].remove(first.against["strong blows", "scripted"])
-    assert next(verify(first)).missing == "it has not played scripted in the game 'strong blows'"
+    assert checks(first)[0]().missing == "it has not played scripted in the game 'strong blows'"
 
 
 def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
@@ -258,7 +259,7 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     match |= {"won": match["lost"], "lost": match["won"], "drawn": match["drawn"]}
     shutil.copy(folder / "cross" / "fast-0-mine-1.rec", folder / "cross" / "fast-1-mine-1.rec")
     path.write_text(json.dumps(content))
-    found = [str(each) for each in verify_cross(folder, entries) if each.wrong]
+    found = [str(each) for check in cross_checks(folder, entries) if (each := check()).wrong]
     assert len(found) >= 1
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
@@ -266,7 +267,8 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
     entries = {each.name: each for each in result.find(folder) if each.name != "mine/1"}
-    found = {each.what: (each.wrong, each.missing) for each in verify_cross(folder, entries)}
+    every = [check() for check in cross_checks(folder, entries)]
+    found = {each.what: (each.wrong, each.missing) for each in every}
     assert found["quick-v1 fast/0 against fast/1"] == ("", "")
     for one in ("fast/0", "fast/1"):
         assert found[f"quick-v1 {one} against mine/1"] == ("", "the entry mine/1 is not here")

@@ -2,12 +2,14 @@
 
 import itertools
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from outlast.envs.scenarios.fingerprint import is_word
 
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
+from ..processes import results
 from . import result
 from .agents import Agent
 from .matches import digest, play
@@ -49,25 +51,32 @@ def recording(folder: Path, match: Content) -> Path:
     return folder / "cross" / result.recording_name(match["one"], match["other"])
 
 
-def play_all(folder: Path, entries: Sequence[Result], progress: Callable[[int], None] = lambda games: None) -> None:
+def play_all(
+    folder: Path, entries: Sequence[Result], progress: Callable[[int], None] = lambda games: None, at_once: int = 1
+) -> None:
     """Play the matches that are missing, or were played by other policies.
 
     Args:
         folder: Of the task: the results of one budget.
         entries: All in it.
         progress: Called with how many more games are done.
+        at_once: How many processes play.
 
     Raises:
         TrainingError: A policy is not there.
     """
-    known = load(folder)
+    known, missing = load(folder), []
     for one, other in pairs(entries):
         match = known.get((one.name, other.name))
         if match is None or not is_of(match, one, other):
-            found = _play(task_of(one.content["task"]), one, other, folder)
-            known[one.name, other.name] = found
-            write_json(folder / NAME, {"version": PROTOCOL, "matches": [known[key] for key in sorted(known)]})
-        progress(one.content["games"])
+            missing.append((one, other))
+        else:
+            progress(match["games"])
+    jobs = [partial(_play, task_of(one.content["task"]), one, other, folder) for one, other in missing]
+    for match in results(jobs, at_once):
+        known[match["one"], match["other"]] = match
+        write_json(folder / NAME, {"version": PROTOCOL, "matches": [known[key] for key in sorted(known)]})
+        progress(match["games"])
 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:

@@ -1,10 +1,11 @@
 """Verification: every match is played again from its recording, bit for bit, and compared with what is said of it."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from outlast.envs.errors import RecordingError, UsageError
 
@@ -38,36 +39,43 @@ class Finding:
         return f"{self.what}: {self.wrong or self.missing or 'as recorded'}"
 
 
-def verify(entry: Result) -> Iterator[Finding]:
-    """Verify an entry: its game, its policies, and all of its matches; a finding each."""
+Check = Callable[[], Finding]  # can be pickled
+
+
+def checks(entry: Result) -> list[Check]:
+    """What verifies an entry, one finding each: game and policies, of which it is known at once, and matches."""
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
         members = {member.name: member for member in suite(task)}
-        yield Finding(name, _wrong_with_entry(entry, task), _missing_of_entry(entry, task, members))
+        own = _wrong_with_entry(entry, task), _missing_of_entry(entry, task, members)
     except TrainingError as error:
-        yield Finding(name, str(error))
-        return
+        return [partial(Finding, name, str(error))]
+    found: list[Check] = [partial(Finding, name, *own)]
     for match in entry.matches:
         what = f"{name}, {match['game']} against {match['against']}"
-        yield _found(what, entry.recording(match), partial(_wrong_with_match, entry, match, task, members))
+        found.append(partial(_of_match, what, entry.recording(match), _wrong_with_match, entry, match, task, members))
+    return found
 
 
-def verify_cross(folder: Path, entries: Mapping[str, Result]) -> Iterator[Finding]:
-    """Verify the cross-play of a task; folder: of the task. entries: all of the task, by name."""
+def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
+    """What verifies the cross-play of a task; folder: of the task. entries: all of the task, by name."""
+    found: list[Check] = []
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
         if gone := [name for name in (one, other) if name not in entries]:
-            yield Finding(what, missing=f"the entry {gone[0]} is not here")
-            continue
-        yield _found(what, path, partial(_wrong_with_cross, match, path, entries))
+            found.append(partial(Finding, what, missing=f"the entry {gone[0]} is not here"))
+        else:
+            pair = entries[one], entries[other]
+            found.append(partial(_of_match, what, path, _wrong_with_cross, task_of(folder.name), match, path, *pair))
+    return found
 
 
-def _found(what: str, recording: Path, wrong: Callable[[], str]) -> Finding:
+def _of_match(what: str, recording: Path, wrong: Callable[..., str], *arguments: Any) -> Finding:
     if not recording.exists():
         return Finding(what, missing="its recording is not here")
     try:
-        return Finding(what, wrong())
+        return Finding(what, wrong(*arguments))
     except (RecordingError, UsageError) as error:
         return Finding(what, str(error))
 
@@ -117,12 +125,11 @@ def _wrong_with_match(entry: Result, match: Content, task: Task, members: Mappin
     return _wrong_with_games(game, [own, other], match, entry.recording(match))
 
 
-def _wrong_with_cross(match: Content, path: Path, entries: Mapping[str, Result]) -> str:
-    one, other = (entries[match[key]] for key in ("one", "other"))
+def _wrong_with_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> str:
     if not crossplay.is_of(match, one, other):
         return "it was played by other policies than those of the entries"
     pair = [_saved(entry.folder / POLICY) for entry in (one, other)]
-    return _wrong_with_games(task_of(one.content["task"]).games[0], pair, match, path)
+    return _wrong_with_games(task.games[0], pair, match, path)
 
 
 def _saved(path: Path) -> Contender | None:

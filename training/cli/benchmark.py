@@ -20,12 +20,13 @@ from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
+from ..processes import results
 
 ACTIONS = {
     "tasks": (),
     "run": ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
-    "score": ("quiet",),
-    "verify": ("quiet",),
+    "score": ("jobs", "quiet"),
+    "verify": ("jobs", "quiet"),
     "table": ("out", "keep"),
     "anchors": ("policies", "games", "out", "quiet"),
 }  # and the options that have an effect on each
@@ -76,7 +77,8 @@ def add(commands: Any) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help=text)
     text = "of table: copy results there, with no recordings but those of self-play of each agent's first seed"
     command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
-    command.add_argument("--jobs", type=positive, metavar="N", help="of run: entries at a time (default: cores)")
+    text = "of run: entries at a time; of score and verify: matches at a time (default: cores)"
+    command.add_argument("--jobs", type=positive, metavar="N", help=text)
     command.add_argument("--threads", type=positive, metavar="N", help="of run: of one entry's training")
     command.add_argument("--quiet", action="store_true", help="show no progress")
     command.arrange(
@@ -226,6 +228,11 @@ def _run_several(entries: list[Any], options: argparse.Namespace, command: Parse
     return side_by_side(children, at_once, view, done, AGAIN)
 
 
+def _jobs(options: argparse.Namespace) -> int:
+    """How many matches are played at a time."""
+    return int(options.jobs or os.cpu_count() or 1)
+
+
 def _places(options: argparse.Namespace) -> list[Path]:
     """The folders of results that are named."""
     places = [Path(name) for name in options.names] or [RESULTS]
@@ -245,7 +252,7 @@ def _score(options: argparse.Namespace) -> int:
         total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
         with tqdm(total=total, unit="game", disable=options.quiet) as bar:
             for folder, entries in folders:
-                crossplay.play_all(folder, entries, bar.update)
+                crossplay.play_all(folder, entries, bar.update, _jobs(options))
         found = scores.scores(place)
         write_json(place / scores.NAME, found)
         print(*scores.lines(found), place / scores.NAME, sep="\n")
@@ -255,18 +262,20 @@ def _score(options: argparse.Namespace) -> int:
 def _verify(options: argparse.Namespace) -> int:
     """Verify; the exit status is 1 if anything is not what it claims."""
     from ..benchmark import scores
-    from ..benchmark.verify import verify, verify_cross
+    from ..benchmark.verify import checks, cross_checks
 
     counts = {"as recorded": 0, "wrong": 0, "without all files here": 0}
     for place in _places(options):
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
+        jobs = []
         for folder, entries in folders:
-            every = itertools.chain.from_iterable(verify(entry) for entry in entries)
-            for found in itertools.chain(every, verify_cross(folder, {entry.name: entry for entry in entries})):
-                fine, wrong, partly = counts
-                counts[wrong if found.wrong else partly if found.missing else fine] += 1
-                if found.wrong or not options.quiet:
-                    print(found, flush=True)
+            jobs += [check for entry in entries for check in checks(entry)]
+            jobs += cross_checks(folder, {entry.name: entry for entry in entries})
+        for found in results(jobs, _jobs(options)):
+            fine, wrong, partly = counts
+            counts[wrong if found.wrong else partly if found.missing else fine] += 1
+            if found.wrong or not options.quiet:
+                print(found, flush=True)
     print(f"of {sum(counts.values())}:", ", ".join(f"{number} {name}" for name, number in counts.items()))
     return int(counts["wrong"] > 0)
 

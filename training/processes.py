@@ -1,0 +1,71 @@
+"""Independent work in several processes of this machine, whose results come in order. Needs no PyTorch."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from .errors import TrainingError
+
+T = TypeVar("T")
+
+
+def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
+    """What jobs return, in their order.
+
+    Args:
+        jobs: Functions that can be pickled, as partials of functions of a module. What one raises is raised here, and
+            ends all others; so does Ctrl-C, and whoever takes no more results.
+        at_once: How many processes work; 1: this one does.
+
+    Raises:
+        TrainingError: A process was ended from outside.
+    """
+    if min(at_once, len(jobs)) <= 1:
+        yield from (job() for job in jobs)
+        return
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
+    pool = ProcessPoolExecutor(min(at_once, len(jobs)), context, _end_with_parent)
+    try:
+        with deaf_to_ctrl_c():
+            pending = [pool.submit(job) for job in jobs]
+        for future in pending:
+            yield future.result()
+    except BrokenProcessPool:
+        raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()  # it would end its job first
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """End this process, idle or not, when the one that started it has ended in whatever way."""
+
+    def watch() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextlib.contextmanager
+def deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes that are started in it leave Ctrl-C, which a terminal sends to all, to this one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
