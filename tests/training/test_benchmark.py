@@ -1,5 +1,6 @@
 """The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
 
+import itertools
 import json
 import re
 import shutil
@@ -465,6 +466,28 @@ def test_scores_are_those_of_the_results(results: Path) -> None:
     assert cross["agents"] == ["fast", "mine"]
     assert cross["wins"][0][1] + cross["wins"][1][0] == pytest.approx(1)
     assert (cross["wins"][1][1], cross["matches"]) == (None, 5)  # one seed meets no other
+
+
+def test_agents_are_compared_in_tasks_that_all_of_them_have_played() -> None:
+    """Those that leave the most results, of all choices of several agents."""
+    generator = np.random.default_rng(0)
+    for _ in range(200):
+        played = {agent: [task for task in "1234" if generator.random() < 0.6] for agent in "abcd"}
+        agents, common = scores._compared(played)
+        assert agents == [agent for agent in played if {*common} <= {*played[agent]}]
+        choices = (chosen for n in (2, 3, 4) for chosen in itertools.combinations(played.values(), n))
+        most = max(len(chosen) * len(set.intersection(*map(set, chosen))) for chosen in choices)
+        assert len(agents) * len(common) == most
+    assert scores._compared({"a": ["2", "1"]}) == (["a"], ["1", "2"])
+    assert scores._compared({"a": ["1"], "b": ["2"]})[1] == []
+
+
+def test_two_agents_are_compared_in_the_tasks_of_both() -> None:
+    one, other = {"1": [0.6, 0.7], "2": [0.1, 0.2]}, {"3": [0.5], "1": [0.65, 0.4]}
+    found = scores._improvement(one, other)
+    assert found is not None
+    assert (found["value"], found["tasks"]) == (0.75, 1)
+    assert scores._improvement({"2": [0.1]}, other) is None
 
 
 def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ The score of an entry is its mean win rate against the suite, draws as half, eve
 of generalisation that in the games outside of training. It is from 0 to 1 in every task, so that tasks can be compared.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ OWN_FIGURES = (
     *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),
 )  # of self-play; return is none of them, as it is nearly constant where one side's gain is the other's loss
 Scores = dict[str, Any]
+Values = list[float]  # of seeds
 
 
 def by_budget(places: Path) -> dict[int, list[Result]]:
@@ -53,18 +54,19 @@ def scores(places: Path) -> Scores:
 
 
 def _budget(budget: int, entries: Sequence[Result]) -> Scores:
-    """The scores of entries of one budget: of each task, and of all tasks that all agents have played."""
+    """The scores of entries of one budget: of each task, and over tasks that several agents have played."""
     folders = task_folders(entries)
     first = dict[str, Path]()
     for folder in folders:
         if (other := first.setdefault(folder.name, folder)) != folder:
             raise TrainingError(f"{other} and {folder} both hold results of {folder.name}: move them into one folder")
     tasks = {folder.name: _task(folder, own) for folder, own in sorted(folders.items())}
-    agents = sorted({agent for task in tasks.values() for agent in task["agents"]})
-    common = [name for name, task in tasks.items() if len(task["agents"]) == len(agents)]
-    each = {
-        agent: {name: tasks[name]["agents"][agent]["score"]["seeds"] for name in common} for agent in agents if common
-    }
+    played: dict[str, dict[str, Values]] = {}
+    for name, task in tasks.items():
+        for agent, found in task["agents"].items():
+            played.setdefault(agent, {})[name] = found["score"]["seeds"]
+    agents, (compared, common) = sorted(played), _compared(played)
+    each = {agent: {name: played[agent][name] for name in common} for agent in compared if common}
     found = sorted({entry.content["games"] for entry in entries})
     if len(found) > 1:
         raise TrainingError(
@@ -75,14 +77,37 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
         "track": track_of(budget, games),
         "games": games,
         "tasks": tasks,
+        "compared": compared,
         "common": common,
         "iqm": {agent: _estimate(statistics.iqm, own) for agent, own in each.items()},
-        "improvement": {
-            one: {other: _estimate(statistics.probability_of_improvement, each[one], each[other]) for other in each}
-            for one in each
-        },
+        "improvement": {one: {other: _improvement(played[one], played[other]) for other in agents} for one in agents},
         "profile": {"thresholds": _rounded(THRESHOLDS), **{agent: _profile(own) for agent, own in each.items()}},
     }
+
+
+def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]]:
+    """The agents and the tasks that scores over tasks are of: each of these agents has played each of these tasks.
+
+    Of all such choices with several agents it is that with the most results; no tasks, if no two agents share one.
+
+    Args:
+        played: The tasks of each agent.
+    """
+    choices = {frozenset(own) for own in played.values()}
+    while more := {one & other for one in choices for other in choices} - choices:
+        choices |= more
+    found = [(sorted(agent for agent, own in played.items() if tasks <= {*own}), sorted(tasks)) for tasks in choices]
+    able = [each for each in found if len(each[0]) >= min(2, len(played))]
+    return max(able, key=lambda each: (len(each[0]) * len(each[1]), len(each[0]), each[1]))
+
+
+def _improvement(one: Mapping[str, Values], other: Mapping[str, Values]) -> Scores | None:
+    """How probable it is that one agent scores more, in the tasks that both have played; None: there are none."""
+    both = [name for name in one if name in other]
+    if not both:
+        return None
+    pair = ({name: own[name] for name in both} for own in (one, other))
+    return _estimate(statistics.probability_of_improvement, *pair) | {"tasks": len(both)}
 
 
 def _task(folder: Path, entries: Sequence[Result]) -> Scores:

@@ -112,13 +112,19 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
     track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a match"
     tasks = ", ".join(own["common"]) or "none"
     yield f"### {budget:,} agent-steps ({track})"
+    others = ", ".join(agent for agent in own["improvement"] if agent not in own["compared"])
     yield (
-        "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap); tasks that "
-        f"all agents have played: {tasks}."
+        "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap), in the "
+        f"tasks that all agents of this table have played: {tasks}."
+        + f" Not in it: {others}, of fewer tasks."
+        * bool(others)
     )
     yield markdown_table(HEADS, _overall(own))
     if len(own["improvement"]) > 1:
-        yield "Probability that a seed of the row scores more than one of the column:"
+        yield (
+            "Probability that a seed of the row scores more than one of the column (and in how many tasks that both "
+            "have played):"
+        )
         yield _improvement(own)
     yield "By task, means over seeds with 95 % bootstrap intervals; self-play figures are of one side:"
     yield markdown_table(TASK_HEADS, _by_task(own))
@@ -153,11 +159,12 @@ def _range(counts: set[int]) -> str:
 
 def _improvement(own: scores.Scores) -> str:
     agents = list(own["improvement"])
-    rows = (
-        [one, *("" if one == other else f"{own['improvement'][one][other]['value']:.2f}" for other in agents)]
-        for one in agents
-    )
-    return markdown_table(("", *agents), rows)
+
+    def cell(one: str, other: str) -> str:
+        found = None if one == other else own["improvement"][one][other]
+        return f"{found['value']:.2f} ({found['tasks']})" if found else ""
+
+    return markdown_table(("", *agents), ([one, *(cell(one, other) for other in agents)] for one in agents))
 
 
 def _by_task(own: scores.Scores) -> Iterator[list[str]]:
@@ -202,7 +209,7 @@ def _cross(found: scores.Scores) -> str:
 
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
-    """For each budget in which all agents have a task in common: performance profiles, and what marl-eval reads."""
+    """For each budget in which agents have a task in common: performance profiles, and what marl-eval reads."""
     from .profile import picture  # here, as it needs matplotlib
 
     for budget, own in found["budgets"].items():
@@ -216,8 +223,11 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """What marl-eval takes: the tasks and the seeds that all agents have; evaluated once, at the end of training."""
-    each = {(task, agent): found for task in own["common"] for agent, found in own["tasks"][task]["agents"].items()}
+    """What marl-eval takes: agents that are compared, with the tasks and the seeds that all of them have.
+
+    They were evaluated once, at the end of training.
+    """
+    each = {(task, name): own["tasks"][task]["agents"][name] for task in own["common"] for name in own["compared"]}
     seeds = set.intersection(*(set(found["seeds"]) for found in each.values()))
     for (task, agent), found in each.items():
         for k, seed in enumerate(found["seeds"]):
