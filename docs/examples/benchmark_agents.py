@@ -1,12 +1,16 @@
 """Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions.
 
-python benchmark_agents.py ffa_2-v1 0 1 2    # trains what `sb3` loads: PPO of Stable-Baselines3, with these seeds
+python benchmark_agents.py sb3 ffa_2-v1 0 1 2      # trains what `sb3` loads, with these seeds: PPO of Stable-Baselines3
+python benchmark_agents.py mappo teams_2-v1 0 1 2  # the same of `mappo`: MAPPO of BenchMARL
 """
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+
+import outlast
 
 Observations = dict[str, np.ndarray]  # by key, (worlds, agents, ...)
 Policy = Callable[[Observations], np.ndarray]  # integers (worlds, agents, actions)
@@ -31,7 +35,6 @@ def train_sb3(task: str, seed: int, steps: int = 10_000_000) -> None:
     """Train PPO of Stable-Baselines3, a network of dense layers, in the game of a task; saves sb3-GAME-SEED.zip."""
     from stable_baselines3 import PPO
 
-    import outlast
     from outlast.training.benchmark.tasks import task_of
 
     env = outlast.make_sb3(task_of(task).scenario, 64, seed=seed)
@@ -54,6 +57,50 @@ def sb3(env, seed: int) -> Policy:
     return act
 
 
+def train_mappo(task: str, seed: int, steps: int = 10_000_000) -> None:
+    """Train MAPPO of BenchMARL, a network for all agents, in the game of a task; saves mappo-GAME-SEED.npz."""
+    from benchmarl_mappo import experiment
+
+    from outlast.envs.adapters.benchmarl import task as task_of_benchmarl
+    from outlast.training.benchmark.tasks import task_of
+
+    scenario = task_of(task).scenario
+    own = task_of_benchmarl(scenario, groups="all")
+    folder = Path("runs", f"mappo-{scenario.file_name}-{seed}")
+    folder.mkdir(parents=True, exist_ok=True)
+    frames = steps // outlast.make_vec(scenario, 1).num_agents  # ticks of a world
+    run = experiment(own, "mappo", frames, folder, seed, evaluation=False)
+    run.run()
+    weights = run.algorithm.get_policy_for_loss("agents").state_dict()
+    layers = {key: weights[f"module.0.mlp.params.{key}"].numpy() for key in LAYERS}
+    np.savez(f"mappo-{scenario.file_name}-{seed}", **layers)
+
+
+LAYERS = [f"{k}.{part}" for k in (0, 2, 4) for part in ("weight", "bias")]  # between them is tanh
+
+
+def mappo(env, seed: int) -> Policy:
+    """What train_mappo has saved; it needs no BenchMARL."""
+    with np.load(f"mappo-{env.scenario.file_name}-{seed}.npz") as file:
+        layers = [file[key] for key in LAYERS]
+    sizes, generator = env.action_sizes, np.random.default_rng(seed)
+    joint = np.stack(np.unravel_index(np.arange(np.prod(sizes)), sizes), -1)  # all actions of each joint one
+    columns = joint + np.cumsum([0, *sizes[:-1]])  # of a mask
+
+    def act(observations: Observations) -> np.ndarray:
+        seen = outlast.scaled(observations, env.fields)
+        row = np.concatenate([array.reshape(env.num_worlds, env.num_agents, -1) for array in seen.values()], -1)
+        for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
+            row = np.tanh(row @ weight.T + bias)
+        scores = row @ layers[-2].T + layers[-1]
+        scores[~env.action_masks()[..., columns].all(-1)] = -np.inf  # as in training
+        odds = np.cumsum(np.exp(scores - scores.max(-1, keepdims=True)), -1)
+        drawn = generator.random((*odds.shape[:2], 1)) * odds[..., -1:]
+        return joint[(odds > drawn).argmax(-1)]
+
+    return act
+
+
 if __name__ == "__main__":
-    for number in sys.argv[2:]:
-        train_sb3(sys.argv[1], int(number))
+    for number in sys.argv[3:]:
+        {"sb3": train_sb3, "mappo": train_mappo}[sys.argv[1]](sys.argv[2], int(number))

@@ -15,6 +15,7 @@ from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, short
 
 pytest.importorskip("benchmarl", reason="BenchMARL is not installed: pip install 'outlast[benchmarl]'")
 import torch
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from outlast.envs.adapters.benchmarl import OutlastTask, task
 
@@ -122,3 +123,36 @@ def test_every_variant_is_a_task() -> None:
     assert OutlastTask.FFA_1.get_task().name == "FFA_1"
     with pytest.raises(outlast.errors.ScenarioError, match="there is no variant 'ffa_9'"):
         task("ffa_9")
+
+
+def test_the_benchmark_s_agent_plays_as_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without BenchMARL: a saved network chooses what BenchMARL's does in the same worlds."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    agents, trained = runpy.run_path(str(EXAMPLE.with_name("benchmark_agents.py"))), []
+    import benchmarl_mappo
+
+    small = benchmarl_mappo.experiment
+
+    def experiment(*arguments: Any, **changes: Any) -> Any:
+        trained.append(small(*arguments, **SMALL | changes))
+        return trained[-1]
+
+    monkeypatch.setattr(benchmarl_mappo, "experiment", experiment)
+    agents["train_mappo"]("teams_2-v1", 0, 8 * BATCH)
+    with np.load("mappo-teams_2-0.npz") as file:
+        layers = dict(file)
+    sharp = {
+        key: layer * 1e5 if key.startswith("4.") else layer for key, layer in layers.items()
+    }  # draws the likeliest
+    np.savez("mappo-teams_2-0.npz", **sharp)
+    own, env = outlast.make_torchrl("teams_2", 16, seed=3, scaled=True), outlast.make_vec("teams_2", 16, seed=3)
+    policy, act = trained[0].algorithm.get_policy_for_loss("agents"), agents["mappo"](env, 0)
+    table, (observations, _) = own.reset(), env.reset()
+    for _ in range(20):
+        actions = act(observations)
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            table = policy(table)
+        chosen = np.stack(np.unravel_index(table["agents", "action"].numpy(), env.action_sizes), -1)
+        assert np.array_equal(chosen, actions)
+        table, (observations, *_) = own.step(table)["next"], env.step(actions)
