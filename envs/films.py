@@ -18,6 +18,7 @@ from .recording import Recording, Replay
 from .recording.selection import last_tick
 from .rendering.layers import Layer, select
 from .rendering.video import footage, write_film
+from .rendering.video.writer import ending
 from .rollout.local import ticks
 from .rollouts import worlds_of
 from .scenarios.naming import resolve
@@ -25,7 +26,7 @@ from .scenarios.scenario import Number, Scenario
 
 LOGGER = logging.getLogger(__name__)
 STEPS, REPLAYED = 300, 16  # steps if nothing else is asked for; and at most so many worlds of a recording
-HOLD = 0.8  # seconds for which the end of an episode is shown
+HOLD = 0.8  # seconds for which films show the end of an episode; folders have a picture for each tick
 SOURCES = (".py", ".json")  # what scenarios' files end in; all other files are taken for recordings
 
 Progress = Callable[[int], object]
@@ -79,7 +80,8 @@ def film(
     Args:
         game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             outlast.Recording, or the path of one, which is replayed and compared with its digests.
-        out: NAME.webm, .apng, .mp4 or .gif; without an ending a folder of numbered PNGs.
+        out: NAME.webm, .apng, .mp4 or .gif, in which the end of an episode is held for a moment; without an ending a
+            folder of numbered PNGs, in which it is not.
         policy: The name of one, "scripted" if nothing else is given, the path of a saved policy (FILE.zip), or a
             function from the observations to the actions of all worlds.
         others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
@@ -176,7 +178,8 @@ def write_film_of(
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
     rate: Any = looks.fps
-    hold = round(HOLD * int(rate)) if isinstance(rate, Integral) else 0  # what is no number is refused below
+    stands = isinstance(rate, Integral) and ending(Path(out)) != ""  # what is no number is refused below
+    hold = round(HOLD * int(rate)) if stands else 0
     settings["layers"] = [*select(looks.views), *layers]
     frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
     write_film(out, _counted(frames, progress), looks.fps)

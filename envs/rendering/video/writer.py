@@ -43,7 +43,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     target, codec = _checked(Path(path), fps)
     try:
         with _temporary_folder(target) as folder:
-            temporary = folder / f"film{'' if target.is_dir() else target.suffix.lower()}"
+            temporary = folder / f"film{ending(target)}"
             stream = _FrameStream(frames, codec)
             codec.write(temporary, iter(stream), int(fps))
             _verify(temporary, codec, stream, target)
@@ -53,9 +53,14 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     return stream.count
 
 
+def ending(path: Path) -> str:
+    """What a film is, in small letters: ".webm"; "" for a folder of pictures."""
+    return "" if path.is_dir() else path.suffix.lower()
+
+
 def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
     """The absolute path and what writes it, before a single frame is asked for."""
-    suffix = "" if target.is_dir() else target.suffix.lower()
+    suffix = ending(target)
     if suffix not in CODECS:
         known = ", ".join(filter(None, CODECS))
         raise FilmError(f"{target}: a film ends in {known}; without an ending it is a folder of pictures")
