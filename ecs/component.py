@@ -34,7 +34,11 @@ from .references import annotated_arrays, is_outside
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
 INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # dimensions, by unit
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
-EPISODE = ("world", "episode", "against", "own_side", "result")  # which episode a statistic is of, in tables
+TAKEN = (
+    *("world", "episode", "against", "own_side", "result"),  # which episode a statistic is of, in tables
+    *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # of matches
+    *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # and of logs of training
+)  # names that statistics cannot have
 
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
@@ -301,8 +305,15 @@ class Statistic(Singleton):
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)
-        if taken := [name for name, value in cls.columns.items() if (value.key or name) in EPISODE]:
-            raise DeclarationError(f"{cls.__name__}.{taken[0]}: tables of episodes have a column of that name already")
+        for name, value in cls.columns.items():
+            key = value.key or name
+            if key in TAKEN:
+                raise DeclarationError(f"{cls.__name__}.{name}: tables and logs have a '{key}' already; rename it")
+            if key[-1:].isdigit():
+                raise DeclarationError(
+                    f"{cls.__name__}.{name}: the statistic '{key}' ends in a digit, by which tables and logs tell "
+                    "sides and agents apart; rename it"
+                )
 
 
 class Entity(Component):

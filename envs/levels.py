@@ -19,6 +19,7 @@ from outlast.ecs import NumberError
 from outlast.ecs.distributions import FREE, Distribution, in_python
 
 from .errors import ScenarioError
+from .scenarios.changes import in_full
 from .scenarios.scenario import Scenario
 from .storage import strict_json
 from .storage.atomic_write import atomic_write
@@ -164,7 +165,9 @@ def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
 
 def check(level: Level, varied: Mapping[str, Distribution]) -> None:
     """NumberError unless the level's numbers are some that could be drawn from these distributions."""
+    names = ", ".join(varied) or "none"
     for name, value in level.numbers.items():
         if name not in varied:
-            raise NumberError(f"{name} does not vary here; these do: {', '.join(varied) or 'none'}")
+            known = f"take its full name, {full}" if (full := in_full(name)) in varied else f"these do: {names}"
+            raise NumberError(f"{name} does not vary here; {known}")
         varied[name].check(name, value)

@@ -103,9 +103,12 @@ class BehaviourMetrics:
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
         self.held = self.given = self.there = 0
+        self._reaches: list[Array] = []  # of each step, where it is not the same in all
 
     def after_step(self) -> None:
-        """Count agents, dead or alive, heals in bags, and those that were given. Call after every step."""
+        """Count agents, dead or alive, heals in bags, and gifts. Call after every step, before worlds are reset."""
+        if self._reach and (reach := self._striking()).size > 1:
+            self._reaches.append(reach)
         self.there += int(present(self.base_env.worlds).sum())
         if self.heals is not None:
             self.held += int((self.base_env.worlds[Item].holder[:, self.heals] >= 0).sum())
@@ -130,20 +133,25 @@ class BehaviourMetrics:
             learns: Who was played by learners, likewise.
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
-        for name, (values, where) in self.quantities(own, actions, living).items():
+        reaches = np.stack(self._reaches) if self._reaches else None
+        for name, (values, where) in self.quantities(own, actions, living, reaches).items():
             where = where & learns
             tags[f"behaviour/{name}"] = float(values[where].sum(dtype=np.float64)), int(where.sum())
         if self.heals is not None:
             tags["behaviour/heals_held"] = self.held, int(living.sum())
             tags["behaviour/heals_given"] = 1000 * self.given, int(living.sum())  # in 1000 agent-steps
         self.held = self.given = self.there = 0
+        self._reaches.clear()
         return tags
 
-    def quantities(self, views: dict[str, Array], actions: Array, living: Array) -> dict[str, tuple[Array, Array]]:
+    def quantities(
+        self, views: dict[str, Array], actions: Array, living: Array, reaches: Array | None = None
+    ) -> dict[str, tuple[Array, Array]]:
         """What agents do, by name: values (..., worlds, agents), and for which agents they count, bool of that shape.
 
-        views: observations by key. actions: (..., worlds, agents, actions). attack_near and attack_far: whether an
-        agent attacks with a living enemy in reach, and without; near: whether there is one.
+        views: observations by key. actions: (..., worlds, agents, actions). reaches: what `_striking` returned in each
+        step; None: what it returns now. attack_near and attack_far: whether an agent attacks with a living enemy in
+        reach, and without; near: whether there is one.
         """
         found, fields = {}, self.base_env.fields
         place = views[OWN][..., columns_of(fields[OWN], "x", "y")]
@@ -152,7 +160,7 @@ class BehaviourMetrics:
             found["zone_distance"] = _length(place - middle), living
         if "attack" in self.action_names and self._reach:
             attack = actions[..., self.action_names.index("attack")]
-            near = self._near(place, self._sides(views), living)
+            near = self._near(place, self._sides(views), living, self._striking() if reaches is None else reaches)
             found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}
             found["near"] = near, living
         return found
@@ -162,17 +170,18 @@ class BehaviourMetrics:
         fields, count = self.base_env.fields[OWN], self.base_env.num_agents
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
-    def _near(self, place: Array, sides: Array, living: Array) -> Array:
-        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and its own radius.
-
-        Both are those of now, also for observations of episodes with other ones.
-        """
+    def _striking(self) -> Array:
+        """How far away the centre of who is struck may be, of all worlds or each, by who strikes and who is struck."""
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
-        radius = radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1)  # (worlds, 1, those struck)
+        found: Array = reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
+        return found
+
+    def _near(self, place: Array, sides: Array, living: Array, reaches: Array) -> Array:
+        """Whether a living enemy could be struck by an agent that faces it: its centre is as near as `reaches`."""
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
-        near: Array = ((apart <= reach + radius) & enemies & living[..., None, :]).any(-1)
+        near: Array = ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
         return near
 
 

@@ -177,7 +177,8 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def numbers(self) -> dict[str, Any]:
         """All numbers of the game by name, as they are now.
 
-        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in.
+        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in, and those
+        that differ by role (worlds, agents). NotResetError where there are such numbers, before reset().
         """
         return current_numbers(self.worlds)
 

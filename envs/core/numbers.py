@@ -20,7 +20,10 @@ Array = np.ndarray[Any, Any]
 
 def current_numbers(worlds: Worlds) -> dict[str, Any]:
     """All numbers by name; those that vary as arrays (worlds, ...), those that differ by role as (worlds, agents)."""
-    return numbers(worlds.modules) | worlds.numbers() | worlds.agent_numbers()
+    differ = worlds.numbers() | worlds.agent_numbers()
+    if differ and not worlds[Clock].episode.all():
+        raise NotResetError("numbers() before reset(): those that differ are of the episodes that worlds are in")
+    return numbers(worlds.modules) | differ
 
 
 def change_numbers(

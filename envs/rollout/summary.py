@@ -199,12 +199,12 @@ class Summary:
 
 
 def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, float]:
-    """Mean and standard error, of sums over the episodes of each world; NaN of none."""
+    """Mean and standard error, of sums over the episodes of each world; NaN of none, and the error of one."""
     if not count:
         return math.nan, math.nan
     mean = math.fsum(sums) / count
     spread = max(math.fsum(squares) / count - mean**2, 0)
-    return mean, math.sqrt(spread / max(count - 1, 1))
+    return mean, math.sqrt(spread / (count - 1)) if count > 1 else math.nan
 
 
 def _joined(parts: Sequence[Array]) -> Array:
@@ -241,4 +241,5 @@ def _share(count: int, episodes: int) -> str:
     if not episodes:
         return "-"
     share = count / episodes
-    return f"{share:.4f} ± {(share * (1 - share) / max(episodes - 1, 1)) ** 0.5:.4f}"
+    error = f"{(share * (1 - share) / (episodes - 1)) ** 0.5:.4f}" if episodes > 1 else "-"
+    return f"{share:.4f} ± {error}"

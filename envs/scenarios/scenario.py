@@ -186,7 +186,7 @@ class Scenario:
         """The same with varied numbers as an observation, "numbers": float32 (agents, numbers), for every agent there.
 
         Args:
-            *names: Of numbers that vary; none: all of them.
+            *names: Of numbers that vary; none: all of them. Their columns are in alphabetical order of the full names.
 
         Raises:
             ScenarioError: One does not vary.

@@ -15,6 +15,7 @@ from outlast.ecs import NumberError
 from outlast.ecs.given import Given
 from outlast.ecs.roles import plain
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import NotResetError
 from outlast.envs.scenarios.roles_file import with_roles
 from tests.conftest import digest, draw_actions
 
@@ -173,7 +174,7 @@ GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
     "the last level": (
         lambda env: env.set_levels([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})]),
         NumberError,
-        "n_agents does not vary here; these do: agents_count, ",
+        "n_agents does not vary here; take its full name, agents_count",
     ),
     "levels of other worlds": (lambda env: env.set_levels([Level()], mask=[True]), ValueError, "mask must be bool"),
 }
@@ -190,6 +191,13 @@ def test_what_cannot_be_given_in_an_episode_changes_nothing(pair: tuple[Env, Env
     assert words in str(raised.value)
     assert digest(pair[0].worlds) == before
     stay_equal(pair)
+
+
+def test_numbers_of_no_episode_are_an_error() -> None:
+    env = outlast.make_vec("ffa_2", 2)
+    assert env.numbers() == env.scenario.numbers()
+    with pytest.raises(NotResetError, match=r"numbers\(\) before reset\(\): those that differ are of the episodes"):
+        outlast.make_vec(GAME, 2).numbers()
 
 
 def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env]) -> None:

@@ -200,6 +200,11 @@ def twice_in_tables() -> None:
         world: Array = column("i4")
 
 
+def like_a_side_s() -> None:
+    class Of(Statistic):
+        gold: Array = column("i4", key="gold_1")
+
+
 def array() -> None:
     class Gold(Component):
         amount: np.ndarray[Any, Any]
@@ -258,7 +263,8 @@ def hook() -> None:
         (derived, "Derived extends Mark, which has columns"),
         (reserved, "Reserved.order: no column can be called so"),
         (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
-        (twice_in_tables, "Of.world: tables of episodes have a column of that name already"),
+        (twice_in_tables, "Of.world: tables and logs have a 'world' already; rename it"),
+        (like_a_side_s, "Of.gold: the statistic 'gold_1' ends in a digit, by which tables and logs tell sides and"),
         (array, r"Gold.amount is no column"),
         (bare, r"Gold.amount is no column: declare it as in amount: Array = column"),
         (plain_value, r"Gold.amount is no column"),

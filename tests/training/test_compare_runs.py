@@ -110,6 +110,25 @@ def test_settings_that_differ_name_the_groups(tmp_path: Path) -> None:
     assert labels(tmp_path, by=("opponents",)) == ["opponents=self:0.5,past:0.5", "opponents=self:1"]
 
 
+def test_settings_that_hardly_differ_differ(tmp_path: Path) -> None:
+    for seed, gamma in ((0, 0.9999992), (1, 0.9999988)):
+        run(tmp_path / str(seed), seed=seed, settings={"gamma": gamma})
+    assert labels(tmp_path) == ["gamma=0.9999988", "gamma=0.9999992"]
+
+
+def test_the_title_has_what_was_changed(tmp_path: Path) -> None:
+    run(tmp_path / "a", numbers={"melee_damage": 50})
+    assert compare([tmp_path]).title == "ffa_2-melee_damage=50, preset fast, one run"
+    run(tmp_path / "b", numbers={"melee_damage": 20})
+    assert compare([tmp_path]).title == "ffa_2, preset fast, 2 runs"
+
+
+def test_what_chooses_levels_is_known_by_its_name_only(tmp_path: Path) -> None:
+    run(tmp_path / "a", levels="mk.<locals>.choose"), run(tmp_path / "b", seed=1, levels="mk.<locals>.choose")
+    (note,) = compare([tmp_path]).notes()
+    assert note.endswith("by the name of what chooses levels only: mk.<locals>.choose")
+
+
 def test_variants_and_presets_are_named_by_their_names(tmp_path: Path) -> None:
     run(tmp_path / "a", "ffa_2"), run(tmp_path / "b", "teams_3"), run(tmp_path / "c", "ffa_2", preset="original")
     assert labels(tmp_path) == ["ffa_2, fast", "ffa_2, original", "teams_3, fast"]

@@ -324,6 +324,8 @@ def test_a_ratio_is_a_mean_with_its_error() -> None:
     mean, error = ratio(np.stack([values, np.ones(50)], 1))
     assert (mean, error) == pytest.approx((values.mean(), values.std(ddof=1) / math.sqrt(50)))
     assert all(math.isnan(value) for value in ratio(np.zeros((5, 2))))
+    mean, error = ratio(np.array([[3.0, 4.0], [0.0, 0.0]]))  # of one case nobody knows how far others are
+    assert (mean, math.isnan(error)) == (0.75, True)
     found = []
     for _ in range(1000):  # of numbers that go together
         counts = rng.integers(0, 10, 100)

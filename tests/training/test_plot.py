@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import io
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -23,6 +24,7 @@ from outlast.training.curves import Curves, format_curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
+from outlast.training.paper.measures import over
 from outlast.training.paper.report import report
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from tests.conftest import call
@@ -191,6 +193,11 @@ def test_claims_fail_for_other_curves(
     (found,) = (each for each in findings([RunGroup((spoilt,))]) if each.claim.text == text)
     assert found.mean == pytest.approx(expected)
     assert found.holds == (expected in (0.04, 0.1) or text.startswith("Boxes"))
+
+
+def test_what_was_0_before_has_grown_without_bound() -> None:
+    """It counts as a seed in which a claim does not hold, and is not left out."""
+    assert (over(1.0, 0.0), math.isnan(over(0.0, 0.0)), over(1.0, 4.0)) == (math.inf, True, 0.25)
 
 
 def test_claims_say_nothing_of_other_games(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import Scenario, integers, make_vec, variant
+from outlast import Scenario, choice, integers, make_vec, variant
 from outlast.components import Item
 from outlast.ecs import Entity
 from tests.conftest import draw_actions
@@ -49,6 +49,7 @@ def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, An
     for actions in rollout.actions.reshape(STEPS, WORLDS, 4, -1):
         alive = env.worlds[Entity].alive[:, agents] != 0
         seen = {key: observations[key].copy() for key in ("own", "zone")}
+        reaches = np.broadcast_to(env.worlds.number("melee_reach"), WORLDS)
         observations, _, terminated, truncated, info = env.step(actions)
         after, lives, given = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive, env.events()["item_given"]
         for w in range(WORLDS):
@@ -57,7 +58,7 @@ def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, An
                 for gift in given
                 if gift["world"] == w and lives[w, gift["giver"]] and heals.start <= gift["item"] < heals.stop
             ]
-            rows += [agent(seen, alive, actions, w, i) for i in range(4) if alive[w, i]]
+            rows += [agent(seen, alive, actions, w, i, reaches[w]) for i in range(4) if alive[w, i]]
             episodes += [{key: values[w] for key, values in info["statistics"].items()}] if terminated[w] else []
             rows.append({"given": len(gifts), "held": int((after[w] >= 0).sum())})
         if terminated.any():
@@ -66,15 +67,16 @@ def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, An
     return rows, episodes
 
 
-def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dict[str, Any]:
+def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int, reach: float) -> dict[str, Any]:
     places = seen["own"][w, :, 3:5]
     apart = [np.hypot(*(places[i] - places[j])) for j in range(4) if (j < 2) != (i < 2) and alive[w, j]]
     distance = np.hypot(*(places[i] - seen["zone"][w, i, :2]))
-    return {"attack": actions[w, i, 3], "near": bool(apart) and min(apart) <= 2.5, "distance": distance}
+    return {"attack": actions[w, i, 3], "near": bool(apart) and min(apart) <= reach + 0.5, "distance": distance}
 
 
-def test_behaviour_is_as_counted_in_plain_python() -> None:
-    trainer = make()
+@pytest.mark.parametrize("scenario", [CROWD, CROWD.vary(melee_reach=choice(0.5, 5.0))], ids=["one reach", "varied"])
+def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario) -> None:
+    trainer = make(scenario)
     rows, _ = collected(trainer)
     report = {tag: value for tag, value in trainer.report().items() if tag.startswith("behaviour/")}
     living = [row for row in rows if "near" in row]

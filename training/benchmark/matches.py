@@ -66,13 +66,17 @@ def outcome(found: MatchResults) -> dict[str, Any]:
 
     Returns:
         "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
-        training.columns, as [mean, standard error], without those that could not be measured.
+        training.columns, as [mean, standard error], without those that could not be measured; the error is 0 where they
+        were measured in one game only.
     """
     pairing = Pairing((0, 1), found)
     won, drawn, lost = pairing.won_drawn_lost()
     every = [
-        {name: [float(f"{each:.{DIGITS}g}") for each in pair] for name, pair in pairing.estimates(role).items()}
-        for role in range(ROLES)
+        {
+            name: [float(f"{each:.{DIGITS}g}") for each in (mean, np.nan_to_num(error))]
+            for name, (mean, error) in own.items()
+        }
+        for own in map(pairing.estimates, range(ROLES))
     ]
     figures = [{name: pair for name, pair in each.items() if not np.isnan(pair).any()} for each in every]
     return {"games": won + drawn + lost, "won": won, "drawn": drawn, "lost": lost, "figures": figures}

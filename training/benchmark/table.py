@@ -126,7 +126,10 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
             "have played):"
         )
         yield _improvement(own)
-    yield "By task, means over seeds with 95 % bootstrap intervals; self-play figures are of one side:"
+    yield (
+        "By task, means over seeds with 95 % bootstrap intervals; kills and heals given are of one side in self-play, "
+        "damage is of one agent:"
+    )
     yield markdown_table(TASK_HEADS, _by_task(own))
     for task, each in own["tasks"].items():
         if each["cross_play"]["matches"]:

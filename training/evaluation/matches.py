@@ -130,6 +130,6 @@ class Match:
             summed = (rate[rows][:, None] * mine[..., None]).sum(2)
             self.results.enter(where, name, summed[..., 0], summed[..., 1])
         for name, values in statistics.items():
-            if values.ndim == 1 and not name.startswith("deaths_"):  # of the world: the same for both
+            if values.ndim == 1 and name not in self.metrics.totals:  # of the world: the same for both
                 known = values[rows, None] > 0 if name in MOMENTS else 1.0
                 self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)

@@ -31,12 +31,15 @@ class Pairing:
 def ratio(pairs: Array) -> tuple[float, float]:
     """The sum of all sums over the sum of all counts, and its standard error to first order.
 
-    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN where all counts are 0.
+    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN where all counts are 0;
+    the error, too, where all but one are.
     """
     total, count = pairs.sum(0)
     if not count:
         return float("nan"), float("nan")
     mean = total / count
     rest = pairs[:, 0] - mean * pairs[:, 1]
-    spread = (rest * rest).sum() * len(pairs) / max(1, len(pairs) - 1)
+    if np.count_nonzero(pairs[:, 1]) < 2:
+        return float(mean), float("nan")
+    spread = (rest * rest).sum() * len(pairs) / (len(pairs) - 1)
     return float(mean), float(np.sqrt(spread) / count)

@@ -176,6 +176,8 @@ def _cell(mean: float, error: float) -> str:
     """Mean and error, to the error's second digit."""
     if np.isnan(mean):
         return "-"
+    if np.isnan(error):  # there was one
+        return f"{mean:.2f} ± -"
     if not error:  # all episodes were alike
         return f"{mean:.2f}"
     digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 4))

@@ -1,5 +1,6 @@
 """What is measured of curves, by which the paper's claims are checked. Needs numpy only."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -73,5 +74,5 @@ def together(runs: Runs, variant: str, one: Quantity, other: Quantity) -> float:
 
 
 def over(one: float, other: float) -> float:
-    """One over the other; NaN where that is 0."""
-    return one / other if other else float("nan")
+    """One over the other; infinite where that is 0, NaN where both are."""
+    return one / other if other else math.inf if one else math.nan

@@ -72,7 +72,9 @@ class Comparison:
     @property
     def title(self) -> str:
         """What all runs have in common, and how many there are."""
-        parts = [common(self.runs, lambda run: run.scenario)]
+        parts = [
+            common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
+        ]
         parts += [f"preset {name}"] if (name := common(self.runs, lambda run: str(run.plan[PRESET]))) else []
         count = len(self.runs)
         return ", ".join([*filter(None, parts), "one run" if count == 1 else f"{count} runs"])
@@ -100,6 +102,10 @@ class Comparison:
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
+        choosers = {run.plan.get("levels") for group in self.groups for run in group.runs[1:]} - {None}
+        notes += [f"Runs are told apart by the name of what chooses levels only: {', '.join(sorted(choosers))}"] * bool(
+            choosers
+        )
         short = [run for group in self.groups for run in group.unfinished]
         named = ", ".join(f"{run.origin.name} ({run.steps:,} agent-steps)" for run in short[:4])
         more = f" and {len(short) - 4} more" if len(short) > 4 else ""

@@ -33,7 +33,7 @@ class Group:
         """Its name in legends and tables: "melee_damage=20"; of a scenario and a preset, their names alone."""
         plain = (SCENARIO, PRESET)
         texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
-        return ", ".join(texts) or self.runs[0].scenario
+        return ", ".join(texts) or common(self.runs, lambda run: run.label) or self.runs[0].scenario
 
     @property
     def ended(self) -> tuple[Run, ...]:

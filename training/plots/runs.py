@@ -36,6 +36,7 @@ class Run(Logged):
         numbers: Those of the scenario, by name.
         plan: That of run.json.
         curves: Everything that was logged, by tag; of kept files, the paper's quantities.
+        label: What it is called by, with what was changed: "ffa_2-melee_damage=50"; "" where that is the name.
     """
 
     origin: Path
@@ -43,6 +44,7 @@ class Run(Logged):
     numbers: dict[str, Any]
     plan: dict[str, Any]
     curves: Curves
+    label: str = ""
 
     @cached_property
     def settings(self) -> dict[str, Any]:
@@ -60,7 +62,9 @@ def shown(value: Any) -> str:
         return ",".join(map(shown, value))
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float) and float(short := f"{value:g}") == value:
+        return short
+    return str(value)
 
 
 def load(places: Iterable[Path]) -> list[Run]:
@@ -77,7 +81,7 @@ def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
         preset(plan.get(PRESET))
     except ScenarioError as error:
         raise TrainingError(f"{origin} does not hold a run: {error}") from error
-    return Run(origin, scenario["name"], _played(scenario), plan, curves)
+    return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""))
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
