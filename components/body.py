@@ -24,7 +24,10 @@ class Body(Component):
 
 
 class Shape(Component):
-    """Outline: a circle, or with radius 0 a rectangle along the body's own axes. Blocks sight and melee."""
+    """Outline: a circle, or with radius 0 a rectangle along the body's own axes.
+
+    Blocks sight and melee; cameras see what has one.
+    """
 
     requires = (Body,)
     radius: Array = column("f4")  # metres

@@ -18,6 +18,7 @@ from numba import types
 from numba.core.datamodel import models, register_default
 from numba.core.errors import NumbaIndexError, NumbaTypeError
 from numba.core.imputils import lower_builtin
+from numba.extending import overload_classmethod
 from numba.np import arrayobj
 
 from . import jit
@@ -151,6 +152,15 @@ def _get_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 @lower_builtin(operator.getitem, CheckedColumn, types.BaseTuple)  # type: ignore[untyped-decorator]
 def _get_part_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return arrayobj.getitem_array_tuple(_checked(context), builder, signature, arguments)
+
+
+@lower_builtin(operator.getitem, CheckedColumn, types.Array)  # type: ignore[untyped-decorator]
+def _gather_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return arrayobj.fancy_getitem_array(_checked(context), builder, signature, arguments)
+
+
+# numba allocates what is gathered, copied or sorted by a method that it looks for in the very class of a type.
+overload_classmethod(CheckedColumn, "_allocate", target="CPU")(arrayobj._ol_array_allocate)
 
 
 @lower_builtin(operator.setitem, CheckedColumn, types.Any, types.Any)  # type: ignore[untyped-decorator]

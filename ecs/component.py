@@ -143,6 +143,17 @@ def _check_column(label: str, column: Column) -> None:
             raise DeclarationError(
                 f"{label} has the dimension {dim!r:.60}: a size of at least 1 or the name of a dimension is needed"
             )
+    if not column.low <= column.high:
+        raise DeclarationError(
+            f"{label} goes from {column.low:g} to {column.high:g}: the low end must not be above the high one"
+        )
+    index: Any = column.below
+    if not isinstance(index, str):
+        raise DeclarationError(
+            f"{label} is below {index!r:.60}: the name of a dimension is needed; for a number take high"
+        )
+    if column.dtype.kind == "f" and (index or column.unit in INDICES):
+        raise DeclarationError(f'{label} is {column.dtype}, and an index of {index or INDICES[column.unit]}: take "i4"')
     as_stored(label, column, column.fill)
 
 
@@ -199,6 +210,11 @@ class Component:
             if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
+            if value.dtype.kind == "f" and not published and (value.low > -np.inf or value.high < np.inf):
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} is {value.dtype} with low or high, which are of integers and of what "
+                    "environments publish; leave them out"
+                )
             if value.key and not published:
                 raise DeclarationError(
                     f"{cls.__name__}.{name} has a key, which only columns of an Action, an Observation, a Signal or a "
@@ -273,7 +289,7 @@ class Action(Singleton, packed=False):
             if value.low < kind.min or value.high > kind.max:
                 raise DeclarationError(
                     f"{cls.__name__}.{name} goes from {value.low} to {value.high}, and {value.dtype} from {kind.min} "
-                    f"to {kind.max}: take a larger type for all columns of actions"
+                    f"to {kind.max}: make it two actions, as all columns of actions have one type, outlast's int8"
                 )
 
 
@@ -307,6 +323,11 @@ class Statistic(Singleton):
         super().__init_subclass__(order, packed)
         for name, value in cls.columns.items():
             key = value.key or name
+            if len(value.dims) > 1:
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} has the dimensions {value.dims}: a statistic is one number, or has one for "
+                    "each agent, side or the like; make it several"
+                )
             if key in TAKEN:
                 raise DeclarationError(f"{cls.__name__}.{name}: tables and logs have a '{key}' already; rename it")
             if key[-1:].isdigit():

@@ -52,6 +52,25 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
     return {dim: size_of(dim, ()) for dim in terms}
 
 
+def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int]) -> None:
+    """DeclarationError if a column is said to be an index of a dimension that no imported mechanic has.
+
+    Args:
+        module: Any one.
+        components: Those of the scenario.
+        dims: Its sizes. Dimensions of mechanics that it lacks may be missing.
+    """
+    for component in components:
+        for name, column in component.columns.items():
+            for dim in (term.strip() for term in column.below.split("+") if column.below):
+                if not dim.isdigit() and dim not in dims and not module.providers(lambda other: dim in other.dims()):  # noqa: B023
+                    near = difflib.get_close_matches(dim, dims, 1)
+                    hint = f"did you mean {near[0]!r}?" if near else "take names and numbers, with + between them"
+                    raise DeclarationError(
+                        f"{component.__name__}.{name} is below {column.below!r}: no dimension is called {dim!r}; {hint}"
+                    )
+
+
 def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collection[Any]) -> None:
     """Refuse that a mechanic from outside of outlast adds to a dimension of the engine's, or of one of outlast's.
 

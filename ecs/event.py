@@ -12,6 +12,7 @@ that run later in the tick, and everybody between two ticks, find the events of 
 """
 
 from collections.abc import Iterable
+from numbers import Integral
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -62,6 +63,13 @@ class Event(Singleton, packed=False):
         if capacity is None:
             raise DeclarationError(
                 f'{own} has no capacity: say how many there can be in a tick, as in (Event, capacity="agents")'
+            )
+        given: Any = capacity
+        whole = isinstance(given, Integral) and not isinstance(given, bool) and given >= 1
+        if not (whole or isinstance(given, str) or (isinstance(given, type) and issubclass(given, Component))):
+            raise DeclarationError(
+                f"{own} with the capacity {capacity!r:.60}: a whole number of at least 1, the name of a dimension or a "
+                "component is needed"
             )
         if taken := sorted({COUNT, *TIMES} & cls.columns.keys()):
             raise DeclarationError(f"{own}: the engine has a column '{taken[0]}' of its own; call yours otherwise")

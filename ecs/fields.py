@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any
 
 from .errors import DeclarationError
@@ -50,10 +51,17 @@ class Field:
     start: int = 0
 
     def __post_init__(self) -> None:
-        if not re.fullmatch("[a-z][a-z0-9_]*", self.name):
+        name: Any = self.name
+        if not isinstance(name, str) or not re.fullmatch("[a-z][a-z0-9_]*", name):
             raise DeclarationError(
                 f"a field is called {self.name!r}: lower-case letters, digits and underscores are needed, as in "
                 'Field("stamina")'
+            )
+        whole = [isinstance(each, Integral) and not isinstance(each, bool) for each in (self.size, self.order)]
+        if not (whole[0] or isinstance(self.size, str)) or not whole[1]:
+            raise DeclarationError(
+                f"the field '{self.name}' has size {self.size!r:.60} and order {self.order!r:.60}: integers are "
+                "needed, or as the size the name of a dimension"
             )
         if (not isinstance(self.size, str) and self.size < 1) or not self.low <= self.high:
             raise DeclarationError(

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from .archetype import Archetype, listed, merge
+from .archetype import Archetype, listed, merge, usually_brings
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
-from .dimensions import check_owners, dimension_sizes
+from .dimensions import check_indices, check_owners, dimension_sizes
 from .distributions import Distribution
 from .errors import DeclarationError
 from .event import Event, memory_type
@@ -100,6 +100,7 @@ class Layout:
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
+        check_indices(self.modules[0], self.components, self.dims)
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
@@ -295,12 +296,16 @@ class Layout:
         }
 
     def _check_counts(self) -> None:
-        """DeclarationError if an archetype is only extended."""
+        """DeclarationError if an archetype is only extended, or there are 0."""
         for name, archetype in self.archetypes.items():
             if archetype.count == 0:
                 makers = self.modules[0].providers(
                     lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
                 )
+                if here := [module.name for module in self.modules if usually_brings(module, name)]:
+                    raise DeclarationError(
+                        f"{here[0]} declares 0 of the kind '{name}': at least 1 is needed; for none leave {here[0]} out"
+                    )
                 near = difflib.get_close_matches(name, [name for name, kind in self.archetypes.items() if kind.count])
                 cure = f"did you mean {' or '.join(map(repr, near))}?" if near else "add a module that does"
                 raise DeclarationError(
@@ -362,7 +367,7 @@ class Layout:
         block = np.zeros((1, self.world_bytes), np.uint8)
         for singleton, values in self.singletons.items():
             if singleton.packed:
-                fill(self.columns(block, singleton), slice(None), values, singleton.__name__)
+                fill(self.columns(block, singleton), slice(None), values, singleton.__name__, self.dims)
         for name, archetype in self.archetypes.items():
             span = slice(self.spans[name].start, self.spans[name].stop)
             entity = self.columns(block, Entity)
@@ -370,7 +375,7 @@ class Layout:
             kind = stream_number(name) >> 33 << 32  # positive, with room for 2**32 entities of a kind
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
-                fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}")
+                fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}", self.dims)
         return np.ascontiguousarray(block[0])
 
 

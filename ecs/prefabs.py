@@ -1,6 +1,6 @@
 """Prefab values: those that entities and singletons begin an episode with."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ def one_of_each(modules: Sequence[Any]) -> dict[type[Component], Singleton]:
     return {kind: singleton for kind, (_, singleton) in found.items()}
 
 
-def fill(table: Any, where: Any, part: Component, label: str) -> None:
+def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str, int]) -> None:
     """Write the prefab values of a component into a part of its table.
 
     Args:
@@ -34,13 +34,18 @@ def fill(table: Any, where: Any, part: Component, label: str) -> None:
         where: The index of the part.
         part: The values.
         label: What errors begin with.
+        dims: The sizes of the scenario.
 
     Raises:
-        DeclarationError: One is not of its column's type or shape.
+        DeclarationError: One is not of its column's type or shape, or out of its range.
     """
     for name, column in part.columns.items():
         there = getattr(table, name)[where]
         value = as_stored(f"{label}.{name}", column, part.fills.get(name, column.fill))
+        if there.size and (ends := column.range(dims)) and not (ends[0] <= value.min() and value.max() <= ends[1]):
+            raise DeclarationError(
+                f"{label}.{name} begins as {value.tolist()!r:.60}: {ends[0]} to {ends[1]} is its range"
+            )
         try:
             there[...] = value
         except ValueError:

@@ -13,6 +13,7 @@ time through all units. A system that runs as Python splits the tick into severa
 """
 
 import linecache
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -305,7 +306,7 @@ class Generator:
 
         def view(worlds: Any) -> np.ndarray[Any, Any]:
             values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-            return values.reshape(*values.shape[:axes], -1)
+            return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # also of none
 
         return self._view_of(name, view, component.columns[column].dtype, writable, axes)
 

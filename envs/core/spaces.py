@@ -1,5 +1,6 @@
 """Spaces, built from what the scenario's components declare."""
 
+import difflib
 import itertools
 from collections.abc import Mapping
 from typing import Any
@@ -20,6 +21,7 @@ from outlast.ecs import (
     Statistic,
     Worlds,
 )
+from outlast.ecs.fields import column_names
 from outlast.ecs.references import is_outside
 from outlast.ecs.varied import NumbersView, extreme_layouts
 
@@ -147,6 +149,13 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
     layout, found = worlds.layout, {}
     extremes = extreme_layouts(layout)
     stated = [(module.name, module.bounds(there)) for there in extremes for module in there.modules]
+    for module, ends in stated:
+        if unknown := sorted(ends.keys() - Observation.keys()):
+            near = difflib.get_close_matches(unknown[0], Observation.keys(), 1)
+            raise DeclarationError(
+                f"{module}.bounds() has the key '{unknown[0]}', which no observation has"
+                + (f"; did you mean '{near[0]}'?" if near else "; fields are in the bounds of their key")
+            )
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}
@@ -163,6 +172,13 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
             low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in said]), np.fmax(least, column.low))
             high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in said]), np.fmin(most, column.high))
             low, high = low.astype(np.float32), high.astype(np.float32)
+        if (without := np.argwhere((low > 0) | (high < 0))).size:
+            at = tuple(without[0])
+            column_name = (column_names(fields) or [str(at[-1])])[at[-1]]
+            raise DeclarationError(
+                f"the bounds of '{column_name}' in '{key}' are {low[at]:g} to {high[at]:g}: 0 must be in them, as the "
+                "rows of what is not there hold it"
+            )
         found[key] = low, np.where(low == high, low + 1, high)
     return found
 
@@ -197,6 +213,8 @@ def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
     except (ValueError, TypeError) as error:
         cure = "give numbers, or arrays that broadcast to it"
         raise DeclarationError(f"{what} do not fit its shape {shape} ({error}); {cure}") from None
+    if np.isnan(low).any() or np.isnan(high).any():
+        raise DeclarationError(f"{what} are {ends}: leave out what has none")
     if not (low <= high).all():
         raise DeclarationError(f"{what} have a low end above the high one: {ends}; swap them")
     return low, high

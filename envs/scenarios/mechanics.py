@@ -52,6 +52,11 @@ def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: 
     """
     left, made, known = current_numbers(dict(numbers)), [], imported()
     for name in map(current_class, names):
+        if name not in known and name.startswith("__main__."):
+            raise ScenarioError(
+                f"the mechanic {name.removeprefix('__main__.')} was defined by the script or notebook that saved this; "
+                "define it in a file of its own, import it from there, and save again"
+            )
         if name not in known:
             raise ScenarioError(
                 f"the mechanic {name} is not one of outlast's own, and what a file names is not imported: import it "

@@ -132,7 +132,7 @@ def test_of_what_several_modules_say_the_widest_counts() -> None:
     assert row("", "heal_slot", said("heal_slot", {"amount": (-5, 20)})) == [(-5, 75)]
     assert row("", "heal_slot", said("heal_slot", {"amount": (0, 200)})) == [(0, 200)]
     assert row("", "heals_mask", said("heals_mask", (-5, 5)))[0] == (0, 1)
-    assert row("", "own", said("nowhere", (0, 1))) == row("ffa_1", "own")
+    assert row("", "own", said("boxes", {"x": (0, 1)})) == row("ffa_1", "own")  # which are left out here
     further = said("own", {"x": (-20, 1)})
     assert row("", "own", further)[2:4] == row("", "others", further)[2:4] == [(-20, 12.5), (-12.5, 12.5)]
     narrow = [(-5, 5) if k == 7 else pair for k, pair in enumerate(row("ffa_1", "own"))]

@@ -139,7 +139,7 @@ def test_the_range_of_a_field_is_the_widest_of_all_worlds() -> None:
         """The range is in the declaration of the field."""
 
         def fields(self) -> Mapping[str, tuple[Field, ...]]:
-            return {"own": (Field("stamina", low=self.most - 10, high=self.most),)}
+            return {"own": (Field("stamina", low=10 - self.most, high=self.most),)}
 
         def bounds(self, layout: Layout) -> Mapping[str, Any]:
             return {}
@@ -151,8 +151,8 @@ def test_the_range_of_a_field_is_the_widest_of_all_worlds() -> None:
         return [box.low[..., where].min(), box.high[..., where].max()]
 
     scenario = variant("teams_1").with_(Limited())
-    assert ends(scenario) == [90, 100]
-    assert ends(scenario.vary(limited_most=choice(30, 80))) == [20, 80]
+    assert ends(scenario) == [-90, 100]
+    assert ends(scenario.vary(limited_most=choice(30, 80))) == [-70, 80]
 
 
 def test_a_field_is_as_long_as_a_dimension() -> None:

@@ -30,11 +30,13 @@ from outlast.ecs import (
     Rows,
     Signal,
     Singleton,
+    Statistic,
     Write,
     column,
     exists,
 )
 from outlast.systems import Motors, Rewards
+from tests.conftest import COMPILED
 
 DUEL = outlast.variant("ffa_1").replace(ending_rule="never", ending_limit=5)
 MODES = ["NextStep", "SameStep", "Disabled"]
@@ -471,3 +473,56 @@ def test_a_field_that_no_system_writes_is_refused() -> None:
         DeclarationError, match=r"no system writes the field 'mood' that mute adds to 'own', .*: Offset"
     ):
         outlast.make_vec(DUEL.with_(Mute()), 1)
+
+
+class Sums(Statistic):
+    least: Any = column("f8")
+    middle: Any = column("f8")
+    total: Any = column("f8")
+    healthy: Any = column("i4")
+
+
+class Gathers(Module):
+    def singletons(self) -> list[Singleton]:
+        return [Sums()]
+
+
+@Gathers.system(Phase.MELEE, before=Health)
+def gather(sums: Write[Sums], health: Write[Health], body: Read[Body], agents: Rows[Side]) -> None:
+    health.points[agents] -= 1
+    sums.least[0] += np.sort(body.x[agents])[0] + body.x[agents].min()
+    sums.middle[0] += health.points[agents].mean() + np.clip(body.x[:4], -1, 1).sum()
+    sums.total[0] += body.y[agents].sum() + body.x[:4].copy().sum()
+    sums.healthy[0] += int(np.argmin(body.x[agents])) + int((health.points[agents] > 50).sum())
+
+
+def test_rows_can_be_gathered_copied_and_sorted() -> None:
+    """numpy's ways to take several rows at once: compiled and as Python."""
+    found = []
+    for interpret in ((), ("gathers.gather",)):
+        env = outlast.make_vec(DUEL.with_(Gathers()), 2, seed=0, interpret=interpret)
+        env.reset()
+        for _ in range(5):
+            env.step(say_nothing(env))
+        found.append([np.array(values) for values in env.worlds[Sums]])
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-6)
+        assert one.any()
+
+
+class Reaches(Module):
+    def singletons(self) -> list[Singleton]:
+        return [Sums()]
+
+
+@Reaches.system(Phase.MELEE)
+def reach(body: Read[Body], sums: Write[Sums]) -> None:
+    sums.least[0] += body.x[np.array([0, 100_000])].sum()
+
+
+@pytest.mark.skipif(not COMPILED, reason="numpy's own message")
+def test_rows_that_are_gathered_are_there() -> None:
+    env = outlast.make_vec(DUEL.with_(Reaches()), 1, seed=0)
+    env.reset()
+    with pytest.raises(IndexError, match=r"reaches.reach"):
+        env.step(say_nothing(env))

@@ -17,6 +17,7 @@ from outlast.ecs import (
     DeclarationError,
     EngineError,
     Event,
+    Field,
     Layout,
     Module,
     NumberError,
@@ -26,6 +27,7 @@ from outlast.ecs import (
     ScheduleError,
     Singleton,
     Statistic,
+    Worlds,
     Write,
     column,
     kernel,
@@ -33,6 +35,7 @@ from outlast.ecs import (
     of,
 )
 from outlast.ecs.kernel_check import check
+from outlast.envs.core.spaces import bounds
 from outlast.envs.errors import ScenarioError
 from outlast.envs.inspect.event_table import event_table
 from tests.conftest import COMPILED
@@ -205,6 +208,49 @@ def like_a_side_s() -> None:
         gold: Array = column("i4", key="gold_1")
 
 
+def table_of_statistics() -> None:
+    class Of(Statistic):
+        gold: Array = column("i4", "agents", 2)
+
+
+def bounded_float() -> None:
+    class Gold(Component):
+        share: Array = column("f4", low=0, high=1)
+
+
+def swapped_ends() -> None:
+    class Gold(Component):
+        amount: Array = column("i4", low=5, high=1)
+
+
+def below_a_number() -> None:
+    class Gold(Component):
+        amount: Array = column("i4", below=5)  # type: ignore[arg-type]
+
+
+def float_index() -> None:
+    class Gold(Component):
+        owner: Array = column("f4", unit="entity")
+
+
+def no_capacity() -> None:
+    class Found(Event, capacity=0):
+        gold: Array = column("i4")
+
+
+def part_of_a_capacity() -> None:
+    class Found(Event, capacity=1.5):  # type: ignore[arg-type]
+        gold: Array = column("i4")
+
+
+def part_of_a_field() -> None:
+    Field("gold", size=2.0)
+
+
+def field_without_a_name() -> None:
+    Field(5)  # type: ignore[arg-type]
+
+
 def array() -> None:
     class Gold(Component):
         amount: np.ndarray[Any, Any]
@@ -265,6 +311,21 @@ def hook() -> None:
         (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
         (twice_in_tables, "Of.world: tables and logs have a 'world' already; rename it"),
         (like_a_side_s, "Of.gold: the statistic 'gold_1' ends in a digit, by which tables and logs tell sides and"),
+        (table_of_statistics, r"Of.gold has the dimensions \('agents', 2\): a statistic is one number, or has one for"),
+        (
+            bounded_float,
+            "Gold.share is float32 with low or high, which are of integers and of what environments publish",
+        ),
+        (swapped_ends, "Gold.amount goes from 5 to 1: the low end must not be above the high one"),
+        (below_a_number, "Gold.amount is below 5: the name of a dimension is needed; for a number take high"),
+        (float_index, 'Gold.owner is float32, and an index of rows: take "i4"'),
+        (
+            no_capacity,
+            r"class Found\(Event\) with the capacity 0: a whole number of at least 1, the name of a dimension",
+        ),
+        (part_of_a_capacity, r"class Found\(Event\) with the capacity 1.5: a whole number of at least 1"),
+        (part_of_a_field, "the field 'gold' has size 2.0 and order 0: integers are needed, or as the size the name"),
+        (field_without_a_name, "a field is called 5: lower-case letters"),
         (array, r"Gold.amount is no column"),
         (bare, r"Gold.amount is no column: declare it as in amount: Array = column"),
         (plain_value, r"Gold.amount is no column"),
@@ -279,6 +340,61 @@ def hook() -> None:
 def test_declarations_that_mean_nothing(declare: Callable[[], None], words: str) -> None:
     with pytest.raises(DeclarationError, match=words):
         declare()
+
+
+class Owned(Component):
+    door: Array = column("i4", below="heals")
+
+
+class Slipped(Component):
+    door: Array = column("i4", below="heals + healz")
+
+
+class Fuel(Observation):
+    fuel: Array = column("f4", "agents", 1)
+
+
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        (
+            mechanic("Own", archetypes=[Archetype("agent", (Owned(door=99),))]),
+            r"agent: Owned.door begins as 99: 0 to \d+ is its range",
+        ),
+        (
+            mechanic("Slips", archetypes=[Archetype("agent", (Slipped(),))]),
+            "Slipped.door is below 'heals \\+ healz': no dimension is called 'healz'; did you mean 'heals'",
+        ),
+        (
+            mechanic("Heats", bounds=lambda self, layout: {"owm": {"fuel": (0, 1)}}),
+            r"heats.bounds\(\) has the key 'owm', .* did you mean 'own'",
+        ),
+        (
+            mechanic("Fuels", singletons=[Fuel()], bounds=lambda self, layout: {"fuel": (5, 20)}),
+            "the bounds of '0' in 'fuel' are 5 to 20: 0 must be in them",
+        ),
+        (
+            mechanic("Leaks", singletons=[Fuel()], bounds=lambda self, layout: {"fuel": (0, np.nan)}),
+            r"leaks.bounds\(\) of 'fuel' are",
+        ),
+    ],
+)
+def test_declarations_that_do_not_fit_the_game(module: Module, words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        bounds(Worlds([*DUEL.modules, module], 1))
+
+
+@dataclass(frozen=True)
+class Landing(Module):
+    count: int = number(3, low=0)
+
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("place", (Mark(),), self.count)]
+
+
+def test_a_kind_of_none_is_left_out() -> None:
+    with pytest.raises(DeclarationError, match="landing declares 0 of the kind 'place': at least 1 is needed"):
+        layout(Landing(count=0))
 
 
 def test_two_systems_of_one_name_in_a_file() -> None:

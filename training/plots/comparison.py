@@ -102,7 +102,8 @@ class Comparison:
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
-        choosers = {run.plan.get("levels") for group in self.groups for run in group.runs[1:]} - {None}
+        later = [run for group in self.groups for run in group.runs[1:]]
+        choosers = {str(run.plan["levels"]) for run in later if run.plan.get("levels")}
         notes += [f"Runs are told apart by the name of what chooses levels only: {', '.join(sorted(choosers))}"] * bool(
             choosers
         )
