@@ -65,7 +65,7 @@ class Event(Singleton, packed=False):
                 f'{own} has no capacity: say how many there can be in a tick, as in (Event, capacity="agents")'
             )
         given: Any = capacity
-        whole = isinstance(given, Integral) and not isinstance(given, bool) and given >= 1
+        whole = not isinstance(given, bool) and isinstance(given, Integral) and int(given) >= 1
         if not (whole or isinstance(given, str) or (isinstance(given, type) and issubclass(given, Component))):
             raise DeclarationError(
                 f"{own} with the capacity {capacity!r:.60}: a whole number of at least 1, the name of a dimension or a "
