@@ -398,7 +398,8 @@ def test_functions_of_outlast_check_the_indices_that_others_give_them(function: 
     label = f"far.{function.__name__}"
     env = outlast.make_vec(DUEL.with_(Far()), 2, seed=0, interpret=(label,) if interpret else ())
     env.reset()
-    with pytest.raises(IndexError, match="out of bounds" if interpret else rf"^{label}.*out of bounds"):
+    named = f"^{label}.*" if COMPILED and not interpret else ""
+    with pytest.raises(IndexError, match=f"{named}out of bounds"):
         env.step(say_nothing(env))
 
 
