@@ -265,6 +265,15 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
 
+def test_what_is_of_an_unknown_task_is_said_of_its_entries(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / str(BUDGET) / "later-v9"
+    shutil.copytree(results / str(BUDGET) / NAME, folder, ignore=shutil.ignore_patterns("trained", BEST))
+    first = result.read(results / str(BUDGET) / NAME / "fast/0" / result.NAME)
+    later = Result(folder / "fast/0", first.content | {"task": "later-v9"})
+    assert [check().wrong[:32] for check in checks(later)] == ["there is no task 'later-v9'; kno"]
+    assert cross_checks(folder, {later.name: later}) == []
+
+
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
     entries = {each.name: each for each in result.find(folder) if each.name != "mine/1"}

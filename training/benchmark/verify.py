@@ -61,13 +61,17 @@ def checks(entry: Result) -> list[Check]:
 def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
     """What verifies the cross-play of a task; folder: of the task. entries: all of the task, by name."""
     found: list[Check] = []
+    try:
+        task = task_of(folder.name)
+    except TrainingError:  # which is said of each of the entries
+        return found
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
         if gone := [name for name in (one, other) if name not in entries]:
             found.append(partial(Finding, what, missing=f"the entry {gone[0]} is not here"))
         else:
             pair = entries[one], entries[other]
-            found.append(partial(_of_match, what, path, _wrong_with_cross, task_of(folder.name), match, path, *pair))
+            found.append(partial(_of_match, what, path, _wrong_with_cross, task, match, path, *pair))
     return found
 
 
