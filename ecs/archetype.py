@@ -1,6 +1,5 @@
 """Archetypes: the kinds of entities that modules declare, each a range of rows with the same components."""
 
-import contextlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -52,13 +51,6 @@ class Archetype:
                 f"Archetype({self.name!r}, {parts!r:.60}): a tuple of instances of components is needed, as in "
                 f"Archetype({self.name!r}, (Health(points=20),)); with one, mind the comma"
             )
-
-
-def usually_brings(module: Any, kind: str) -> bool:
-    """Whether a mechanic says how many there are of a kind, if its numbers are the usual ones."""
-    with contextlib.suppress(Exception):  # one that cannot be made without numbers
-        return any(each.name == kind and each.count for each in type(module)().archetypes())
-    return False
 
 
 def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:

@@ -63,7 +63,7 @@ def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int
     for component in components:
         for name, column in component.columns.items():
             for dim in (term.strip() for term in column.below.split("+") if column.below):
-                if not dim.isdigit() and dim not in dims and not module.providers(lambda other: dim in other.dims()):  # noqa: B023
+                if not (dim.isdigit() or dim in dims or _has_a_mechanic(module, dim)):
                     near = difflib.get_close_matches(dim, dims, 1)
                     hint = f"did you mean {near[0]!r}?" if near else "take names and numbers, with + between them"
                     raise DeclarationError(
@@ -99,9 +99,14 @@ def _check_size(module: Any, dim: str, size: Any) -> None:
         raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
 
 
+def _has_a_mechanic(module: Any, dim: str) -> bool:
+    """Whether a mechanic that is imported has the dimension. module: any one."""
+    return bool(module.providing(lambda other: dim in other.dims()))
+
+
 def _check_known(module: Any, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
     """DeclarationError if no mechanic that is imported has the dimension."""
-    if not module.providers(lambda other: dim in other.dims()):
+    if not _has_a_mechanic(module, dim):
         near = difflib.get_close_matches(dim, known)
         hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(sorted(known))}"
         raise DeclarationError(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .archetype import Archetype, listed, merge, usually_brings
+from .archetype import Archetype, listed, merge
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .dimensions import check_indices, check_owners, dimension_sizes
 from .distributions import Distribution
@@ -299,10 +299,10 @@ class Layout:
         """DeclarationError if an archetype is only extended, or there are 0."""
         for name, archetype in self.archetypes.items():
             if archetype.count == 0:
-                makers = self.modules[0].providers(
+                kinds = self.modules[0].providing(
                     lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
                 )
-                if here := [module.name for module in self.modules if usually_brings(module, name)]:
+                if here := [module.name for module in self.modules if type(module) in kinds]:
                     raise DeclarationError(
                         f"{here[0]} declares 0 of the kind '{name}': at least 1 is needed; for none leave {here[0]} out"
                     )
@@ -310,7 +310,7 @@ class Layout:
                 cure = f"did you mean {' or '.join(map(repr, near))}?" if near else "add a module that does"
                 raise DeclarationError(
                     f"modules extend the archetype '{name}', but none declares how many there are; "
-                    f"{f'add {makers}' if makers else cure}"
+                    f"{f'add {self.modules[0].named(kinds)}' if kinds else cure}"
                 )
 
     def _check_dims(self) -> None:

@@ -20,7 +20,7 @@ import difflib
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -267,13 +267,23 @@ class Module:
             provides: Whether an instance does.
 
         Returns:
-            Their classes' names, without subclasses of each other: "FreeForAll or Teams"; empty if there is none.
+            Their classes' names, see `named`.
         """
+        return Module.named(Module.providing(provides))
+
+    @staticmethod
+    def providing(provides: Callable[["Module"], bool]) -> list[type["Module"]]:
+        """The same as classes."""
         found = list[type[Module]]()
         for kind in Module.imported():
             with contextlib.suppress(Exception):  # a user's class that cannot be made, or not without numbers
                 if provides(kind()):
                     found.append(kind)
+        return found
+
+    @staticmethod
+    def named(found: Sequence[type["Module"]]) -> str:
+        """The names of classes, without subclasses of each other: "FreeForAll or Teams"; empty if there is none."""
         return " or ".join(sorted({kind.__name__ for kind in found if not {*kind.__mro__[1:]} & {*found}}))
 
     def archetypes(self) -> Iterable[Archetype]:

@@ -103,12 +103,13 @@ class BehaviourMetrics:
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
         self.held = self.given = self.there = 0
-        self._reaches: list[Array] = []  # of each step, where it is not the same in all
+        layout, self._reaches = base_env.worlds.layout, list[Array]()  # of each step, where they differ
+        self._differ = any(name in layout.varied or name in layout.per_agent for name in self._reach)
 
     def after_step(self) -> None:
         """Count agents, dead or alive, heals in bags, and gifts. Call after every step, before worlds are reset."""
-        if self._reach and (reach := self._striking()).size > 1:
-            self._reaches.append(reach)
+        if self._differ:
+            self._reaches.append(self._striking())
         self.there += int(present(self.base_env.worlds).sum())
         if self.heals is not None:
             self.held += int((self.base_env.worlds[Item].holder[:, self.heals] >= 0).sum())

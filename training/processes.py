@@ -26,12 +26,13 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
     Raises:
         TrainingError: A process was ended from outside.
     """
-    if min(at_once, len(jobs)) <= 1:
+    count = min(at_once, len(jobs))
+    if count <= 1:
         yield from (job() for job in jobs)
         return
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
-    pool = ProcessPoolExecutor(min(at_once, len(jobs)), context, _end_with_parent)
+    pool = ProcessPoolExecutor(count, context, _end_with_parent)
     try:
         with deaf_to_ctrl_c():
             pending = [pool.submit(job) for job in jobs]

@@ -96,6 +96,14 @@ def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario) -> None:
     assert report == pytest.approx({f"behaviour/{key}": value for key, value in expected.items()}, rel=1e-4)
 
 
+def test_one_world_is_judged_by_the_reach_of_each_episode_too() -> None:
+    trainer = Trainer(TrainingConfig(CROWD.vary(melee_reach=choice(0.5, 5.0)), worlds=1, rollout=STEPS, seed=1))
+    trainer.collect()
+    behaviour = trainer.lane.behaviour
+    assert len(behaviour._reaches) == STEPS
+    assert len({float(reach.item()) for reach in behaviour._reaches}) == 2
+
+
 def test_episodes_are_those_that_ended() -> None:
     trainer = make()
     _, episodes = collected(trainer)

@@ -113,11 +113,10 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
     tasks = ", ".join(own["common"]) or "none"
     yield f"### {budget:,} agent-steps ({track})"
     others = ", ".join(agent for agent in own["improvement"] if agent not in own["compared"])
+    fewer = f" Not in it: {others}, of fewer tasks." if others else ""
     yield (
         "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap), in the "
-        f"tasks that all agents of this table have played: {tasks}."
-        + f" Not in it: {others}, of fewer tasks."
-        * bool(others)
+        f"tasks that all agents of this table have played: {tasks}.{fewer}"
     )
     yield markdown_table(HEADS, _overall(own))
     if len(own["improvement"]) > 1:

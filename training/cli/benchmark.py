@@ -217,7 +217,7 @@ class ChildEntry(ChildRun):
 
 def _run_several(entries: list[Any], options: argparse.Namespace, command: Parser) -> int:
     """The exit status: 0 if all went well, 130 if they were stopped."""
-    at_once = min(options.jobs or os.cpu_count() or 1, len(entries))
+    at_once = min(_jobs(options), len(entries))
     common = command.words(options, leave_out=OWN) + (["--threads=1"] if options.threads is None else [])
     children, total = [ChildEntry(entry, common) for entry in entries], sum(entry.work for entry in entries)
 
@@ -229,7 +229,7 @@ def _run_several(entries: list[Any], options: argparse.Namespace, command: Parse
 
 
 def _jobs(options: argparse.Namespace) -> int:
-    """How many matches are played at a time."""
+    """How many entries, or matches, are played at a time."""
     return int(options.jobs or os.cpu_count() or 1)
 
 
