@@ -22,7 +22,6 @@ import re
 from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -30,6 +29,7 @@ import numpy as np
 from .errors import DeclarationError
 from .fields import Field
 from .references import annotated_arrays, is_outside
+from .whole import is_whole
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
 INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # dimensions, by unit
@@ -139,7 +139,7 @@ def _check_column(label: str, column: Column) -> None:
         )
     dims: tuple[Any, ...] = column.dims
     for dim in dims:
-        if not isinstance(dim, str) and (isinstance(dim, bool) or not isinstance(dim, Integral) or dim < 1):
+        if not isinstance(dim, str) and not is_whole(dim, 1):
             raise DeclarationError(
                 f"{label} has the dimension {dim!r:.60}: a size of at least 1 or the name of a dimension is needed"
             )

@@ -7,6 +7,7 @@ import numpy as np
 
 from .component import Component, Entity
 from .errors import DeclarationError
+from .whole import is_whole
 
 
 class EntityView:
@@ -33,7 +34,7 @@ class EntityView:
     def __init__(self, worlds: Any, row: int, world: int = 0) -> None:
         asked: list[tuple[str, Any, int]] = [("row", row, worlds.dims["rows"]), ("world", world, worlds.count)]
         for name, value, count in asked:
-            if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not 0 <= value < count:
+            if not is_whole(value, 0, count - 1):
                 raise DeclarationError(f"there is no {name} {value!r}: there are {count}, from 0 to {count - 1}")
         self.row, self.world = int(row), int(world)
         spans = worlds.layout.spans

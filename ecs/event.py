@@ -12,7 +12,6 @@ that run later in the tick, and everybody between two ticks, find the events of 
 """
 
 from collections.abc import Iterable
-from numbers import Integral
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from numba.core import cgutils
 from .component import Column, Component, Singleton, snake_case, table_type
 from .errors import CapacityError, DeclarationError
 from .jit import intrinsic, kernel
+from .whole import is_whole
 
 COUNT = "count"
 TIMES = ("world", "episode", "tick")  # the fields that `entries` adds
@@ -65,8 +65,8 @@ class Event(Singleton, packed=False):
                 f'{own} has no capacity: say how many there can be in a tick, as in (Event, capacity="agents")'
             )
         given: Any = capacity
-        whole = not isinstance(given, bool) and isinstance(given, Integral) and int(given) >= 1
-        if not (whole or isinstance(given, str) or (isinstance(given, type) and issubclass(given, Component))):
+        kind = isinstance(given, type) and issubclass(given, Component)
+        if not (is_whole(given, 1) or isinstance(given, str) or kind):
             raise DeclarationError(
                 f"{own} with the capacity {capacity!r:.60}: a whole number of at least 1, the name of a dimension or a "
                 "component is needed"

@@ -11,10 +11,10 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any
 
 from .errors import DeclarationError
+from .whole import is_whole
 
 SMALLEST = 1e-9  # of scales: networks multiply by their inverse in float32
 Fields = Mapping[str, Mapping[str, "Field"]]  # by key of the observation and by name, in order of their columns
@@ -57,8 +57,7 @@ class Field:
                 f"a field is called {self.name!r}: lower-case letters, digits and underscores are needed, as in "
                 'Field("stamina")'
             )
-        whole = [isinstance(each, Integral) and not isinstance(each, bool) for each in (self.size, self.order)]
-        if not (whole[0] or isinstance(self.size, str)) or not whole[1]:
+        if not (is_whole(self.size) or isinstance(self.size, str)) or not is_whole(self.order):
             raise DeclarationError(
                 f"the field '{self.name}' has size {self.size!r:.60} and order {self.order!r:.60}: integers are "
                 "needed, or as the size the name of a dimension"

@@ -12,6 +12,7 @@ from .distributions import Distribution, in_python
 from .distributions import from_plain as distribution_of
 from .distributions import plain as plain_distribution
 from .errors import NumberError
+from .whole import is_whole
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
 OPTIONS = ("drawn", "observed")  # of Scenario.roles
@@ -63,15 +64,11 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any
     ids = tuple(map(in_python, ids))
     if count is not None and ids:
         raise NumberError(f"role({count!r}, agents={ids!r}): give a count or ids, not both")
-    if count is not None and not (_is_whole(count) and count >= 1):
+    if count is not None and not is_whole(count, 1):
         raise NumberError(f"role({count!r}): the count is a whole number from 1; leave it out for all agents left")
-    if not all(_is_whole(i) and i >= 0 for i in ids) or len({*ids}) != len(ids):
+    if not all(is_whole(i, 0) for i in ids) or len({*ids}) != len(ids):
         raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, whole numbers from 0")
     return Role(count, ids, tuple(sorted(numbers.items())))
-
-
-def _is_whole(given: Any) -> bool:
-    return isinstance(given, int) and not isinstance(given, bool)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Worlds
+from outlast.ecs.whole import is_whole
 
 from .adapters.opponents import Other, Others, checked_others
 from .core.validation import check_count
@@ -209,7 +210,7 @@ def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
     if worlds is None:
         rows, columns = looks.mosaic or (1, 1)
         return max(1, rows * columns)
-    if isinstance(worlds, bool) or not isinstance(worlds, Integral) or worlds < 1:
+    if not is_whole(worlds, 1):
         raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
     return int(worlds)
 
@@ -235,7 +236,7 @@ def _replayed(
     most = replay.worlds.count
     room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
     asked: Any = min(room, most) if worlds is None else worlds
-    if isinstance(asked, bool) or not isinstance(asked, Integral | Iterable):
+    if not (is_whole(asked) or isinstance(asked, Iterable)):
         raise FilmError(f"worlds = {asked!r}: how many are to be shown, or their numbers, are needed")
-    shown: Sequence[int] = range(int(asked)) if isinstance(asked, Integral) else list(asked)
+    shown: Sequence[int] = list(asked) if isinstance(asked, Iterable) else range(int(asked))
     return shown, replay.ticks(last=last_tick(replay.recording, 0, steps, shown), worlds=shown)

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from numbers import Integral
 from typing import Any
 
 from outlast.components import Return
+from outlast.ecs.whole import is_whole
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, policy_file
@@ -127,7 +127,7 @@ class TrainingConfig:
         """
         for name, least in LEAST.items():
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**62:
+            if not is_whole(value, least, 2**62 - 1):
                 raise TrainingError(f"{name} = {value!r}: a whole number from {least} is needed")
             object.__setattr__(self, name, int(value))
         if self.dead not in DEAD:

@@ -1,12 +1,12 @@
 """One agent of every world learns, the others follow a policy: the vector environment behind gymnasium.make_vec."""
 
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
+from outlast.ecs.whole import is_whole
 
 from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics
@@ -109,14 +109,14 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     def _choose(self) -> slice:
         learner: Any = self.learner
         last, name = fewest_agents(self.base_env.worlds) - 1, self.base_env.scenario.name
-        if isinstance(learner, bool) or not isinstance(learner, Integral) or not 0 <= int(learner) <= last:
+        if not is_whole(learner, 0, last):
             where = " that every world has" if last < self.num_agents - 1 else ""
             raise ValueError(f"learner = {learner!r}: an agent of {name}{where} is needed, an integer from 0 to {last}")
         self.learner = int(learner)
         return slice(self.learner, self.learner + 1)
 
     def _seeds(self, seed: Any) -> Any:
-        if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
+        if is_whole(seed):
             return [int(seed) + w for w in range(self.num_worlds)]
         return super()._seeds(seed)
 

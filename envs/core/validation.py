@@ -2,11 +2,12 @@
 
 import warnings
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+
+from outlast.ecs.whole import is_whole
 
 from ..errors import ActionError
 
@@ -19,7 +20,7 @@ ROUNDING = 1e-6  # of continuous actions that were scaled to their range
 
 def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
     """ValueError unless `value` is an integer of at least `least`, and at most `most` if that is given."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+    if not is_whole(value, least):
         raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
     if most is not None and int(value) > most:
         raise ValueError(f"{name} = {value!r}: an integer <= {most:,} is needed")
@@ -71,7 +72,7 @@ def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array, Array]:
 
 
 def _seed(value: Any) -> np.uint64:
-    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < 2**64:
+    if not is_whole(value, 0, 2**64 - 1):
         raise ValueError(f"seed = {value!r}: an integer from 0 to 2**64 - 1 is needed")
     return np.uint64(int(value))
 

@@ -1,8 +1,9 @@
 """Which ticks and worlds of a recording are asked for."""
 
 from collections.abc import Iterable
-from numbers import Integral
 from typing import Any
+
+from outlast.ecs.whole import is_whole
 
 from ..errors import RecordingError
 from .reader import Recording
@@ -18,7 +19,7 @@ def last_tick(recording: Recording, first: int, last: int | None, worlds: Any) -
         worlds: Numbers of worlds, in a sequence; None: all.
     """
     given: list[Any] = [first, 0 if last is None else last]
-    if strange := [tick for tick in given if not isinstance(tick, Integral)]:
+    if strange := [tick for tick in given if not is_whole(tick)]:
         raise RecordingError(f"tick {strange[0]!r}: whole numbers are needed, counted from 0")
     if not len(recording):
         raise RecordingError(f"{recording.path}: there is no tick in it")
@@ -30,7 +31,7 @@ def last_tick(recording: Recording, first: int, last: int | None, worlds: Any) -
         )
     if worlds is not None and not isinstance(worlds, Iterable):
         raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
-    if odd := [w for w in worlds or () if isinstance(w, bool) or not isinstance(w, Integral)]:
+    if odd := [w for w in worlds or () if not is_whole(w)]:
         raise RecordingError(f"world {odd[0]!r}: whole numbers are needed, counted from 0")
     if worlds is not None and (unknown := [w for w in worlds if not 0 <= w < recording.num_worlds]):
         raise RecordingError(

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
 from outlast.ecs import Component, Entity, Worlds
+from outlast.ecs.whole import is_whole
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
 from .layers import LAYERS, Layer, Scene
@@ -85,7 +85,7 @@ def _scene(worlds: Worlds, w: int) -> Scene:
 
 
 def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+    if not is_whole(value, least, most):
         raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
 
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from outlast.components import End
 from outlast.ecs import Clock, Worlds
+from outlast.ecs.whole import is_whole
 
 from ...errors import FilmError
 from ..canvas import LARGEST, SMALLEST, Canvas, Image
@@ -155,7 +155,7 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
         raise FilmError("no world is chosen: at least one is needed")
     given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
     for name, value in given:
-        if isinstance(value, bool) or not isinstance(value, Integral):
+        if not is_whole(value):
             raise FilmError(f"{name} = {value!r}: an integer is needed")
     if strange := [w for w in chosen if not 0 <= w < worlds.count]:
         raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")

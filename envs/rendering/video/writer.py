@@ -5,11 +5,12 @@ import itertools
 import os
 import re
 from collections.abc import Iterable, Iterator
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from outlast.ecs.whole import is_whole
 
 from ...errors import FilmError
 from ...storage import atomic_write
@@ -71,7 +72,7 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
     if not target.absolute().parent.is_dir():
         raise FilmError(f"{target}: there is no folder {target.parent}; make it first")
     codec = CODECS[suffix]
-    if isinstance(fps, bool) or not isinstance(fps, Integral) or not 1 <= int(fps) <= codec.fastest:
+    if not is_whole(fps, 1, codec.fastest):
         raise FilmError(f"fps = {fps!r}: an integer from 1 to {codec.fastest} is needed for {suffix or 'a folder'}")
     if codec.extra:
         find_ffmpeg(suffix)
