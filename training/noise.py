@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.rollout.policies import GOLDEN, mix64
+from outlast.ecs import Clock
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import GOLDEN, hashed, mix64
 
 Array = np.ndarray[Any, Any]
 STREAM = 2  # sets them apart from other random numbers of the seed
@@ -34,6 +36,28 @@ class ActionNoise:
     def __call__(self, step: int) -> Array:
         """The numbers of a step, float32 (agents of all worlds, actions), from 0 to below 1."""
         place = np.arange(step * self._actions, (step + 1) * self._actions, dtype=np.uint64)
-        words = mix64(self._start + place * GOLDEN)
-        numbers: Array = (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
-        return numbers
+        return _uniform(mix64(self._start + place * GOLDEN))
+
+
+class EpisodeNoise:
+    """Uniform numbers for every action of some agents: a function of (seed, world, episode, tick, agent, action).
+
+    So an episode that begins again, or goes on from a state, is played the same.
+    """
+
+    def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
+        """Of the worlds as they are when it is called. agents: indices, integers (agents,)."""
+        self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
+        self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
+
+    def __call__(self) -> Array:
+        """The numbers of the next step, float32 (agents of all worlds, actions), from 0 to below 1."""
+        clock = self._clock
+        words = hashed(np.uint64(STREAM), clock.seed, clock.world, clock.episode, clock.tick, self._agents)
+        return _uniform(mix64(words.reshape(-1, 1) + self._actions))
+
+
+def _uniform(words: Array) -> Array:
+    """Of uniform uint64 numbers, float32 of the same shape."""
+    numbers: Array = (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
+    return numbers

@@ -25,6 +25,7 @@ except ModuleNotFoundError as error:
 
 from .errors import TrainingError
 from .explainer import Answer, Explainer, Question
+from .noise import EpisodeNoise
 from .observation_layout import OWN, ObservationLayout
 from .packer import Packer
 from .policy import ActorCritic
@@ -93,6 +94,7 @@ class Player:
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
+        self._noise: EpisodeNoise | None = None
 
     def _make_policies(self, files: dict[str, bytes]) -> list[ActorCritic]:
         """The policies in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
@@ -151,8 +153,24 @@ class Player:
             TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
                 that episodes begin there.
         """
-        (actions,) = self._ask(observations, self._choose)
+        (logs,) = self._ask(observations, _logs)
+        with one_thread(), torch.inference_mode():
+            batch_last = torch.from_numpy(logs).permute(1, 2, 0)
+            actions: Array = self.policies[0].choose(batch_last, self._uniform(len(logs), logs.shape[2])).numpy()
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
+
+    def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
+        """Sample actions by numbers that worlds are keyed by, and not from a generator that goes on; see EpisodeNoise.
+
+        agents: the indices of those that it plays in each world, integers (agents,).
+        """
+        self._noise = EpisodeNoise(env, agents)
+
+    def _uniform(self, *shape: int) -> torch.Tensor | None:
+        """Numbers to sample actions by, float32 (batch, actions); None for the likeliest ones."""
+        if self._noise is not None:
+            return torch.from_numpy(self._noise())
+        return None if self.generator is None else torch.rand(shape, generator=self.generator)
 
     def explainer(self) -> Explainer:
         """What says with what probabilities it acts, with a memory of its own; for outlast.record(policy=player)."""
@@ -229,13 +247,6 @@ class Player:
                 whole[number == k] = answer
         return joined
 
-    def _choose(
-        self, policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None
-    ) -> Answer:
-        """Actions, int64 (batch, actions)."""
-        logs, after = policy.logs(seen, memory, begins)
-        return [policy.choose(logs, self.generator).numpy()], after
-
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
         if given != self.shapes:
@@ -243,6 +254,12 @@ class Player:
                 f"the policy was trained on {self.header['scenario']['name']} and does not fit here: "
                 f"{_differences(self.shapes, given)}; give it a scenario with the same mechanics and counts"
             )
+
+
+def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
+    """The log probabilities of actions, float32 (batch, values, actions)."""
+    logs, after = policy.logs(seen, memory, begins)
+    return [logs.permute(2, 0, 1).numpy()], after
 
 
 def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:

@@ -140,11 +140,9 @@ class ActorCritic(nn.Module):
             features = torch.cat([features, after], 1)
         return self._logs(self.actor.inner(features)), memory
 
-    def choose(self, logs: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Actions, int64 (batch, actions): sampled, or without a generator the likeliest."""
-        if generator is None:
-            return self.choices.likeliest(logs)
-        return self.choices.draw(logs, torch.rand((logs.shape[2], self.choices.shape[1]), generator=generator))
+    def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
+        """Actions, int64 (batch, actions): sampled by numbers (batch, actions) from 0 to 1, or else the likeliest."""
+        return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
         """The memory after each step, and after the last one; see Memory.through."""

@@ -5,6 +5,7 @@
 >>> Experiment(task=task("teams_2+bounty", melee_damage=20), ...)
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ except ImportError as error:
     raise ModuleNotFoundError(f"this needs BenchMARL: {install('benchmarl')}", name="benchmarl") from error
 
 DEFAULTS = {"groups": "sides", "scaled": True}  # arguments of make_torchrl
+EVALUATION = 1 << 32  # number of the first world of evaluation
 LONGEST = 10_000  # ticks of an evaluation, where the scenario has no limit
 TAKEN = {  # arguments of make_torchrl that a task cannot have, and where else they are
     "seed": "take seed= of BenchMARL's Experiment",
@@ -46,15 +48,25 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
             if argument != "actions" or config[argument] not in ("joint", "continuous"):
                 raise ValueError(f"{argument} = {config[argument]!r} of a task: {TAKEN[argument]}; leave it out")
         super().__init__(name, config)
-        self.scenario = scenario
+        self.scenario, self._first_worlds = scenario, itertools.cycle((EVALUATION, 0))
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """What makes an environment of so many worlds."""
+        """What makes an environment of so many worlds.
+
+        BenchMARL asks twice, with the same seed: for the worlds of evaluation and then for those of training, which are
+        others: they have other numbers.
+        """
         options = {**DEFAULTS, **self.config}
-        scenario = self.scenario or self.name.lower()
-        return lambda: make_torchrl(scenario, num_envs, seed=seed, device=device, **options)
+        scenario, first_world = self.scenario or self.name.lower(), next(self._first_worlds)
+
+        def make() -> EnvBase:
+            env = make_torchrl(scenario, num_envs, seed=seed, device=device, **options)
+            env.vector_env.first_world = first_world
+            return env
+
+        return make
 
     def supports_continuous_actions(self) -> bool:
         """If the task has actions="continuous"."""

@@ -7,8 +7,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.validation import Array, check_choice, renamed
+from ..core.validation import Array, check_choice, keys, renamed
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.notebook import Pictured
@@ -69,8 +70,8 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
     ## Version History
     v1: the rules of the paper's runs.
 
-    Copies and pickles hold how an environment was made, not where it is: what comes out has not been reset. `get_state`
-    and `set_state` are for the rest.
+    Pickles, and copies by copy.copy, hold how an environment was made, not where it is: what comes out has not been
+    reset. `get_state` and `set_state` are for the rest. copy.deepcopy makes one that goes on from where this one is.
     """
 
     metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
@@ -121,6 +122,9 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         Raises:
             ValueError: The seed is no integer from 0 to 2**64 - 1.
         """
+        if seed is not None:
+            keys(seed, 1, 0)
+            seed = int(seed)  # Gymnasium knows no integers of numpy
         super().reset(seed=seed)
         observations, info = self._batch.reset(seed=seed)
         self._show()
@@ -191,8 +195,9 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
             self.render()
 
     def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
-        """An environment that goes on from where this one is."""
-        other = self._recipe()
+        """An environment that goes on from where this one is, with `others` of its own."""
+        other = copy.deepcopy(self._recipe, memo)()
+        copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
         other.spec, other.action_space = self.spec, copy.deepcopy(self.action_space)  # with what it draws next
         return other

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import Return
-from outlast.ecs import Worlds
+from outlast.ecs import NumberError, Worlds
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics, alive, counts_vary, present
@@ -21,7 +21,7 @@ from ..core.validation import Array, as_array, check_choice, check_count, check_
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
-from ..errors import NotResetError
+from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
@@ -48,6 +48,9 @@ def requested(
         check_count("max_episode_steps", max_episode_steps, 1)
         if "ending_limit" in numbers:
             raise ValueError("max_episode_steps and ending_limit are the same number: give one of them")
+        scenario = resolve(scenario)
+        if "ending_limit" not in scenario.numbers():
+            raise NumberError(f"max_episode_steps: {scenario.name} has no mechanic Ending, whose ending_limit that is")
         numbers = numbers | {"ending_limit": max_episode_steps}
     return resolve(scenario, numbers, make.__kwdefaults__ or ())
 
@@ -154,11 +157,17 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         Raises:
             ActionError: Actions of another shape, of another type or out of range.
             NotResetError: Some world has not started, or has ended and autoreset_mode is DISABLED.
+            FaultError: A world is in a state that physics cannot take; the others have been stepped.
         """
         self._check_running()
         shape, who = (self.num_envs,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
-        _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
+        try:
+            _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
+        except FaultError:  # of one world; the others have taken the step
+            if (ended := self.base_env._tracker.done).any():
+                self._begin_next(ended)
+            raise
         done = terminated | truncated
         info = self._finish(done) if done.any() else {}
         info |= self._info(np.ones(self.num_worlds, bool))
@@ -247,8 +256,13 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
                 final[k] = each(last, lambda view: view[k].copy())  # noqa: B023
             info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
             info |= {"final_obs": final, "_final_obs": rows}
-            self.base_env.reset(options={"reset_mask": done})
+        self._begin_next(done)
         return info
+
+    def _begin_next(self, done: Array) -> None:
+        """Under SAME_STEP, reset the worlds that just ended."""
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            self.base_env.reset(options={"reset_mask": done})
 
     def _observe(self) -> Arrays:
         observed: Arrays = each(self._views(), lambda view: view.copy() if self.copy else view)

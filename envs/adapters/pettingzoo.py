@@ -11,8 +11,9 @@ import numpy as np
 from outlast.components.respawn import inactive
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import alive, counts_vary, present
+from ..core.agents import alive, counted, counts_vary, present
 from ..core.concurrency import check_callable
+from ..core.numbers import copy_changed
 from ..core.observations import each
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count, check_flags
@@ -75,10 +76,11 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     Attributes:
         statistics: Of the episode that ended last, by key; {} before that. An episode ends where no agent is left, also
             in a world that would go on.
+        statistics_present: Where the number of agents varies, which agents and sides it had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
 
-    Copies and pickles hold how an environment was made, not where it is: what comes out has not been reset. `get_state`
-    and `set_state` are for the rest.
+    Pickles, and copies by copy.copy, hold how an environment was made, not where it is: what comes out has not been
+    reset. `get_state` and `set_state` are for the rest. copy.deepcopy makes one that goes on from where this one is.
     """
 
     def __init__(
@@ -115,7 +117,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []
-        self.statistics: dict[str, Any] = {}
+        self.statistics, self.statistics_present = dict[str, Any](), dict[str, Array]()
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
         self._observation_spaces = [self.base_env._reader.of_agent(i) for i in self._index.values()]
@@ -176,6 +178,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         if not self.agents:
             found = statistics(self.base_env.worlds, np.ones(1, bool))
             self.statistics = {key: values[0] for key, values in found.items()}
+            self.statistics_present = {key: there[0] for key, there in counted(self.base_env.worlds).items()}
         self._show()
         rewards, infos = reward[0].tolist(), self._infos(reported)
         return (
@@ -235,8 +238,10 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     def __deepcopy__(self, memo: Any) -> Self:
         """An environment that goes on from where this one is."""
         other = self._recipe()
+        copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
-        other.agents = [*self.agents]
+        other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
+        other.statistics_present = copy.deepcopy(self.statistics_present)
         other._action_spaces = copy.deepcopy(self._action_spaces)  # with what they draw next
         return other
 

@@ -179,6 +179,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says. NotResetError before reset()."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
+        check_callable(self.base_env)
         self.base_env._tracker.check_running("render")
         return render_world(self.base_env.worlds, 0, self.render_mode)
 

@@ -27,8 +27,10 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
 
-    Observations, actions, rewards, flags and infos are those of `outlast.parallel_env`. Besides, "__all__" is
+    Observations, actions, rewards, terminated and infos are those of `outlast.parallel_env`. Besides, "__all__" is
     terminated when the world has ended by its rule, and truncated at the time limit, also if agents died in that tick.
+    Nothing else is in truncated: RLlib takes an episode in which every agent is truncated by its name for terminated,
+    and bootstraps no values then.
 
     With config["action_masks"], what an agent observes is {"observations": as before, "action_mask": float32
     (entries,), 1 for what can do something}, which is where RLlib's ActionMaskingTorchRLModule looks for them; that
@@ -62,6 +64,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._seed: int | None = int(self.base_env.worlds[Clock].seed[0, 0])  # that of config, or one that is drawn
         self._unchecked = isinstance(config, EnvContext)
         self.base_env.first_world = _world(config)
+        self._cut = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start an episode: of `seed`, or the next one. The first reset takes the configuration's seed."""
@@ -69,18 +72,19 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         if not checking:
             seed, self._seed = self._seed if seed is None else seed, None
         observations, infos = self._parallel.reset(seed=seed, options=options)
+        self._cut = False
         self.agents = self._parallel.agents
         return self._with_masks(observations, infos), infos
 
     def step(
         self, action_dict: Mapping[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One tick, as SurvivalParallelEnv.step; terminated and truncated also have "__all__"."""
+        """One tick, as SurvivalParallelEnv.step; terminated also has "__all__", and truncated nothing else."""
         observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
         self.agents = self._parallel.agents
-        cut = any(truncated.values())
-        terminated["__all__"], truncated["__all__"] = not self.agents and not cut, cut
-        return self._with_masks(observations, infos), rewards, terminated, truncated, infos
+        self._cut |= any(truncated.values())  # what ended is not stepped, and still has ended so
+        terminated["__all__"] = not self.agents and not self._cut
+        return self._with_masks(observations, infos), rewards, terminated, {"__all__": self._cut}, infos
 
     def render(self) -> Any:
         """The picture, as config["render_mode"] says."""

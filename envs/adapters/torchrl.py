@@ -10,7 +10,8 @@ from gymnasium import spaces
 
 from outlast.ecs import AgentRoles, Clock
 
-from ..core.agents import alive, counts_vary, side
+from ..core.agents import alive, counts_vary, present, side
+from ..core.concurrency import exclusive
 from ..core.observations import each
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
@@ -29,10 +30,11 @@ except ImportError as error:
 
 GROUPS = ("all", "sides", "roles")
 TAKEN = (  # names of entries, which groups cannot have
-    *("observation", "action", "action_mask", "mask", "reward", "state"),
+    *("observation", "action", "action_mask", "mask", "present", "reward", "state"),
     *("done", "terminated", "truncated", "next", "_reset"),
 )
 Groups = str | Mapping[str, Sequence[str]]
+STEP = exclusive(SurvivalVectorEnv._step)  # of some worlds only
 
 
 def make_torchrl(
@@ -95,14 +97,16 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     (group, action)      int64 (worlds, n), or (worlds, n, actions); float32 with actions="continuous"
     (group, action_mask) bool (worlds, n, entries), see SurvivalVectorEnv.action_masks; not with actions="continuous"
     (group, mask)        bool (worlds, n): whether the agent is alive
+    (group, present)     bool (worlds, n): whether the episode has the agent; where the number of agents varies
     (group, reward)      float32 (worlds, n, 1)
     state                float32 (worlds, size): what no agent sees, for critics, see SurvivalVectorEnv.state
     done, terminated,    bool (worlds, 1): worlds end for all of their agents at once. The dead stay until then, with
     truncated            the rewards of the scenario; their actions are ignored
     ==================== ========================================================================================
 
-    Worlds that are done are reset by TorchRL, each by itself ("_reset"). World w of seed s is world w of
-    `outlast.make_vec` with that seed. Every step has tensors of its own, which the worlds write into.
+    Worlds that are done are reset by TorchRL, each by itself ("_reset"); those that "_step" leaves out take no tick.
+    World w of seed s is world w of `outlast.make_vec` with that seed. Every step has tensors of its own, which the
+    worlds write into.
 
     `set_seed(s)`, or `reset(seed=s)`, is for all worlds: each gets it at its own next reset. A reset of some worlds
     leaves the others as they are.
@@ -111,11 +115,13 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         vector_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
         group_map: Names of agents by group.
         statistics: Of the episodes that ended last, by name, (episodes,) or (episodes, n); {} before that.
+        statistics_present: Where counts vary, which entries of agents and sides these episodes had, bool (episodes, n).
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:
         super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
-        self.vector_env, self.statistics = base_env, dict[str, Array]()
+        self.vector_env, self._counts_vary = base_env, counts_vary(base_env.worlds)
+        self.statistics, self.statistics_present = dict[str, Array](), dict[str, Array]()
         self._masked = base_env.action_mask_size > 0
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
         self._waiting = np.ones(base_env.num_worlds, bool)  # worlds that get it when they are reset
@@ -137,6 +143,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 "observation": _spec(env.single_observation_space, own, device),
                 "mask": _flags((n,), device),
             }
+            if self._counts_vary:
+                parts["present"] = _flags((n,), device)
             if self._masked:
                 parts["action_mask"] = _flags((n, env.action_mask_size), device)
             if env._actions.kind == "continuous":
@@ -182,6 +190,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
+        some = tensordict.get("_step", None)  # worlds that are to be stepped; rollout(break_when_all_done=True) has it
+        where = np.ones(env.num_worlds, bool) if some is None else some.cpu().numpy().reshape(env.num_worlds)
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
         for group, own in self._members.items():
             given = tensordict[group, "action"].detach().cpu().numpy()
@@ -191,10 +201,12 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             actions[:, own] = env._actions.checked(given, shape, False, axes="worlds, n", who=who, what=what)
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
-        *_, info = env.step(actions, out=out)
+        *_, info = STEP(env, actions, out, None if where.all() else where)
         self._cut_off = out["truncated"] & ~out["terminated"]
-        if "statistics" in info:
-            self.statistics = {name: values[info["_statistics"]] for name, values in info["statistics"].items()}
+        if (ended := info.get("_statistics", ~where) & where).any():
+            there = info.get("statistics_present", {})
+            self.statistics = {name: values[ended] for name, values in info["statistics"].items()}
+            self.statistics_present = {name: values[ended] for name, values in there.items()}
         return self._entries(out, ("rewards",))
 
     def _set_seed(self, seed: int | None) -> None:
@@ -217,12 +229,13 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
         """What TorchRL gets of a reset, or with rewards of a step."""
-        living = torch.from_numpy(alive(self.vector_env.worlds))
+        living, there = (torch.from_numpy(rows(self.vector_env.worlds)) for rows in (alive, present))
         told: dict[str, Any] = {"state": out["state"]}
         for group, own in self._members.items():
             parts = {
                 "observation": each(out["observations"], lambda array: array[:, own]),  # noqa: B023
                 "mask": living[:, own],
+                **({"present": there[:, own]} if self._counts_vary else {}),
             }
             if self._masked:
                 parts["action_mask"] = out["action_mask"][:, own]
@@ -243,7 +256,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
     """Names of agents by group. Raises ValueError."""
     if isinstance(groups, Mapping):
         given = [name for own in groups.values() for name in own]
-        if sorted(given) != sorted(names):
+        if any(type(name) is not str for name in given) or sorted(given) != sorted(names):
             raise ValueError(f"groups = {groups!r}: each of {', '.join(names)} has to be in one of them, once")
         return _checked({group: list(own) for group, own in groups.items()})
     check_choice("groups", groups, GROUPS, ", or names of agents by group")
@@ -265,7 +278,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
 def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
     """Groups that can be. Raises ValueError."""
     for group, own in groups.items():
-        if type(group) is not str or group in TAKEN:
+        if type(group) is not str or not group or group in TAKEN:
             raise ValueError(f"groups: a group cannot be called {group!r}; take a text other than {', '.join(TAKEN)}")
         if not own:
             raise ValueError(f"groups: {group!r} has no agents; leave it out")

@@ -20,6 +20,20 @@ MOST = 1 << 16  # joint actions: learners have an output for each
 MASKED = 20  # actions: there is a mask for each set of them
 
 
+class MaskedMultiDiscrete(spaces.MultiDiscrete):
+    """A MultiDiscrete (actions,) whose `sample` also takes a mask as environments have it, (entries,).
+
+    Gymnasium's own takes a tuple with an array for each action; what environments have is one array of all of them, one
+    action behind the other, as networks have outputs.
+    """
+
+    def sample(self, mask: Any = None, probability: Any = None) -> Any:
+        """See gymnasium.spaces.MultiDiscrete. mask: int8 or bool (entries,), or a tuple."""
+        if isinstance(mask, np.ndarray):
+            mask = tuple(np.split(mask.astype(np.int8), np.cumsum(self.nvec)[:-1]))
+        return super().sample(mask, probability)
+
+
 class ActionSpace:
     """The actions of an agent in the form that a learner wants, and their masks.
 
@@ -71,7 +85,7 @@ class ActionSpace:
         """Of one agent, a new object: MultiDiscrete (actions,), Discrete or Box (actions,)."""
         if self.kind == "continuous":
             return spaces.Box(-1, 1, self.sizes.shape, np.float32)
-        return spaces.MultiDiscrete(self.sizes) if self.kind == "multi" else spaces.Discrete(self.mask_size)
+        return MaskedMultiDiscrete(self.sizes) if self.kind == "multi" else spaces.Discrete(self.mask_size)
 
     def batched(self, agents: int) -> spaces.Space[Any]:
         """Of all agents of a world, a new object: MultiDiscrete (agents, actions) or (agents,), or Box as the first."""

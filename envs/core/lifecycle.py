@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Fault, Reward, Unplaced
-from outlast.ecs import RESET, SKIP, Worlds
+from outlast.ecs import RESET, SKIP, STEP, Worlds
 
 from ..errors import FaultError, NotResetError, RecordingError, ScenarioError
 from .step_functions import COMPLETED, FAILED, HAS_ENDED, LEFT, NOT_RUNNING, OUT_OF_RANGE, RANGES, WORDS
@@ -143,6 +143,16 @@ class EpisodeTracker:
             self.flags = found
         return int(found)
 
+    def step_some(self, runner: Any, some: Array) -> int:
+        """`step` of the worlds `some` alone, bool (worlds,), whose actions are in range; others take no tick."""
+        if not self.running[some].all() or self.done[some].any():
+            self._refuse(some)
+        self._worlds.actions[:, some] = np.moveaxis(self.actions[some] - self._arrays["zeros"], 2, 0)
+        self.mode[:] = np.where(some, STEP, SKIP)
+        self.run(runner)
+        self._arrays["rewards"][~some] = 0
+        return self.flags
+
     def reset(self, runner: Any, some: Array, keys: tuple[Array, Array, Array] | None = None) -> None:
         """Begin new episodes in the worlds `some`, bool (worlds,).
 
@@ -193,18 +203,18 @@ class EpisodeTracker:
         self.set_states[where] += 1
         self.running[:] = masks["started"]
 
-    def check_running(self, call: str) -> None:
-        """Raise NotResetError for `call`, such as "step", unless every world is in an episode."""
-        if not self.running.all():
+    def check_running(self, call: str, where: Any = slice(None)) -> None:
+        """Raise NotResetError for `call`, such as "step", unless every world is in an episode, or those `where`."""
+        if not self.running[where].all():
             raise NotResetError(
-                f"{call}() before reset(): {int((~self.running).sum())} worlds have not started; reset them "
+                f"{call}() before reset(): {int((~self.running[where]).sum())} worlds have not started; reset them "
                 "(worlds whose last step was interrupted have to start again, too)"
             )
 
-    def _refuse(self) -> None:
-        """Raise NotResetError."""
-        self.check_running("step")
+    def _refuse(self, where: Any = True) -> None:
+        """Raise NotResetError for a step of the worlds `where`, bool (worlds,)."""
+        self.check_running("step", np.broadcast_to(where, self.running.shape))
         raise NotResetError(
-            f"worlds {np.flatnonzero(self.done)[:8].tolist()} have ended and autoreset is disabled; "
+            f"worlds {np.flatnonzero(self.done & where)[:8].tolist()} have ended and autoreset is disabled; "
             'reset them first: reset(options={"reset_mask": terminated | truncated})'
         )

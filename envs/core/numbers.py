@@ -59,6 +59,13 @@ def change_numbers(
             worlds.set_numbers(**others)
 
 
+def copy_changed(source: Worlds, target: Worlds) -> None:
+    """Give worlds of the same scenario the numbers that were changed in `source`; those that vary are in its state."""
+    own = numbers(source.modules)
+    if changed := {name: own[name] for name in source.changed}:
+        target.set_numbers(**changed)
+
+
 def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
     clock, varied = worlds[Clock], worlds.numbers()

@@ -200,12 +200,13 @@ class SurvivalVectorEnv(Described):
         return self._step(actions, out)
 
     def _step(
-        self, actions: Actions, out: Mapping[str, Any] | None = None
+        self, actions: Actions, out: Mapping[str, Any] | None = None, some: Any = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         buffers = None if out is None else StepBuffers(self, out)
         tracker = self._tracker
         self._actions.write(actions, tracker.actions)
-        flags = tracker.step(self._runner, self.check_actions or self._recording)
+        ranges = self.check_actions or self._recording
+        flags = tracker.step(self._runner, ranges) if some is None else tracker.step_some(self._runner, some)
         if flags & OUT_OF_RANGE:
             self._actions.write(actions, tracker.actions, ranges=True)  # raises what is wrong
         if self._step_events.some:

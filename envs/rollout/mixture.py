@@ -3,9 +3,10 @@
 import difflib
 import math
 import os
+import weakref
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from .saved import SAVED, load_saved, policy_file
 
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
+
+OWNERS = weakref.WeakValueDictionary[int, "Mixture"]()  # who plays a policy with a memory, by the policy's id
 
 STREAM = np.uint64(0x6D697874757265)  # "mixture": sets these draws apart from others of the same world and episode
 
@@ -135,19 +138,22 @@ class Mixture:
     ) -> None:
         given, self._weights = zip(*entries, strict=True)
         self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
-        self._policies = [self._playing(policy, k, env, agents) for k, policy in enumerate(given)]
+        self._policies = [self._playing(policy, env, agents) for policy in given]
         self._whats, self._axes = [what.format(name) for name in self.names], axes
         self._env, self._shape = env, (env.num_worlds, len(agents), len(env.action_sizes))
         self.drawn = np.zeros(env.num_worlds, int)
 
     @staticmethod
-    def _playing(policy: str | Policy, seed: int, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
-        """The function behind an entry. seed: of a saved policy, so that no two of them draw the same numbers."""
+    def _playing(policy: str | Policy, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
+        """The function behind an entry."""
+        if isinstance(policy, str) and policy in POLICIES:
+            return others_policy(policy, env, agents)
+        playing: Any = load_saved(policy) if isinstance(policy, str) else policy
         if isinstance(policy, str):
-            policy = others_policy(policy, env, agents) if policy in POLICIES else load_saved(policy, seed)
-        if callable(check := getattr(policy, "check", None)):
+            playing.key_by(env, agents)
+        if callable(check := getattr(playing, "check", None)):
             check(env)
-        return policy
+        return cast(Policy, playing)
 
     @property
     def forgetful(self) -> bool:
@@ -158,6 +164,8 @@ class Mixture:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
         self.drawn[where] = draw(self._weights, *key_of(self._env.worlds, where))
         for policy in self._policies:
+            if has_memory(policy) and where.all():
+                OWNERS[id(policy)] = self
             tell(policy, where)
 
     def __call__(self, observations: Arrays) -> Actions:
@@ -171,6 +179,11 @@ class Mixture:
         return joint
 
     def _actions(self, k: int, observations: Arrays) -> Actions:
+        if has_memory(self._policies[k]) and OWNERS.get(id(self._policies[k])) is not self:
+            raise UsageError(
+                f"{self.names[k]} has a memory (a method reset), and has played in other worlds since it began to play "
+                "here: give each environment a policy of its own"
+            )
         actions, sizes = self._policies[k](observations), self._env.action_sizes
         return checked_actions(actions, self._shape, sizes, False, what=self._whats[k], axes=self._axes)
 

@@ -110,6 +110,20 @@ def test_what_benchmarl_sets_by_itself_is_refused(config: dict[str, Any], messag
             make()
 
 
+def test_evaluation_plays_other_worlds_than_training() -> None:
+    """Also where BenchMARL seeds it anew before each evaluation; and a task that is used again has the same worlds."""
+    own = task("teams_2")
+    for _ in range(2):
+        evaluation, training = (own.get_env_fun(3, continuous_actions=False, seed=7, device="cpu")() for _ in range(2))
+        plain = outlast.make_torchrl("teams_2", 3, groups="sides", scaled=True, seed=7)
+        first = training.reset()["state"]
+        assert torch.equal(first, plain.reset()["state"])
+        evaluated = evaluation.reset()["state"]
+        evaluation.set_seed(7)
+        assert torch.equal(evaluation.reset()["state"], evaluated)
+        assert not any(torch.equal(one, two) for one in evaluated for two in first)
+
+
 def test_ticks_of_an_evaluation() -> None:
     for config, ticks in (({"max_episode_steps": 30}, 30), ({}, 10_000)):
         for own in (task("teams_2", actions="joint", **config), OutlastTask.TEAMS_2.get_task(config=config)):

@@ -19,7 +19,7 @@ from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.agents import alive, present, side
-from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
+from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError, UsageError
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
 from tests.helpers.execution_modes import ALL, EACH_LEVEL, HUNT, LEVELS, equal, short
@@ -298,6 +298,67 @@ def test_copies_go_on_from_where_an_environment_is() -> None:
         assert result == wanted
     assert result[-1]
     assert equal(other.reset()[0], env.reset()[0])
+
+
+class Wanderer:
+    """Turns for as many ticks as it has been called for in a world, and then walks."""
+
+    def __init__(self) -> None:
+        self.ticks = np.zeros(0, int)
+
+    def reset(self, where: Any) -> None:
+        self.ticks = np.where(where, 0, self.ticks if self.ticks.shape == where.shape else 0)
+
+    def __call__(self, observations: Any) -> Any:
+        self.ticks += 1
+        actions = np.tile(IDLE, (*observations["own"].shape[:2], 1))
+        actions[..., 2], actions[..., 0] = 1 + (self.ticks[:, None] % 7 < 3), self.ticks[:, None] % 3
+        return actions
+
+
+def test_a_copy_takes_numbers_and_others_along_and_leaves_those_of_the_original() -> None:
+    env, plain = (gymnasium.make("outlast/Teams-v1", others=Wanderer()).unwrapped for _ in range(2))
+    for each in (env, plain):
+        each.reset(seed=SEED)
+        each.base_env.set_numbers(motors_ahead=1.0, rewards_basis="members")
+        for _ in range(4):
+            each.step(IDLE)
+    other = copy.deepcopy(env)
+    assert other.base_env.numbers() == env.base_env.numbers()
+    for _ in range(2):
+        other.step(IDLE)
+    for _ in range(6):
+        (seen, *result), (expected, *wanted) = env.step(IDLE), plain.step(IDLE)
+        assert equal(seen, expected)
+        assert result == wanted
+
+
+def test_a_policy_with_a_memory_plays_in_one_environment_at_a_time() -> None:
+    """One after the other is right, as in a notebook; in turns, each would remember what the other has seen."""
+    policy = Wanderer()
+    first, second = (gymnasium.make("outlast/Teams-v1", others=policy) for _ in range(2))
+    for env in (first, second, first):
+        env.reset(seed=SEED)
+        env.step(IDLE)
+    with pytest.raises(UsageError, match="has played in other worlds since it began to play here: give each"):
+        second.step(IDLE)
+    first.step(IDLE)
+    copies = gymnasium.make_vec("outlast/Teams-v1", 2, vectorization_mode="sync", others=policy)
+    copies.reset(seed=SEED)
+    copies.envs[0].step(IDLE)
+    copies.envs[1].step(IDLE)
+    with pytest.raises(UsageError, match="Wanderer"):
+        copies.envs[0].step(IDLE)
+
+
+@pytest.mark.parametrize("form", [bool, np.int64, float])
+def test_seeds_are_whole_numbers_of_any_kind(form: Any) -> None:
+    env = make()
+    if form is np.int64:
+        assert equal(env.reset(seed=form(1))[0], env.reset(seed=1)[0])
+    else:
+        with pytest.raises(ValueError, match=r"seed = .*an integer from 0"):
+            env.reset(seed=form(1))
 
 
 def test_states_go_on_where_they_were() -> None:

@@ -319,9 +319,12 @@ def test_copies_go_on_from_where_an_environment_is() -> None:
     assert copy.deepcopy(env).agents == []
     env.reset()
     env.step({})
+    env.base_env.set_numbers(motors_ahead=1.0)
+    env.statistics = {"return": np.ones(2)}
     for name in env.agents:
         env.action_space(name).seed(3)
     other = copy.deepcopy(env)
+    assert other.statistics["return"].tolist() == [1, 1]
     assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", env.agents)
     for _ in range(3):
         one, two = ({name: each.action_space(name).sample() for name in each.agents} for each in (other, env))

@@ -186,7 +186,10 @@ def test_a_refused_call_changes_nothing() -> None:
     assert alike(copies(env), before)
     env.close()
     env.close()
-    for call in (env.reset, env.action_masks):
+    drawn_one = make(worlds=2, seed=SEED, render_mode="rgb_array")
+    drawn_one.reset()
+    drawn_one.close()
+    for call in (env.reset, env.action_masks, drawn_one.render):
         with pytest.raises(ClosedError):
             call()
 

@@ -16,8 +16,10 @@ from tests.helpers import execution_modes
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
 pytest.importorskip("ray.rllib", reason="RLlib is not installed: pip install 'outlast[ray]'", exc_type=ImportError)
 
+from ray.rllib.algorithms.ppo import PPOConfig  # noqa: E402
 from ray.rllib.connectors.env_to_module import FlattenObservations  # noqa: E402
 from ray.rllib.env.env_context import EnvContext  # noqa: E402
+from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
 from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
@@ -62,10 +64,10 @@ def test_it_is_world_0_of_a_batch(variant, dead):
         mine, pay, done, cut, infos = env.step({agent: actions[0, int(agent[6:])] for agent in acting})
         theirs, reward, terminated, truncated, _ = batch.step(actions)
         assert mine.keys() == pay.keys() == infos.keys() == set(acting)
-        assert done.keys() == cut.keys() == {*acting, "__all__"}
+        assert done.keys() == {*acting, "__all__"}
+        assert cut.keys() == {"__all__"}
         assert [pay[agent] for agent in acting] == [reward[0, int(agent[6:])] for agent in acting]
         assert (done["__all__"], cut["__all__"]) == (terminated[0], truncated[0])
-        assert all(cut[agent] == truncated[0] for agent in acting)
         ends = {agent for agent in acting if done[agent]}
         assert (
             ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "end" else set())
@@ -86,11 +88,30 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
         for tick in range(1, 13):
             _, _, done, cut, _ = env.step(idle(env))
             assert tick == 12 or not any((*done.values(), *cut.values()))
-        assert done.pop("__all__") != cut.pop("__all__")
-        assert len(done) == len(cut) == 4
+        ended = done.pop("__all__"), cut.pop("__all__")
+        assert ended in ((True, False), (False, True))
+        assert len(done) == 4
         mixed += len(set(done.values())) == 2
-        assert all(cut.values()) or (all(done.values()) and not any(cut.values()))
+        assert ended[1] or all(done.values())
+        *_, again, cut_again, _ = env.step({})
+        assert (again, cut_again) == ({"__all__": ended[0]}, {"__all__": ended[1]})
     assert mixed
+
+
+@pytest.mark.parametrize("dead", ["end", "keep"])
+def test_rllib_bootstraps_at_the_time_limit_and_nowhere_else(dead):
+    """Its own runner and episodes, from which it makes advantages: who is alive at the limit is truncated."""
+    numbers = {"agents_health": 11, "safe_zone_radii": (8.0,), "ending_limit": 14, "seed": 3, "dead": dead}
+    form = {"scenario": "teams_3", "actions": "joint", "observations": "flat", **numbers}
+    config = PPOConfig().environment(SurvivalMultiAgentEnv, env_config=form)
+    config.multi_agent(policies={"shared"}, policy_mapping_fn=lambda agent, episode, **more: "shared")
+    ends = set()
+    for episode in MultiAgentEnvRunner(config=config).sample(num_episodes=4, random_actions=True):
+        for own in (episode, *episode.agent_episodes.values()):
+            limit = len(own) == 14
+            assert (own.is_terminated, own.is_truncated) == (not limit, limit)
+            ends.add((limit, own is episode))
+    assert ends >= {(True, True), (True, False), (False, True)}
 
 
 @pytest.mark.parametrize("name", ["ffa_3", *execution_modes.EACH_LEVEL])

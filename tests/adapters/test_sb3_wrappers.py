@@ -128,11 +128,11 @@ def test_worlds_take_no_options() -> None:
 
 
 def test_a_closed_one_says_so() -> None:
-    env = make_sb3("ffa_1", 2, seed=0)
+    env = make_sb3("ffa_1", 2, seed=0, render_mode="rgb_array")
     env.reset()
     env.close()
     env.close()
-    for call in (env.reset, lambda: env.step(np.ones((4, 6), int)), env.action_masks):
+    for call in (env.reset, lambda: env.step(np.ones((4, 6), int)), env.action_masks, env.render, env.get_images):
         with pytest.raises(ClosedError):
             call()
 

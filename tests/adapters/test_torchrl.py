@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.envs.errors import ActionError
+from outlast.ecs import Clock
+from outlast.envs.errors import ActionError, NotResetError
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
@@ -163,6 +164,51 @@ def test_worlds_that_are_not_reset_say_how_they_ended() -> None:
     assert torch.equal(after["truncated"], ~some)
     assert not after["terminated"].any()
     assert torch.equal(after["done"], ~some)
+
+
+def test_worlds_that_a_step_leaves_out_stay() -> None:
+    """As in rollouts until all have ended: each world is as in a rollout of its own, and then stays."""
+    limits = outlast.variant("teams_2").vary(ending_limit=outlast.integers(3, 9))
+    env, alone = (outlast.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
+    td = env.rollout(20, break_when_all_done=True)
+    lengths = env.vector_env.worlds[Clock].tick[:, 0].tolist()
+    assert td.shape == (WORLDS, max(lengths))
+    assert min(lengths) < max(lengths)
+    assert len(env.statistics["length"]) == lengths.count(max(lengths))
+    alone.reset()
+    actions = td["agents", "action"]
+    for tick in range(max(lengths)):
+        going = torch.tensor([length > tick for length in lengths])
+        found = alone.vector_env._step(actions[:, tick].numpy(), None, None if going.all() else going.numpy())
+        observations, rewards, terminated, truncated, _ = found
+        rows = td[:, tick]["next"]
+        for w in torch.nonzero(going).ravel().tolist():
+            np.testing.assert_array_equal(rows["agents", "observation"][w].numpy(), observations[w])
+            np.testing.assert_array_equal(rows["agents", "reward"][w, :, 0].numpy(), rewards[w])
+            assert (rows["terminated"][w].item(), rows["truncated"][w].item()) == (terminated[w], truncated[w])
+        assert not rewards[~going.numpy()].any()
+    with pytest.raises(NotResetError, match="have ended"):
+        alone.vector_env._step(actions[:, 0].numpy(), None, np.arange(WORLDS) == 0)
+    for each in (env, alone):
+        each.close()
+
+
+def test_a_step_of_some_worlds_is_theirs_alone() -> None:
+    env, plain = make(), outlast.make_vec(short("teams_3"), WORLDS, n_agents=4, agents_health=10, seed=SEED)
+    td, some = env.reset(), torch.tensor([True, False, True, True])
+    plain.reset()
+    before = env.vector_env.get_state([1])
+    td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
+    td["_step"] = some
+    after = env.step(td.clone())["next"]
+    joint = outlast.make_vec(short("teams_3"), 1, n_agents=4, actions="joint")
+    seen, *_ = plain.step(joint._actions.rows(td["agents", "action"].numpy(), (WORLDS, 4)))
+    flat = np.concatenate([values.reshape(WORLDS, 4, -1) for values in seen.values()], 2)
+    np.testing.assert_array_equal(after["agents", "observation"][some].numpy(), flat[some.numpy()])
+    assert env.vector_env.worlds[Clock].tick[:, 0].tolist() == [1, 0, 1, 1]
+    assert not after["agents", "reward"][1].any()
+    for key, values in before.arrays.items():
+        np.testing.assert_array_equal(env.vector_env.get_state([1]).arrays[key], values)
 
 
 def test_keywords_of_reset() -> None:

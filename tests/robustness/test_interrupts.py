@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import SurvivalVectorEnv, make_vec, variant
+from outlast import SurvivalVectorEnv, make_agents, make_vec, variant
 from outlast.components import Body
 from outlast.envs.errors import FaultError, NotResetError
 from outlast.envs.snapshots.state import State
@@ -107,21 +107,26 @@ def test_many_interrupted_calls(threads: int, autoreset: str) -> None:
 
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
-def test_a_fault_in_one_world_keeps_no_other_from_ending(autoreset: str) -> None:
-    envs = [make_vec(variant("ffa_1").replace(ending_limit=2), 3, seed=0, autoreset_mode=autoreset) for _ in range(2)]
-    idle = np.ones((3, 2, 6), int)
+@pytest.mark.parametrize("make", [make_vec, make_agents])
+def test_a_fault_in_one_world_keeps_no_other_from_ending(make: Any, autoreset: str) -> None:
+    envs = [make(variant("ffa_1").replace(ending_limit=2), 3, seed=0, autoreset_mode=autoreset) for _ in range(2)]
+    idle, some = np.ones((3, 2, 6), int), np.array([False, True, False])
+    if make is make_agents:
+        idle, some = idle.reshape(6, 6), np.repeat(some, 2)
+    worlds = [env.worlds if make is make_vec else env.base_env.worlds for env in envs]
     for env in envs:
         env.reset()
         env.step(idle)
-    envs[0].worlds[Body].vx[1, 0] = np.nan
+    worlds[0][Body].vx[1, 0] = np.nan
     for k, env in enumerate(envs):
         with pytest.raises(FaultError, match="world 1") if k == 0 else contextlib.nullcontext():
             env.step(idle)
-        env.reset(seed=5, options={"reset_mask": np.array([False, True, False])})
+        env.reset(seed=5 if make is make_vec else [5] * 6, options={"reset_mask": some})
     for _ in range(3):
-        one, other = (env.step(idle)[0] for env in envs)
+        (one, *paid), (other, *wanted) = (env.step(idle)[:4] for env in envs)
         assert equal(one, other)
-    assert digest_of_episode(envs[0].worlds) == digest_of_episode(envs[1].worlds)
+        np.testing.assert_equal(paid, wanted)
+    assert digest_of_episode(worlds[0]) == digest_of_episode(worlds[1])
 
 
 @pytest.mark.skipif(not COMPILED, reason="hundreds of resets")

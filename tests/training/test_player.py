@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,6 +21,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint, resume  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.noise import EpisodeNoise  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
 from outlast.training.reproduction.experiments import PARTS, experiments  # noqa: E402
@@ -76,20 +78,63 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
 
 
 def test_files_play_in_mixtures(tmp_path: Path) -> None:
-    """As the players that they hold, by path in a text or mapping; each draws numbers of its own."""
+    """By path in a text or mapping; and as (seed, world, episode, tick, agent) say, so that a seed is an episode."""
     for name in ("a.zip", "b.zip"):
         saved(tmp_path / name)
     text = f"{tmp_path}/a.zip:1,scripted:1,{tmp_path}/b.zip:2"
-    mapping = {tmp_path / "a.zip": 1, "scripted": 1, load_policy(tmp_path / "b.zip", 2): 2}
-    played = []
-    for others in (text, mapping):
-        env = gymnasium.make_vec("outlast/Teams-v1", 8, scenario="teams_3", cameras_mode="revealed", others=others)
+    mapping = {tmp_path / "a.zip": 1, "scripted": 1, tmp_path / "b.zip": 2}
+    idle = np.ones((8, 6), int)
+
+    def played(env: Any) -> Any:
+        """Of all agents: opponents act by chance, and the learner sees little of them."""
+        return [(env.step(idle), env.base_env.observe()["own"].copy())[1] for _ in range(5)]
+
+    envs = [
+        gymnasium.make_vec("outlast/Teams-v1", 8, scenario="teams_3", cameras_mode="revealed", others=others)
+        for others in (text, mapping)
+    ]
+    first = []
+    for env in envs:
         env.reset(seed=0)
-        played.append([env.step(np.ones((8, 6), int))[0]["own"] for _ in range(5)])
-    assert np.array_equal(*played)
+        first.append(played(env))
+    assert np.array_equal(*first)
+    following, state = played(envs[0]), envs[1].get_state()
+    assert not np.array_equal(following, first[0])
+    envs[1].reset()
+    played(envs[1])
+    envs[1].set_state(state)
+    assert np.array_equal(played(envs[1]), following)
+    envs[0].reset(seed=0)
+    assert np.array_equal(played(envs[0]), first[0])
+    envs[0].reset(seed=8)
+    assert not np.array_equal(played(envs[0]), first[0])
     lone: Any = gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="revealed", others=text)
-    lone.reset(seed=0)
-    lone.step(np.ones(6, int))
+    for _ in range(2):
+        lone.reset(seed=0)
+        for expected in first[0]:
+            lone.step(idle[0])
+            np.testing.assert_allclose(lone.unwrapped.base_env.observe()["own"][0], expected[0], atol=1e-6)
+
+
+def test_chances_are_those_of_the_policy() -> None:
+    """Keyed numbers are uniform and independent: of ticks, agents and actions."""
+    env = make_vec("teams_3", 256, seed=0)
+    env.reset()
+    noise, drawn = EpisodeNoise(env, [1, 3]), []
+    for _ in range(40):
+        drawn.append(noise().reshape(256, 2, 6).copy())
+        env.step(np.ones((256, 4, 6), int))
+    numbers = np.stack(drawn).astype(float)  # (ticks, worlds, agents, actions)
+    assert 0 <= numbers.min() < numbers.max() < 1
+    count = numbers.size
+    assert abs(numbers.mean() - 0.5) < 4 * math.sqrt(1 / 12 / count)
+    assert abs(numbers.var() - 1 / 12) < 4 * math.sqrt(1 / 180 / count)
+    centred = numbers - 0.5
+    for one, two in (
+        (centred[1:], centred[:-1]), (centred[:, 1:], centred[:, :-1]), (centred[:, :, 0], centred[:, :, 1]),
+        (centred[..., 1:], centred[..., :-1]),
+    ):  # fmt: skip
+        assert abs((one * two).mean()) < 4 / 12 / math.sqrt(one.size)
 
 
 def test_other_cameras_than_in_training_are_refused(tmp_path: Path) -> None:

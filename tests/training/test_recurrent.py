@@ -138,7 +138,7 @@ def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rol
     memory = rng.normal(size=(1, agents, WIDTH)).astype(np.float32)  # which means nothing
     with torch.no_grad():
         logs, _, _ = own(seen, torch.from_numpy(memory[0]), torch.from_numpy(begins))
-        actions = own.choose(logs, torch.Generator().manual_seed(int(rng.integers(2**31))))
+        actions = own.choose(logs, torch.from_numpy(rng.random((logs.shape[2], logs.shape[1]), np.float32)))
         found = own.choices.of(actions, logs).view(CHUNK, agents).numpy()
     joint, zeros = actions.view(CHUNK, agents, -1).numpy(), np.zeros((CHUNK, agents), np.float32)
     rewards, learner = zeros.copy(), np.full((CHUNK, agents), NOBODY, np.int8)
