@@ -79,12 +79,8 @@ def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
     roles = checked_roles(layout.modules, roles)
     known = owners(layout.modules)
     found: dict[str, AgentNumber] = {}
+    roles.check_apart(layout.varied)
     for name in roles.numbers:
-        if name in layout.varied:
-            raise NumberError(
-                f"{name} is varied from world to world and differs by role: choose one, as in "
-                f"role({name}=uniform(...)), from which each agent draws"
-            )
         k, field = known[name]
         base = getattr(layout.modules[k], field)
         values = tuple(dict(each.numbers).get(name, base) for each in roles.roles)

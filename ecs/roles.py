@@ -130,6 +130,14 @@ class Roles:
         """Names of the numbers that every role changes: what they are otherwise means nothing."""
         return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
 
+    def check_apart(self, varied: Iterable[str]) -> None:
+        """NumberError if a number differs by role that varies from world to world."""
+        if both := sorted({*self.numbers} & {*varied}):
+            raise NumberError(
+                f"{both[0]} is varied from world to world and differs by role: choose one, as in "
+                f"role({both[0]}=uniform(...)), from which each agent draws"
+            )
+
     def check_others(self, names: Iterable[str]) -> None:
         """NumberError if one of the numbers that are set for agents of no role in particular is one that all set."""
         if found := [name for name in names if name in self.in_all]:

@@ -19,6 +19,7 @@ from .recording import Recording, Replay
 from .recording.selection import last_tick
 from .rendering.layers import Layer, select
 from .rendering.video import footage, write_film
+from .rendering.video.footage import check_pictures
 from .rendering.video.writer import ending
 from .rollout.local import ticks
 from .rollouts import worlds_of
@@ -113,6 +114,7 @@ def film(
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
     _check(STEPS if steps is None else steps, mosaic, views)
+    check_pictures(size, mosaic or (1, 1), every)  # ahead of worlds, of which there are as many as it has room for
     looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)

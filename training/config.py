@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
@@ -49,7 +50,8 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     Raises:
         TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
-    name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
+    whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # which C:/runs may be
+    name, _, length = (text, "", "") if whole else text.rpartition(":")
     if text and name not in TEACHERS and not policy_file(name, TEACHERS).endswith(SAVED):
         known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
         raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")

@@ -102,7 +102,7 @@ class BehaviourMetrics:
         self.heals = base_env.worlds.span("heal") if has_heals else None
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
-        self.held = self.given = self.there = 0
+        self.there, self._heals = 0, list[tuple[Array, Array]]()  # of each step, those held and given by each agent
         layout, self._reaches = base_env.worlds.layout, list[Array]()  # of each step, where they differ
         self._differ = any(name in layout.varied or name in layout.per_agent for name in self._reach)
 
@@ -112,8 +112,15 @@ class BehaviourMetrics:
             self._reaches.append(self._striking())
         self.there += int(present(self.base_env.worlds).sum())
         if self.heals is not None:
-            self.held += int((self.base_env.worlds[Item].holder[:, self.heals] >= 0).sum())
-            self.given += int(self.gifts().sum())
+            self._heals.append((self.bags(), self.gifts()))
+
+    def bags(self) -> Array:
+        """Heals that each agent has, int (worlds, agents)."""
+        holder = self.base_env.worlds[Item].holder[:, self.heals]
+        where, items = np.nonzero(holder >= 0)
+        count = self.base_env.num_agents
+        place = where * count + holder[where, items] - self.agents.start
+        return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
 
     def gifts(self) -> Array:
         """Heals that each agent gave to another in this step, int (worlds, agents); of agents that still live."""
@@ -125,7 +132,7 @@ class BehaviourMetrics:
         return given
 
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
-        """Of the living agents of a rollout, by tag: what learners do; of all, who lives, and heals.
+        """Of the living agents of a rollout, by tag: what learners do; and how many of all live.
 
         Args:
             own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
@@ -139,10 +146,12 @@ class BehaviourMetrics:
             where = where & learns
             tags[f"behaviour/{name}"] = float(values[where].sum(dtype=np.float64)), int(where.sum())
         if self.heals is not None:
-            tags["behaviour/heals_held"] = self.held, int(living.sum())
-            tags["behaviour/heals_given"] = 1000 * self.given, int(living.sum())  # in 1000 agent-steps
-        self.held = self.given = self.there = 0
+            held, given = (int(np.stack(each)[learns].sum()) for each in zip(*self._heals, strict=True))
+            tags["behaviour/heals_held"] = held, int((living & learns).sum())
+            tags["behaviour/heals_given"] = 1000 * given, int((living & learns).sum())  # in 1000 agent-steps
+        self.there = 0
         self._reaches.clear()
+        self._heals.clear()
         return tags
 
     def quantities(
@@ -207,8 +216,7 @@ class AgentMetrics:
         living = alive(self.base_env.worlds)
         found = self.behaviour.quantities(self.base_env.observe(), actions, living)
         if self.behaviour.heals is not None:
-            holder, rows = self.base_env.worlds[Item].holder[:, self.behaviour.heals], np.r_[self.agents]
-            found["heals_held"] = (holder[:, :, None] == rows).sum(1), living
+            found["heals_held"] = self.behaviour.bags(), living
         for name, (values, where) in found.items():
             rate = self.rates.setdefault(name, np.zeros((*living.shape, 2)))
             rate[..., 0] += values * where

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -18,10 +19,11 @@ from outlast.envs.storage.folder_lock import FolderLock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
 
 from . import checkpoint, run_header
-from .config import TrainingConfig
+from .config import TrainingConfig, parse_warm_start
 from .crew import Crew, recruit
 from .errors import TrainingError
 from .film import film_checkpoint
+from .hyperparameters import Hyperparameters
 from .logs import RunLog
 from .presets import preset
 from .resume import capture, knows_opponents, restore
@@ -33,7 +35,10 @@ Progress = Callable[["TrainingRun"], None]
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """The trainer of each process of a run. files: of the checkpoint that it goes on from, if there is one."""
+    """The trainer of each process of a run. files: of the checkpoint that it goes on from, if there is one.
+
+    Sets PyTorch's number of threads.
+    """
     threads = config.threads or min(THREADS, max(1, torch.get_num_threads() // crew.size))
     torch.set_num_threads(threads)
     trainer = Trainer(config, threads, crew)
@@ -117,7 +122,7 @@ class TrainingRun:
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
-        self.fresh, self.lock = files is None, FolderLock(folder)
+        self.fresh, self.lock, self._threads = files is None, FolderLock(folder), torch.get_num_threads()
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():
@@ -126,6 +131,7 @@ class TrainingRun:
         except BaseException:
             self.lock.release()
             self.crew.close()
+            torch.set_num_threads(self._threads)
             raise
         self.saved = self.done = self.trainer.steps
         self.tags: dict[str, float] = {}
@@ -167,6 +173,7 @@ class TrainingRun:
                 finally:
                     self.log.close()
                     self.lock.release()
+                    torch.set_num_threads(self._threads)
 
     def _warm_start(self, progress: Progress) -> None:
         """Imitate, and save. One that is interrupted begins again with the run."""
@@ -292,14 +299,31 @@ class TrainingRun:
     def _check_plan(self, header: run_header.Header, moved: bool = False) -> None:
         """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual.
 
-        moved: whether the files of opponents may lie elsewhere than they did.
+        moved: whether the files of opponents may lie elsewhere than they did. That of a warm start may.
         """
         usual = TrainingConfig(self.config.scenario, self.config.preset)
         plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
+        if "settings" in differ and "preset" not in differ and self.config.numbers == self._numbers(then["settings"]):
+            differ.remove("settings")  # some may be named that are as the preset has them
+        if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
+            differ.remove("warm_start")
         if moved and FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
             differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
             raise TrainingError(f"the run in {self.folder} was begun with {others}")
+
+    def _numbers(self, settings: Any) -> Hyperparameters | None:
+        """What the preset's hyperparameters are with these settings; None for what are no settings."""
+        with contextlib.suppress(TrainingError, TypeError):
+            return preset(self.config.preset).numbers.changed(settings)
+        return None
+
+
+def _same_teacher(then: str, now: str) -> bool:
+    """Whether two warm starts are by one file that was moved, or by files of one run: it has taught what it had to."""
+    (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
+    moved = one.endswith(SAVED) and other.endswith(SAVED) and steps == others
+    return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

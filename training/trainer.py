@@ -107,10 +107,12 @@ class Trainer:
         self.team = teams(self.env, config.policies)
         self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
         self.state = len(self.state_scale)
-        torch.manual_seed(config.seed)  # of initial weights
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)  # of initial weights
+            first = [self._policy() for _ in range(self.team.max() + 1)]
         self.learners = [
-            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
-            for number in range(self.team.max() + 1)
+            Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
+            for number, policy in enumerate(first)
         ]
         self.opponents = Opponents(
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
@@ -153,7 +155,8 @@ class Trainer:
             if any(level != Level() for level in self.curriculum.levels):
                 self.collector.restart()
         begun = self.steps // (self.worlds * self.env.num_agents)
-        rollout = self._collect(begun)
+        rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
+        self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
         self.steps += rollout.learner.size
         if self.curriculum is not None:
             self._ask(self.curriculum)
@@ -194,12 +197,6 @@ class Trainer:
             run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
             "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
         }
-
-    def _collect(self, begun: int) -> Rollout:
-        """Play so on from a step of the run, and let the pool know who won."""
-        rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
-        self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
-        return rollout
 
     def update(
         self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
@@ -258,7 +255,7 @@ class Trainer:
 
         So they learn what it does where they come, too, which is not where it comes (Ross, Gordon and Bagnell,
         arXiv:1011.0686). Their critics learn what they get by that. Of learners and worlds, only the optimisers are as
-        they would be without it.
+        they would be without it; games against opponents do not count.
 
         Args:
             on_rollout: Called after each rollout with its number of agent-steps done, and what was measured, by tag.
@@ -278,7 +275,7 @@ class Trainer:
             lane.teacher = self._teacher(k, lane.env)
         each = self.rollout_steps * self.worlds * self.env.num_agents
         for done in range(0, steps, each):
-            rollout = self._collect(done // each * self.rollout_steps)
+            rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
             logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
             found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
             tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}

@@ -23,7 +23,7 @@ from ..rollout.table_file import checked_target
 from ..scenarios.floor_parts import in_words
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
-from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, scenario
+from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, path, scenario
 
 LOGGER = logging.getLogger(__name__)
 GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
     ]
     command = commands.add_parser("layout", help=text, description=description, examples=examples)
     game = command.group(GAME)
-    game.add_argument("layout", metavar="LAYOUT", help=LAYOUT)
+    game.add_argument("layout", type=path, metavar="LAYOUT", help=LAYOUT)
     game.add_argument("--variant", default="ffa_3", metavar="VARIANT", help=f"{VARIANT} (default: ffa_3)")
     add_changes(command)
     add_number(command.group(PLAY), "--worlds", 1, "number of worlds")

@@ -1,6 +1,8 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
+import contextlib
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -40,12 +42,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143.
     """
+    _prepare_streams()
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for PyTorch, which is not loaded yet: its threads wait asleep
     with sigterm_as_ctrl_c() as terminated:
         status = _run(arguments)
     return TERMINATED if status == STOPPED and terminated else status
 
 
+def _prepare_streams() -> None:
+    """Let messages come out in any encoding, and closed streams be written to."""
+    for fd, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:  # closed, as by 2>&-: files that are opened later would get its number
+            null = os.open(os.devnull, os.O_WRONLY)
+            if null != fd:
+                os.dup2(null, fd)
+                os.close(null)
+            setattr(sys, name, open(fd, "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def _run(arguments: Sequence[str] | None) -> int:
+    """Run a command, and have what it printed written before Python ends; the exit status."""
+    try:
+        try:
+            return _command(arguments)
+        finally:  # also after --help, which exits
+            sys.stdout.flush()
+    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
+        _discard_output()
+        return 0
+    except OSError as error:  # a full disk
+        _discard_output()
+        return _refused(f"stdout: {error.strerror or error}")
+
+
+def _discard_output() -> None:
+    """What could not be printed is not tried again when Python ends."""
+    with contextlib.suppress(OSError, ValueError):  # no file, as in tests
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
+
+
+def _command(arguments: Sequence[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["help"]:
         words = [*words[1:], "--help"]
@@ -58,8 +98,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         return _refused(str(error))
     except MemoryError as error:
         return _refused(f"there is not enough memory, take fewer --worlds: {error}")
-    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
-        return 0
+    except BrokenPipeError:
+        raise
     except OSError as error:
         where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""
         return _refused(f"{where}{error.strerror or error}")

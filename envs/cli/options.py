@@ -31,6 +31,7 @@ MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
 MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
 SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
+STDOUT = "-"  # as the name of a file
 STOPPED, TERMINATED = SIGNALLED + signal.SIGINT, SIGNALLED + signal.SIGTERM
 READ = ("file", "beside", "layout")  # options that may name files, and what they are called in errors
 WRITTEN = ("out", "html", "data", "events", "csv", "json", "record", "save_scenario")
@@ -55,7 +56,7 @@ def add_scenario(command: Parser, several: bool = False) -> None:
     """VARIANT, or several, and what changes it; `scenario` reads them."""
     game = command.group(GAME)
     game.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
-    game.add_argument("--layout", metavar="LAYOUT", help=f"walls inside of the room: {LAYOUT}")
+    game.add_argument("--layout", type=path, metavar="LAYOUT", help=f"walls inside of the room: {LAYOUT}")
     add_changes(command)
 
 
@@ -73,9 +74,9 @@ def add_changes(command: Parser) -> None:
     command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
     add_import(command, "FILE.json or --with names")
     text = "give agents numbers of their own, as a JSON file says: docs/levels.md"
-    command.add_argument("--roles", metavar="FILE.json", help=text)
+    command.add_argument("--roles", type=path, metavar="FILE.json", help=text)
     command.add_argument(
-        "--save-scenario", metavar="FILE.json", help="write the game with these changes, to name later"
+        "--save-scenario", type=path, metavar="FILE.json", help="write the game with these changes, to name later"
     )
 
 
@@ -174,7 +175,7 @@ def add_common(command: Parser, *options: str) -> None:
         add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds")
     if "--record" in options:
         command.group(OUTPUT).add_argument(
-            "--record", type=path, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+            "--record", type=new_file, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
         )
     if "--quiet" in options:
         command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
@@ -231,6 +232,13 @@ def path(text: str) -> str:
     if not text:
         raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
     return text
+
+
+def new_file(text: str) -> str:
+    """The path of a file that is written while worlds run, and so is not standard output."""
+    if text == STDOUT:
+        raise argparse.ArgumentTypeError("the name of a file is needed: only --json - writes to standard output")
+    return path(text)
 
 
 def positive(text: str) -> int:

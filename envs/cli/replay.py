@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
     )
     text = "replay a recording: verify it, film it, make a page or data of it"
     command = commands.add_parser("replay", help=text, description=description, examples=examples)
-    command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
+    command.add_argument("file", type=path, help="a recording, as of `outlast rollout VARIANT --record FILE`")
     add_import(command, "recordings name, and that are not outlast's own")
     text = "let its worlds take as much memory as they need (default: 1 GiB, more for a long file)"
     command.add_argument("--trust", action="store_true", help=text)

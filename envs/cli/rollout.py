@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -27,6 +28,7 @@ from .options import (
     MACHINE,
     OUTPUT,
     PLAY,
+    STDOUT,
     STOPPED,
     add_common,
     add_number,
@@ -41,7 +43,6 @@ from .options import (
 )
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
-STDOUT = "-"  # as the name of a file
 
 
 def add(commands: Any) -> None:
@@ -92,8 +93,17 @@ def run(options: argparse.Namespace) -> int:
         checked_target(options.json, "summaries", (".json",))  # before anything is played
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     asked, place, out = scenario(options), _here if options.ray is None else _on_ray, sys.stdout
-    with deaths, place(options, asked) as (agents, work):
-        return _run_with_bar(options, asked, agents, work, out)
+    with deaths:
+        played: Played | None = None
+        try:
+            with place(options, asked) as (agents, work):
+                played = _play_with_bar(options, agents, work)
+                if played.failure is not None:
+                    raise played.failure
+        finally:  # its files are complete, whatever becomes of what is printed
+            if played is not None and (played.failure is None or played.summary.world_steps):
+                _report(options, asked, played, out)
+        return played.status
 
 
 @contextlib.contextmanager
@@ -128,8 +138,26 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
         yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
 
 
-def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, work: Work, out: TextIO) -> int:
-    """Do the work behind a progress bar and report to `out`, also what was done when it is stopped; the exit status."""
+@dataclass(frozen=True)
+class Played:
+    """What was done, and how it ended.
+
+    Attributes:
+        agents: In a world.
+        seconds: That it took.
+        status: Of the command.
+        failure: What stopped it, such as a full disk.
+    """
+
+    summary: Summary
+    agents: int
+    seconds: float
+    status: int
+    failure: Exception | None
+
+
+def _play_with_bar(options: argparse.Namespace, agents: int, work: Work) -> Played:
+    """Do the work behind a progress bar, as far as it gets."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
     total, scale = options.worlds * each, bool(options.steps)
@@ -153,22 +181,19 @@ def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, wor
         failure = error
     finally:
         bar.close()
-    if failure is None or latest.world_steps:
-        _report(options, asked, latest, time.perf_counter() - start, agents, out)
-    if failure:
-        raise failure
-    return status
+    return Played(latest, agents, time.perf_counter() - start, status, failure)
 
 
-def _report(
-    options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int, out: TextIO
-) -> None:
-    """Print the table or the JSON, and write the latter where that is asked for. Raises UsageError."""
-    if options.json != STDOUT:
-        print(_heading(options, asked, summary, seconds, agents), summary, sep="\n", file=out)
+def _report(options: argparse.Namespace, asked: Scenario, played: Played, out: TextIO) -> None:
+    """Write the JSON file that is asked for, and print the table or the JSON to `out`. Raises UsageError."""
+    found = played.summary, played.seconds, played.agents
+    text = json.dumps(_as_dict(options, asked, *found), indent=2) + "\n"
+    if options.json == STDOUT:
+        print(text, end="", file=out)
+        return
     if options.json is not None:
-        text = json.dumps(_as_dict(options, asked, summary, seconds, agents), indent=2) + "\n"
-        print(text, end="", file=out) if options.json == STDOUT else _write(options.json, text)
+        _write(options.json, text)
+    print(_heading(options, asked, *found), played.summary, sep="\n", file=out)
 
 
 def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:

@@ -64,6 +64,8 @@ class Scenario:
     def __post_init__(self) -> None:
         object.__setattr__(self, "modules", tuple(self.modules))
         check_together(self.name, self.modules)
+        if self.by_role:
+            self.by_role.check_apart(dict(self.varied))
         for chain in self.order:
             if not all(isinstance(name, str) for name in chain) or not 1 < len({*chain}) == len(chain):
                 raise ScenarioError(

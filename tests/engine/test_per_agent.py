@@ -254,6 +254,14 @@ def test_bad_arguments_are_refused(make: Any, message: str) -> None:
 def test_a_number_varies_from_world_to_world_or_by_role() -> None:
     with pytest.raises(NumberError, match="walk_step is varied from world to world and differs by role: choose one"):
         Worlds(MODULES, 1, roles=roles(a=outlast.role(walk_step=1.0)), varied={"walk_step": outlast.uniform(1, 2)})
+    words = "melee_damage is varied from world to world and differs by role"
+    hunter, drawn = {"hunter": outlast.role(melee_damage=9)}, {"melee_damage": outlast.integers(1, 5)}
+    for make in (
+        lambda: outlast.variant("ffa_1").vary(**drawn).roles(**hunter),
+        lambda: outlast.variant("ffa_1").roles(**hunter).vary(**drawn),
+    ):
+        with pytest.raises(NumberError, match=words):
+            make()
 
 
 def test_only_an_int_or_a_float_can_be_of_an_agent() -> None:

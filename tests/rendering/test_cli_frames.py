@@ -100,6 +100,12 @@ def test_mistakes_are_reported_in_one_line(capsys, tmp_path: Path, monkeypatch, 
     assert os.listdir(tmp_path) == []
 
 
+def test_a_mosaic_is_refused_before_its_worlds_are_made(capsys, tmp_path: Path) -> None:
+    command = ("frames", "ffa_3", "--out", tmp_path / "film.webm", "--size", 64, "--mosaic", "2000000x1000000")
+    status, _, text = run(capsys, *command)
+    assert (status, "is wider than 16384: take a smaller size" in text) == (2, True)
+
+
 @pytest.mark.parametrize("text", ["4", "x", "0x3", "2x-1", "axb"])
 def test_mosaics_that_cannot_be(capsys, text: str) -> None:
     with pytest.raises(SystemExit):

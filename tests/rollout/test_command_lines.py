@@ -114,6 +114,9 @@ LINES = {
     "frames ffa_1 --out ''": "--out: the name of a file or folder is needed, not nothing",
     "frames ffa_1 --out / --steps 1 --quiet": "give a folder of their own",
     f"{FEW} --record ''": "--record: the name of a file or folder is needed, not nothing",
+    f"{FEW} --record -": "--record: the name of a file is needed: only --json - writes to standard output",
+    f"{FEW} --roles ''": "--roles: the name of a file or folder is needed, not nothing",
+    "replay ''": "file: the name of a file or folder is needed, not nothing",
     f"{FEW} --seed {2**64}": f"--seed: {2**64}: an integer of at most 2**64 - 1 is needed",
     f"{FEW} --seed -1": "--seed: -1: an integer of at least 0 is needed, such as 1000 or 1e6",
     f"{FEW} --steps many": "--steps: many: an integer of at least 1 is needed",
@@ -163,6 +166,47 @@ def test_mistakes_are_one_line(line: str, capsys: Any, tmp_path: Path, monkeypat
     assert len(err.splitlines()) == 1
     assert LINES[line] in err
     assert list(tmp_path.iterdir()) == []
+
+
+def outlast_in_shell(line: str, place: Path, **variables: str) -> tuple[int, str]:
+    """Exit status and stderr of a line in which $O is the command; its status is that of the command."""
+    environment = {**os.environ, **variables, "O": f"{shlex.quote(sys.executable)} -m outlast"}
+    done = subprocess.run(["bash", "-c", line], cwd=place, env=environment, capture_output=True, text=True)
+    return done.returncode, done.stderr
+
+
+UNBUFFERED = pytest.mark.parametrize("unbuffered", ["", "1"])
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None or not Path("/dev/full").exists(), reason="needs Linux")
+
+
+@needs_bash
+@UNBUFFERED
+def test_who_stops_reading_stops_a_command_in_silence(tmp_path: Path, unbuffered: str) -> None:
+    for words in ("variants", "--help"):
+        line = f"$O {words} | true; exit ${{PIPESTATUS[0]}}"
+        assert outlast_in_shell(line, tmp_path, PYTHONUNBUFFERED=unbuffered) == (0, "")
+
+
+@needs_bash
+@UNBUFFERED
+def test_files_are_complete_whatever_becomes_of_what_is_printed(tmp_path: Path, unbuffered: str) -> None:
+    line = (
+        "$O rollout ffa_2 --worlds 2 --quiet --others random --csv a.csv --json a.json --events a.events.csv >/dev/full"
+    )
+    status, text = outlast_in_shell(line, tmp_path, PYTHONUNBUFFERED=unbuffered)
+    assert status == 2
+    assert "No space left on device" in text
+    assert "Traceback" not in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.events.csv", "a.json"]
+
+
+@needs_bash
+def test_any_encoding_and_closed_streams_will_do(tmp_path: Path) -> None:
+    rollout = "$O rollout ffa_2 --worlds 2 --others random"
+    assert outlast_in_shell(f"{rollout} --quiet", tmp_path, PYTHONIOENCODING="ascii") == (0, "")
+    assert outlast_in_shell(f"{rollout} --csv a.csv 2>&- >&-", tmp_path)[0] == 0
+    assert outlast_in_shell("$O frames ffa_1 --steps 2 --size 64 --out a.mp4 --quiet 2>&-", tmp_path)[0] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.mp4"]
 
 
 def test_what_a_mosaic_leaves_out_is_said(capsys: Any, tmp_path: Path) -> None:

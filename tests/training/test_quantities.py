@@ -96,6 +96,34 @@ def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario) -> None:
     assert report == pytest.approx({f"behaviour/{key}": value for key, value in expected.items()}, rel=1e-4)
 
 
+def test_heals_of_opponents_do_not_count() -> None:
+    """Hoarders have most of them."""
+    numbers = {"worlds": WORLDS, "rollout": WORLDS * STEPS, "seed": 12}
+    trainer = Trainer(TrainingConfig(CROWD, opponents={"hoarder": 1.0}, **numbers))
+    env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
+    env.set_state(trainer.env.get_state())
+    rollout = trainer.collect()
+    agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
+    held, given, count = np.zeros(2), np.zeros(2), np.zeros(2)  # of opponents, of learners
+    learners = rollout.learner.reshape(STEPS, WORLDS, 4) >= 0
+    for actions, learns in zip(rollout.actions.reshape(STEPS, WORLDS, 4, -1), learners, strict=True):
+        alive = env.worlds[Entity].alive[:, agents] != 0
+        for own in (0, 1):
+            count[own] += (alive & (learns == own)).sum()
+        _, _, terminated, truncated, _ = env.step(actions)
+        for w, who in zip(*np.nonzero((holder := env.worlds[Item].holder[:, heals]) >= 0), strict=True):
+            held[int(learns[w, holder[w, who] - agents.start])] += 1
+        for gift in env.events()["item_given"]:
+            if heals.start <= gift["item"] < heals.stop and env.worlds[Entity].alive[gift["world"], gift["giver"]]:
+                given[int(learns[gift["world"], gift["giver"] - agents.start])] += 1
+        if (ended := terminated | truncated).any():
+            env.reset(options={"reset_mask": ended})
+    report = trainer.report()
+    assert report["behaviour/heals_held"] == pytest.approx(held[1] / count[1])
+    assert report["behaviour/heals_given"] == pytest.approx(1000 * given[1] / count[1])
+    assert held[0] / count[0] > 1.5 * held[1] / count[1] > 0
+
+
 def test_one_world_is_judged_by_the_reach_of_each_episode_too() -> None:
     trainer = Trainer(TrainingConfig(CROWD.vary(melee_reach=choice(0.5, 5.0)), worlds=1, rollout=STEPS, seed=1))
     trainer.collect()

@@ -106,6 +106,25 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
         TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
     with pytest.raises(TrainingError, match="was begun with settings = "):
         TrainingRun(replace(fast, settings={"batch_size": 64, "anneal_lr": False}), tmp_path / "parts", resume=True)
+    named = {**fast.settings, "gamma": fast.numbers.gamma}  # which is the preset's
+    TrainingRun(replace(fast, settings=named), tmp_path / "parts", resume=True).train()
+
+
+def test_pytorch_is_left_as_it_was(tmp_path: Path) -> None:
+    """Its threads, with which sums round, and the user's random numbers, also where a run cannot begin."""
+    torch.set_num_threads(2)
+    try:
+        torch.manual_seed(5)
+        expected = torch.rand(3)
+        torch.manual_seed(5)
+        for threads in (1, 3):
+            TrainingRun(config(EACH, threads=threads), tmp_path / f"{threads}").train()
+            with pytest.raises(TrainingError, match="is not empty"):
+                TrainingRun(config(EACH, threads=threads), tmp_path / f"{threads}")
+        assert torch.get_num_threads() == 2
+        assert torch.equal(torch.rand(3), expected)
+    finally:
+        torch.set_num_threads(1)
 
 
 def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> None:

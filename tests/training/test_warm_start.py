@@ -1,5 +1,6 @@
 """A start by imitation, a start with saved weights, and numbers of the game that are annealed."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,31 @@ def test_its_checkpoint_is_the_start_of_a_run_that_never_imitates_again(tmp_path
         TrainingRun(config(4 * EACH, warm_start="scripted", every=EACH), tmp_path / "whole", resume=True)
 
 
+def test_games_while_it_imitates_do_not_count() -> None:
+    """Opponents are drawn, and rated, by what policies have done since PPO began."""
+    trainer = Trainer(config(warm_start=f"scripted:{8 * EACH}", opponents={"self": 0.5, "scripted": 0.5}))
+    trainer.imitate(lambda done, tags: None)
+    assert [(one.won, one.games, one.total) for one in trainer.opponents.all.values()] == [(0, 0, 0)] * 2
+    trainer.collect()
+    assert trainer.opponents.all[1].total
+
+
+def test_a_teacher_may_lie_elsewhere_when_a_run_goes_on(tmp_path: Path) -> None:
+    """Or be a later policy of the same run; but it is not exchanged for another."""
+    TrainingRun(config(2 * EACH, every=EACH), tmp_path / "first").train()
+    early, late = (tmp_path / "first" / CHECKPOINT.format(k * EACH) for k in (1, 2))
+    TrainingRun(config(EACH, warm_start=f"{early}:{EACH}"), tmp_path / "second").train()
+    (tmp_path / "moved").mkdir()
+    TrainingRun(config(2 * EACH, warm_start=f"{late}:{EACH}"), tmp_path / "second", resume=True).train()
+    elsewhere = shutil.copy(late, tmp_path / "moved")
+    TrainingRun(config(3 * EACH, warm_start=f"{elsewhere}:{EACH}"), tmp_path / "second", resume=True).train()
+    (tmp_path / "third").mkdir()
+    other = shutil.copy(late, tmp_path / "third" / "other.zip")
+    for wrong in (f"{elsewhere}:{2 * EACH}", f"{elsewhere}", f"{other}:{EACH}", "scripted"):
+        with pytest.raises(TrainingError, match="begun with warm_start = "):
+            TrainingRun(config(4 * EACH, warm_start=wrong), tmp_path / "second", resume=True)
+
+
 def test_ctrl_c_while_it_imitates_saves_nothing_and_it_begins_again(tmp_path: Path) -> None:
     def stop(run: TrainingRun) -> None:
         assert run.now.startswith("imitated")
@@ -152,6 +178,12 @@ def test_other_networks_can_be_imitated_but_not_taken(tmp_path: Path) -> None:
 )
 def test_what_a_warm_start_means(text: str, meant: tuple[str, int]) -> None:
     assert parse_warm_start(text) == meant
+
+
+def test_a_folder_may_have_a_colon(tmp_path: Path) -> None:
+    TrainingRun(config(EACH), tmp_path / "a,self:0.5").train()
+    for text, steps in (("", 0), (":7", 7)):
+        assert parse_warm_start(f"{tmp_path}/a,self:0.5{text}") == (f"{tmp_path}/a,self:0.5", steps)
 
 
 @pytest.mark.parametrize("text", ["script", "random", "scripted:0", "scripted:x", "scripted:1.5", "scripted:inf", ":5"])

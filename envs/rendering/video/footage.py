@@ -150,20 +150,12 @@ def _header(worlds: Worlds, width: int, title: str) -> Image:
     return canvas.image
 
 
-def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: int) -> None:
-    if not chosen:
-        raise FilmError("no world is chosen: at least one is needed")
+def check_pictures(size: int, grid: Grid, every: int) -> None:
+    """FilmError unless there can be such pictures, of whatever worlds; what they are is said by `footage`."""
     given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
     for name, value in given:
         if not is_whole(value):
             raise FilmError(f"{name} = {value!r}: an integer is needed")
-    if strange := [w for w in chosen if not 0 <= w < worlds.count]:
-        raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")
-    if len(chosen) > grid[0] * grid[1] or min(grid) < 1:
-        rows, columns = near_square(len(chosen))
-        raise FilmError(
-            f"a mosaic of {grid[0]}x{grid[1]} has no room for {len(chosen)} worlds: {rows}x{columns} has, or show fewer"
-        )
     if not SMALLEST <= size <= LARGEST:
         raise FilmError(f"size = {size}: {SMALLEST} to {LARGEST} pixels for each world are needed")
     if (size + _gutter(size)) * max(grid) > WIDEST + _gutter(size):
@@ -172,3 +164,16 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
         )
     if every < 1:
         raise FilmError(f"every = {every}: 1 is every tick, 10 is every tenth")
+
+
+def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: int) -> None:
+    if not chosen:
+        raise FilmError("no world is chosen: at least one is needed")
+    check_pictures(size, grid, every)
+    if strange := [w for w in chosen if not 0 <= w < worlds.count]:
+        raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")
+    if len(chosen) > grid[0] * grid[1] or min(grid) < 1:
+        rows, columns = near_square(len(chosen))
+        raise FilmError(
+            f"a mosaic of {grid[0]}x{grid[1]} has no room for {len(chosen)} worlds: {rows}x{columns} has, or show fewer"
+        )
