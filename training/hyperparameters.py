@@ -27,7 +27,8 @@ class Hyperparameters:
         vf_coef: Weight of the values in the loss.
         max_grad_norm: Length that gradients are cut to.
         target_kl: The update ends before a minibatch whose divergence is above 1.5 times that; 0: never.
-        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums.
+        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, which is
+            that of all agents, trained or not, absent ones included.
     """
 
     learning_rate: float = 3e-4
