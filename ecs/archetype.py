@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any
 
 from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
+from .whole import is_whole
 
 MOST = 2**16  # entities of a kind, and sizes of dimensions: more would take gigabytes, or minutes to lay out
 
@@ -36,14 +36,14 @@ class Archetype:
 
     def __post_init__(self) -> None:
         count: Any = self.count
-        if not isinstance(count, Integral) or count < 0:
+        if not is_whole(count, 0):
             raise NumberError(
                 f"Archetype({self.name!r}, ...) with the count {count!r:.60}: a whole number, 0 or more, is needed"
             )
         if self.count > MOST:
             raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
         order: Any = self.order
-        if order is not None and not isinstance(order, Integral):
+        if order is not None and not is_whole(order):
             raise DeclarationError(f"Archetype({self.name!r}, ...) with the order {order!r:.60}: an integer is needed")
         parts: Any = self.parts
         if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):

@@ -2,12 +2,12 @@
 
 import difflib
 from collections.abc import Collection, Mapping, Sequence
-from numbers import Integral
 from typing import Any
 
 from .archetype import MOST
 from .errors import DeclarationError, NumberError
 from .references import is_outside
+from .whole import is_whole
 
 NEEDED = 'a whole number, 0 or more, or names of dimensions, as in "agents + boxes"'
 
@@ -95,7 +95,7 @@ def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collec
 
 def _check_size(module: Any, dim: str, size: Any) -> None:
     """DeclarationError if it is neither a number nor names."""
-    if not isinstance(size, str) and (type(size) is bool or not isinstance(size, Integral) or int(size) < 0):
+    if not isinstance(size, str) and not is_whole(size, 0):
         raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
 
 

@@ -5,7 +5,6 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +180,7 @@ def write_film_of(
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
     rate: Any = looks.fps
-    stands = isinstance(rate, Integral) and ending(Path(out)) != ""  # what is no number is refused below
+    stands = is_whole(rate) and ending(Path(out)) != ""  # what is no number is refused below
     hold = round(HOLD * int(rate)) if stands else 0
     settings["layers"] = [*select(looks.views), *layers]
     frames = footage(worlds, played, shown, title=title, hold=hold, **settings)

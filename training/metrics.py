@@ -117,7 +117,7 @@ class BehaviourMetrics:
     def bags(self) -> Array:
         """Heals that each agent has, int (worlds, agents)."""
         holder = self.base_env.worlds[Item].holder[:, self.heals]
-        where, items = np.nonzero(holder >= 0)
+        where, items = np.nonzero((holder >= self.agents.start) & (holder < self.agents.stop))
         count = self.base_env.num_agents
         place = where * count + holder[where, items] - self.agents.start
         return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
@@ -141,6 +141,8 @@ class BehaviourMetrics:
             learns: Who was played by learners, likewise.
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
+        for each in (self._heals, self._reaches):
+            del each[: -len(living)]  # rollouts that nobody asked about
         reaches = np.stack(self._reaches) if self._reaches else None
         for name, (values, where) in self.quantities(own, actions, living, reaches).items():
             where = where & learns
@@ -150,8 +152,6 @@ class BehaviourMetrics:
             tags["behaviour/heals_held"] = held, int((living & learns).sum())
             tags["behaviour/heals_given"] = 1000 * given, int((living & learns).sum())  # in 1000 agent-steps
         self.there = 0
-        self._reaches.clear()
-        self._heals.clear()
         return tags
 
     def quantities(

@@ -108,7 +108,7 @@ class Trainer:
         self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
         self.state = len(self.state_scale)
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(config.seed)  # of initial weights
+            torch.default_generator.manual_seed(config.seed)  # of initial weights, and of no GPU
             first = [self._policy() for _ in range(self.team.max() + 1)]
         self.learners = [
             Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)

@@ -5,7 +5,6 @@
 >>> Experiment(task=task("teams_2+bounty", melee_damage=20), ...)
 """
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -43,12 +42,14 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         ValueError: An argument of make_torchrl that BenchMARL sets by itself, see TAKEN.
     """
 
+    _evaluates = False  # whether the worlds that were asked for last are those of evaluation
+
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
         for argument in TAKEN.keys() & config.keys():
             if argument != "actions" or config[argument] not in ("joint", "continuous"):
                 raise ValueError(f"{argument} = {config[argument]!r} of a task: {TAKEN[argument]}; leave it out")
         super().__init__(name, config)
-        self.scenario, self._first_worlds = scenario, itertools.cycle((EVALUATION, 0))
+        self.scenario = scenario
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
@@ -59,7 +60,8 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         others: they have other numbers.
         """
         options = {**DEFAULTS, **self.config}
-        scenario, first_world = self.scenario or self.name.lower(), next(self._first_worlds)
+        scenario, self._evaluates = self.scenario or self.name.lower(), not self._evaluates
+        first_world = EVALUATION if self._evaluates else 0
 
         def make() -> EnvBase:
             env = make_torchrl(scenario, num_envs, seed=seed, device=device, **options)

@@ -17,7 +17,7 @@ from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
-from .opponents import Others
+from .opponents import Others, copied_others
 from .per_agent import requested
 
 Observation = dict[str, Array]
@@ -196,7 +196,11 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
 
     def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
         """An environment that goes on from where this one is, with `others` of its own."""
-        other = copy.deepcopy(self._recipe, memo)()
+        other: SurvivalEnv = type(self).__new__(type(self))
+        memo[id(self)] = other  # a policy may know the environment that it plays in
+        options = self._recipe.keywords
+        own = {"others": copied_others(options["others"], memo)}
+        other.__init__(*self._recipe.args, **options | own)  # type: ignore[misc]
         copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
         other.spec, other.action_space = self.spec, copy.deepcopy(self.action_space)  # with what it draws next

@@ -1,5 +1,6 @@
 """Who plays the agents that do not learn: a policy by name, a file, a function, or a mixture of them."""
 
+import copy
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -78,3 +79,15 @@ def checked_others(others: Any) -> Entries:
         return checked_entries(others.items() if isinstance(others, Mapping) else [(others, 1)])
     except UsageError as error:
         raise UsageError(f"others = {others!r}: {error}") from None
+
+
+def copied_others(others: Others, memo: Any) -> Others:
+    """A copy, as copy.deepcopy makes it, so that no policy plays in two environments.
+
+    Raises:
+        UsageError: A policy cannot be copied.
+    """
+    try:
+        return copy.deepcopy(others, memo)
+    except TypeError as error:
+        raise UsageError(f"others = {others!r:.80} cannot be copied: {error}; give it __deepcopy__()") from error

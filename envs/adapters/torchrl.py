@@ -202,6 +202,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
         *_, info = STEP(env, actions, out, None if where.all() else where)
+        out["rewards"][torch.from_numpy(~where)] = 0
         self._cut_off = out["truncated"] & ~out["terminated"]
         if (ended := info.get("_statistics", ~where) & where).any():
             there = info.get("statistics_present", {})
@@ -229,7 +230,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
         """What TorchRL gets of a reset, or with rewards of a step."""
-        living, there = (torch.from_numpy(rows(self.vector_env.worlds)) for rows in (alive, present))
+        living = torch.from_numpy(alive(self.vector_env.worlds))
+        there = torch.from_numpy(present(self.vector_env.worlds)) if self._counts_vary else living
         told: dict[str, Any] = {"state": out["state"]}
         for group, own in self._members.items():
             parts = {

@@ -52,26 +52,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _prepare_streams() -> None:
     """Let messages come out in any encoding, and closed streams be written to."""
     for fd, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:  # closed, as by 2>&-: files that are opened later would get its number
-            null = os.open(os.devnull, os.O_WRONLY)
-            if null != fd:
-                os.dup2(null, fd)
-                os.close(null)
-            setattr(sys, name, open(fd, "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+        if getattr(sys, name) is None:  # closed, as by 2>&-
+            null = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, null)
+            try:
+                os.fstat(fd)
+            except OSError:  # the next file would get its number, here or in a child
+                os.dup2(null.fileno(), fd)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     """Run a command, and have what it printed written before Python ends; the exit status."""
+    status = 0
     try:
         try:
-            return _command(arguments)
+            status = _command(arguments)
         finally:  # also after --help, which exits
             sys.stdout.flush()
+        return status
     except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
         _discard_output()
-        return 0
+        return status
     except OSError as error:  # a full disk
         _discard_output()
         return _refused(f"stdout: {error.strerror or error}")
@@ -98,7 +101,7 @@ def _command(arguments: Sequence[str] | None) -> int:
         return _refused(str(error))
     except MemoryError as error:
         return _refused(f"there is not enough memory, take fewer --worlds: {error}")
-    except BrokenPipeError:
+    except BrokenPipeError:  # no error of use: see _run
         raise
     except OSError as error:
         where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""

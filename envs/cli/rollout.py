@@ -187,13 +187,15 @@ def _play_with_bar(options: argparse.Namespace, agents: int, work: Work) -> Play
 def _report(options: argparse.Namespace, asked: Scenario, played: Played, out: TextIO) -> None:
     """Write the JSON file that is asked for, and print the table or the JSON to `out`. Raises UsageError."""
     found = played.summary, played.seconds, played.agents
-    text = json.dumps(_as_dict(options, asked, *found), indent=2) + "\n"
+    text = json.dumps(_as_dict(options, asked, *found), indent=2) + "\n" if options.json is not None else ""
     if options.json == STDOUT:
         print(text, end="", file=out)
         return
-    if options.json is not None:
-        _write(options.json, text)
-    print(_heading(options, asked, *found), played.summary, sep="\n", file=out)
+    try:
+        if options.json is not None:
+            _write(options.json, text)
+    finally:  # a full disk costs no table
+        print(_heading(options, asked, *found), played.summary, sep="\n", file=out)
 
 
 def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:

@@ -3,7 +3,7 @@
 import logging
 
 from outlast.components import Death
-from outlast.ecs import Worlds
+from outlast.ecs import SKIP, Worlds
 
 LOGGER = logging.getLogger("outlast.deaths")
 LEVEL = logging.INFO
@@ -16,6 +16,8 @@ def log(worlds: Worlds, first_world: int = 0) -> None:
         return
     first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]  # of the number -1
     for death in worlds.entries(Death):
+        if worlds.mode[death["world"]] == SKIP:  # of an earlier tick
+            continue
         by = f" by side {death['side']}" if death["side"] >= 0 else ""
         w, i, cause = first_world + death["world"], death["agent"] - first, causes[death["damage_type"]]
         LOGGER.log(LEVEL, "world %d, tick %d: agent %d died of %s%s", w, death["tick"], i, cause, by)

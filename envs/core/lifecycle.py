@@ -25,10 +25,10 @@ def check_playable(worlds: Worlds, name: str) -> None:
 
 
 def check_faults(worlds: Worlds, first_world: int) -> None:
-    """FaultError if a body of some world got a number that physics cannot take, or found no place at reset."""
+    """FaultError if a body of a world got a number that physics cannot take in the last tick, or found no place."""
     check_places(worlds, first_world)
-    if Fault in worlds and worlds[Fault].physics.any():
-        w = int(worlds[Fault].physics[:, 0].argmax())
+    if Fault in worlds and (faulty := (worlds[Fault].physics[:, 0] != 0) & (worlds.mode != SKIP)).any():
+        w = int(faulty.argmax())
         raise FaultError(
             f"world {first_world + w}: a body has a position, speed, size or mass that physics cannot take (NaN, 1e6 "
             "and more, no size, or no mass where it moves); a mechanic wrote it into Body, Shape or Solid. Reset the "
@@ -144,13 +144,15 @@ class EpisodeTracker:
         return int(found)
 
     def step_some(self, runner: Any, some: Array) -> int:
-        """`step` of the worlds `some` alone, bool (worlds,), whose actions are in range; others take no tick."""
+        """`step` of the worlds `some` alone, bool (worlds,), whose actions are in range; others take no tick.
+
+        What they were paid, and their events, stay in their tables: a recording has these, too.
+        """
         if not self.running[some].all() or self.done[some].any():
             self._refuse(some)
         self._worlds.actions[:, some] = np.moveaxis(self.actions[some] - self._arrays["zeros"], 2, 0)
         self.mode[:] = np.where(some, STEP, SKIP)
         self.run(runner)
-        self._arrays["rewards"][~some] = 0
         return self.flags
 
     def reset(self, runner: Any, some: Array, keys: tuple[Array, Array, Array] | None = None) -> None:

@@ -4,6 +4,7 @@ import copy
 import pickle
 import subprocess
 import sys
+import threading
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -331,6 +332,19 @@ def test_a_copy_takes_numbers_and_others_along_and_leaves_those_of_the_original(
         (seen, *result), (expected, *wanted) = env.step(IDLE), plain.step(IDLE)
         assert equal(seen, expected)
         assert result == wanted
+
+
+def test_a_policy_may_know_its_environment_and_one_that_cannot_be_copied_is_named() -> None:
+    policy = Wanderer()
+    env = gymnasium.make("outlast/Teams-v1", others=policy).unwrapped
+    policy.env = env  # type: ignore[attr-defined]
+    env.reset(seed=SEED)
+    env.step(IDLE)
+    other = copy.deepcopy(env)
+    assert other._recipe.keywords["others"].env is other
+    policy.lock = threading.Lock()  # type: ignore[attr-defined]
+    with pytest.raises(UsageError, match=r"cannot be copied: cannot pickle '_thread.lock' object; give it"):
+        copy.deepcopy(env)
 
 
 def test_a_policy_with_a_memory_plays_in_one_environment_at_a_time() -> None:

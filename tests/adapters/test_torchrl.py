@@ -1,5 +1,6 @@
 """make_torchrl: a batched environment of TorchRL's, against make_vec and TorchRL's own checks."""
 
+import contextlib
 import itertools
 import runpy
 import warnings
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.components import Body
 from outlast.ecs import Clock
-from outlast.envs.errors import ActionError, NotResetError
+from outlast.envs.errors import ActionError, FaultError, NotResetError
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
@@ -186,7 +188,6 @@ def test_worlds_that_a_step_leaves_out_stay() -> None:
             np.testing.assert_array_equal(rows["agents", "observation"][w].numpy(), observations[w])
             np.testing.assert_array_equal(rows["agents", "reward"][w, :, 0].numpy(), rewards[w])
             assert (rows["terminated"][w].item(), rows["truncated"][w].item()) == (terminated[w], truncated[w])
-        assert not rewards[~going.numpy()].any()
     with pytest.raises(NotResetError, match="have ended"):
         alone.vector_env._step(actions[:, 0].numpy(), None, np.arange(WORLDS) == 0)
     for each in (env, alone):
@@ -196,19 +197,42 @@ def test_worlds_that_a_step_leaves_out_stay() -> None:
 def test_a_step_of_some_worlds_is_theirs_alone() -> None:
     env, plain = make(), outlast.make_vec(short("teams_3"), WORLDS, n_agents=4, agents_health=10, seed=SEED)
     td, some = env.reset(), torch.tensor([True, False, True, True])
+    joint = outlast.make_vec(short("teams_3"), 1, n_agents=4, actions="joint")
     plain.reset()
+    td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
+    plain.step(joint._actions.rows(td["agents", "action"].numpy(), (WORLDS, 4)))
+    td = env.step(td)["next"]  # which pays
+    assert td["agents", "reward"][1].any()
     before = env.vector_env.get_state([1])
     td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
     td["_step"] = some
     after = env.step(td.clone())["next"]
-    joint = outlast.make_vec(short("teams_3"), 1, n_agents=4, actions="joint")
     seen, *_ = plain.step(joint._actions.rows(td["agents", "action"].numpy(), (WORLDS, 4)))
     flat = np.concatenate([values.reshape(WORLDS, 4, -1) for values in seen.values()], 2)
     np.testing.assert_array_equal(after["agents", "observation"][some].numpy(), flat[some.numpy()])
-    assert env.vector_env.worlds[Clock].tick[:, 0].tolist() == [1, 0, 1, 1]
+    assert env.vector_env.worlds[Clock].tick[:, 0].tolist() == [2, 1, 2, 2]
     assert not after["agents", "reward"][1].any()
     for key, values in before.arrays.items():
         np.testing.assert_array_equal(env.vector_env.get_state([1]).arrays[key], values)
+
+
+def test_steps_of_some_worlds_are_recorded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Each tick replays to the bit; and nobody dies, or stops everything, twice."""
+    env = make(worlds=6, agents_health=3, max_episode_steps=60)
+    with caplog.at_level("INFO", "outlast.deaths"), outlast.record(env.vector_env, tmp_path / "a.rec"):
+        env.rollout(60, break_when_all_done=True)
+    with contextlib.closing(outlast.Replay(outlast.Recording.open(tmp_path / "a.rec"))) as replay:
+        assert len([*replay.ticks()]) > 2
+    logged = [record.getMessage() for record in caplog.records if record.name == "outlast.deaths"]
+    assert len(logged) == len({*logged}) > 6
+    td = env.reset()
+    env.vector_env.worlds[Body].vx[1, 0] = np.nan
+    for k in range(2):
+        td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
+        td["_step"] = torch.arange(6) != (-1, 1)[k]
+        with pytest.raises(FaultError, match="world 1") if k == 0 else contextlib.nullcontext():
+            env.step(td.clone())
+    env.close()
 
 
 def test_keywords_of_reset() -> None:

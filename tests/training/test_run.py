@@ -119,8 +119,9 @@ def test_pytorch_is_left_as_it_was(tmp_path: Path) -> None:
         torch.manual_seed(5)
         for threads in (1, 3):
             TrainingRun(config(EACH, threads=threads), tmp_path / f"{threads}").train()
-            with pytest.raises(TrainingError, match="is not empty"):
-                TrainingRun(config(EACH, threads=threads), tmp_path / f"{threads}")
+            (tmp_path / f"file {threads}").touch()
+            with pytest.raises(TrainingError, match="Not a directory"):
+                TrainingRun(config(EACH, threads=threads), tmp_path / f"file {threads}" / "run")
         assert torch.get_num_threads() == 2
         assert torch.equal(torch.rand(3), expected)
     finally:

@@ -92,7 +92,7 @@ def test_games_while_it_imitates_do_not_count() -> None:
 
 
 def test_a_teacher_may_lie_elsewhere_when_a_run_goes_on(tmp_path: Path) -> None:
-    """Or be a later policy of the same run; but it is not exchanged for another."""
+    """By the same file name; or be a later policy of the same run. By another name elsewhere it is another teacher."""
     TrainingRun(config(2 * EACH, every=EACH), tmp_path / "first").train()
     early, late = (tmp_path / "first" / CHECKPOINT.format(k * EACH) for k in (1, 2))
     TrainingRun(config(EACH, warm_start=f"{early}:{EACH}"), tmp_path / "second").train()
