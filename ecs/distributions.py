@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .errors import NumberError
+from .whole import is_whole
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
 MOST = 2**16  # values of a choice
@@ -117,7 +118,7 @@ def integers(low: int, high: int) -> Distribution:
     Raises:
         NumberError: They are not integers, or `low` is not below `high`.
     """
-    if not all(type(each) is not bool and isinstance(each, (int, np.integer)) for each in (low, high)):
+    if not (is_whole(low) and is_whole(high)):
         raise NumberError(f"integers({low!r}, {high!r}): two integers are needed")
     ends = _ends("integers", low, high)
     return Distribution(INTEGERS, (int(ends[0]), int(ends[1])))

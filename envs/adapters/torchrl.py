@@ -191,7 +191,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
         some = tensordict.get("_step", None)  # worlds that are to be stepped; rollout(break_when_all_done=True) has it
-        where = np.ones(env.num_worlds, bool) if some is None else some.cpu().numpy().reshape(env.num_worlds)
+        where = None if some is None or some.all() else some.cpu().numpy().reshape(env.num_worlds)
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
         for group, own in self._members.items():
             given = tensordict[group, "action"].detach().cpu().numpy()
@@ -201,10 +201,14 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             actions[:, own] = env._actions.checked(given, shape, False, axes="worlds, n", who=who, what=what)
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
-        *_, info = STEP(env, actions, out, None if where.all() else where)
-        out["rewards"][torch.from_numpy(~where)] = 0
+        *_, info = STEP(env, actions, out, where)
+        if where is not None:
+            out["rewards"][torch.from_numpy(~where)] = 0
         self._cut_off = out["truncated"] & ~out["terminated"]
-        if (ended := info.get("_statistics", ~where) & where).any():
+        ended = info.get("_statistics")
+        if ended is not None and where is not None:
+            ended = ended & where  # others have ended before
+        if ended is not None and ended.any():
             there = info.get("statistics_present", {})
             self.statistics = {name: values[ended] for name, values in info["statistics"].items()}
             self.statistics_present = {name: values[ended] for name, values in there.items()}

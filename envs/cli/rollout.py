@@ -187,13 +187,12 @@ def _play_with_bar(options: argparse.Namespace, agents: int, work: Work) -> Play
 def _report(options: argparse.Namespace, asked: Scenario, played: Played, out: TextIO) -> None:
     """Write the JSON file that is asked for, and print the table or the JSON to `out`. Raises UsageError."""
     found = played.summary, played.seconds, played.agents
-    text = json.dumps(_as_dict(options, asked, *found), indent=2) + "\n" if options.json is not None else ""
     if options.json == STDOUT:
-        print(text, end="", file=out)
+        print(_as_json(options, asked, *found), end="", file=out)
         return
     try:
         if options.json is not None:
-            _write(options.json, text)
+            _write(options.json, _as_json(options, asked, *found))
     finally:  # a full disk costs no table
         print(_heading(options, asked, *found), played.summary, sep="\n", file=out)
 
@@ -216,9 +215,7 @@ def _shares(summary: Summary, seconds: float) -> str:
     return " (" + ", ".join(f"{name} {part / seconds:.0%}" for name, part in parts.items()) + ")"
 
 
-def _as_dict(
-    options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int
-) -> dict[str, Any]:
+def _as_json(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:
     """What was asked for, by the options' names, then the summary's numbers."""
     import outlast  # here, as the package imports the environments
 
@@ -227,7 +224,7 @@ def _as_dict(
     given["episodes" if options.steps else "steps"] = None
     about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": same_for_all(asked), **plain(asked)}
     about |= {"agents": agents, "asked": given, "seconds": seconds, "seconds_of": summary.seconds}
-    return about | summary.as_dict()
+    return json.dumps(about | summary.as_dict(), indent=2) + "\n"
 
 
 def _write(path: str, text: str) -> None:
