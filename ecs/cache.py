@@ -23,13 +23,11 @@ from .cache_key import CacheKey
 from .compile_errors import explained
 from .jit import compiled, options_of
 from .machine_code import Code, as_python, compile_function, load_code
-from .run_units import run_units
 from .tick import Unit
 
 ADDRESSES: dict[str, int] = {}  # of loaded units by their keys
 DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when numba last compiled them
 LOCK = threading.RLock()
-RUNNER = "tick"
 UNITS_PER_PROCESS = 4  # fewer are compiled sooner than a process has begun
 
 
@@ -38,7 +36,8 @@ class CompiledUnits:
 
     Args:
         units: All of them.
-        functions: Kernels of int64 arguments by label; beside them there is RUNNER, which runs the units.
+        functions: Kernels of int64 arguments by label, for Python.
+        parts: Kernels of three int64 arguments by label, which machine code calls by their address, as it does units.
 
     Attributes:
         compiled: Labels of the units that `load` did not find: they were compiled here, or by others meanwhile.
@@ -47,10 +46,11 @@ class CompiledUnits:
         DeclarationError: A system refers to something that its machine code would keep as it is now.
     """
 
-    def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any]) -> None:
+    def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
         if len({unit.label for unit in units}) < len(units):
             raise AssertionError(f"two units of one label: {sorted(unit.label for unit in units)}")
-        self._functions = {RUNNER: run_units, **functions} if compiled() else {}
+        self._python = frozenset(functions)
+        self._functions = {**functions, **parts} if compiled() else {}
         self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | self._functions)
         self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
         self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
@@ -79,7 +79,7 @@ class CompiledUnits:
             self._found.clear()
 
     def address(self, label: str) -> int:
-        """Of a unit's function."""
+        """Of the function of a unit, or of a part."""
         return ADDRESSES[self._keys[label]]
 
     def function(self, label: str) -> Any:
@@ -132,7 +132,7 @@ class CompiledUnits:
         options = options_of(getattr(kernel, "py_func", kernel))
         try:
             with explained(unit.system if unit else None):
-                return compile_function(function, options, python=unit is None)
+                return compile_function(function, options, python=label in self._python)
         finally:
             function.__name__, function.__qualname__ = name, qualified
 

@@ -1,4 +1,4 @@
-"""Execution: the units of a segment, bound to the memory of a batch of worlds and to one thread."""
+"""Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
 
 import os
 from typing import Any
@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from .arguments import ArgumentBlock
-from .cache import RUNNER, CompiledUnits
+from .cache import CompiledUnits
 from .errors import EngineError
 from .jit import interpreted
 from .machine_code import exception_at
 from .placing import touched_lines
-from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, TABLE, UNITS
+from .run_units import CALL, CALLER, CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, RUN, TABLE, UNITS
 from .segments import Segment
+from .team import TEAM, Team, aligned
 from .tick import Unit
 
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: to fetch them gains nothing
@@ -25,54 +26,94 @@ class CompiledExecution:
         segment: The units.
         worlds: Their tables.
         compiled_units: Loaded.
+        team: The threads that share the worlds; None: the caller's alone.
+
+    Attributes:
+        blocks: The arguments of the units, in each thread.
+        team: As given.
+        address: Of the frame of the caller's thread, see ecs.run_units.
     """
 
-    def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits) -> None:
-        self._units, self._runner = segment.units, compiled_units.function(RUNNER)
-        self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
-        self._frame = np.zeros(TABLE + 2 * len(segment.units), np.int64)
-        self._frame[UNITS] = len(segment.units)
-        self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
-        self._frame[TABLE + 1 :: 2] = [block.address for block in self.blocks]
-        self._frame[FAILED] = NONE
-        self._share_fetching(worlds)
-        self.address = int(self._frame.ctypes.data)  # of what ecs.run_units takes
+    def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits, team: Team | None) -> None:
+        self._units, self._code, self.team = segment.units, compiled_units, team
+        self._count: int = worlds.count
+        self.blocks = list[ArgumentBlock]()
+        self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
+        self.address = int(self._frames[0].ctypes.data)
+        self._plans = list[Any]()  # of rounds of the team
+        self._call, self._run = compiled_units.function(CALL), self.target(RUN)
 
-    def _share_fetching(self, worlds: Any) -> None:
+    def _frame(self, worlds: Any) -> Any:
+        """The frame of a thread."""
+        blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
+        frame = aligned(TABLE + 2 * len(blocks))
+        frame[FAILED], frame[UNITS] = NONE, len(blocks)
+        frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
+        frame[TABLE + 1 :: 2] = [block.address for block in blocks]
+        self._share_fetching(worlds, blocks)
+        self.blocks += blocks
+        return frame
+
+    def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock]) -> None:
         """Let the units that run in every tick fetch the worlds that come next, in equal parts, if that pays."""
-        fetching = [block for unit, block in zip(self._units, self.blocks, strict=True) if not unit.only_at_reset]
+        fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + CHUNK * worlds.layout.world_bytes
             lines = touched_lines(worlds.layout, worlds.schedule.touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 
-    def __call__(self, start: int, stop: int) -> None:
-        """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""
-        self._runner(self.address, start, stop)
+    def target(self, part: str, caller: int = 0) -> tuple[int, int]:
+        """Address and first argument of what takes all worlds through the units.
+
+        Args:
+            part: What takes some of them, by its label: RUN, or what runs that in its midst.
+            caller: What that finds in its frame at CALLER.
+        """
+        for frame in self._frames:
+            frame[CALLER] = caller
+        if self.team is None:
+            return self._code.address(part), self.address
+        plan = self.team.plan(self._code.address(part), self._count, [frame.ctypes.data for frame in self._frames])
+        self._plans.append(plan)
+        return self.team.spread, int(plan.ctypes.data)
+
+    def ready(self) -> None:
+        """Call this ahead of a round of the team."""
+        if self.team is not None:
+            address = self.team.ready()
+            for plan in self._plans:
+                plan[TEAM] = address
+
+    def __call__(self) -> None:
+        """Take all worlds through the units. Raises what a kernel raises."""
+        self.ready()
+        self._call(*self._run, 0, self._count, self.address + 8 * EXCEPTION)
         self.check()
 
     def check(self) -> None:
         """Raise what a kernel raised since the last call."""
-        if self._frame[FAILED] != NONE:
-            unit, first_world, exception = (int(self._frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
-            self._frame[FAILED] = NONE
+        frame = self._frames[0]
+        if frame[FAILED] != NONE:
+            unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
+            frame[FAILED] = NONE
             raise _exception(self._units[unit], first_world, exception)
 
 
 class PythonExecution:
-    """Runs units as Python. Parameters as for CompiledExecution."""
+    """Runs units as Python, in the caller's thread. Parameters as for CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Any) -> None:
+        self._count: int = worlds.count
         self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
         self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
 
-    def __call__(self, start: int, stop: int) -> None:
-        """Take the worlds from `start` to `stop` through the units, one after the other."""
+    def __call__(self) -> None:
+        """Take all worlds through the units, one after the other."""
         with interpreted():
             for unit, function, block in zip(self._units, self._functions, self.blocks, strict=True):
                 try:
-                    function(block, start, stop)
+                    function(block, 0, self._count)
                 except EngineError as error:
                     raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 

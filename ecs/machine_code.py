@@ -274,3 +274,38 @@ def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], st
     kind, arguments, place = pickle.loads(ctypes.string_at(data, size))
     arguments = tuple("..." if isinstance(each, ir.Constant) else each for each in arguments or ())
     return kind, arguments, f"{place[1]}, line {place[2]}" if place else ""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def atomic_add(typing: Any, address: Any, number: Any) -> Any:
+    """In compiled code, add to the int64 at an address, and return what it was: one step for all threads."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.atomic_rmw("add", _word(builder, values[0]), values[1], "seq_cst")
+
+    return types.int64(types.int64, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def atomic_load(typing: Any, address: Any) -> Any:
+    """In compiled code, read an int64 that other threads write."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.load_atomic(_word(builder, values[0]), "seq_cst", 8)
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def atomic_store(typing: Any, address: Any, number: Any) -> Any:
+    """In compiled code, write an int64 that other threads read."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        builder.store_atomic(values[1], _word(builder, values[0]), "seq_cst", 8)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), generate
+
+
+def _word(builder: Any, address: Any) -> Any:
+    return builder.inttoptr(address, ir.IntType(64).as_pointer())

@@ -18,6 +18,7 @@ from .per_agent import differing_numbers
 from .phase import Phase
 from .references import is_outside
 from .roles import Roles
+from .run_units import CALL, RUN, call, run_units
 from .schedule import Schedule, order
 from .segments import Segment, segments
 from .system import System
@@ -39,6 +40,7 @@ class Wanted:
     interpret: tuple[str, ...]
     specialize: bool
     functions: tuple[tuple[str, Any], ...]
+    parts: tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ class Plan:
         layout: Of each world.
         schedule: The systems, in order.
         segments: The units of the tick.
-        units: Their machine code, and that of functions.
+        units: Their machine code, and that of functions and parts.
     """
 
     layout: Layout
@@ -92,7 +94,8 @@ def _made(wanted: Wanted) -> Plan:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
-    return Plan(layout, schedule, tick, CompiledUnits(units, dict(wanted.functions)))
+    functions, parts = {CALL: call, **dict(wanted.functions)}, {RUN: run_units, **dict(wanted.parts)}
+    return Plan(layout, schedule, tick, CompiledUnits(units, functions, parts))
 
 
 def _applies(system: System, layout: Layout) -> bool:

@@ -10,8 +10,9 @@ from .machine_code import call_address, prefetch
 
 CHUNK = 32  # worlds that go through all units together
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame, see run_units
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, RESULT, TABLE = range(7)  # words of a frame, see run_units
 NONE = -1  # FAILED, if no unit did
+RUN, CALL = "run_units", "call"  # labels
 read_word, write_word = loader("int64"), storer("int64")
 
 
@@ -21,8 +22,8 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
     Args:
         frame: Address of int64 words, see the names above: how many units; the index of the one that raised an
-            exception, or NONE, the first of its worlds, and the exception; and for each unit the address of its
-            function and that of its arguments.
+            exception, or NONE, the first of its worlds, and the exception; two words of a function that runs the tick
+            in its midst; and for each unit the address of its function and that of its arguments.
         start: The first world.
         stop: One after the last world.
 
@@ -40,6 +41,12 @@ def run_units(frame: int, start: int, stop: int) -> int:
                 write_word(frame + 8 * FIRST_WORLD, first)
                 return 1
     return 0
+
+
+@kernel
+def call(function: int, arguments: int, first: int, last: int, error: int) -> int:
+    """What Python calls a part by: see `call_address`."""
+    return int(call_address(function, arguments, first, last, error))
 
 
 @kernel

@@ -45,6 +45,7 @@ class Worlds:
         observed: Those of them that agents observe.
         roles: Which agents have numbers of their own.
         functions: Kernels of integers by label, to be compiled with the systems; see `function`.
+        parts: Kernels that take some worlds through the tick and do more, by label; see `call_with_tick`.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -71,6 +72,7 @@ class Worlds:
         observed: Sequence[str] = (),
         roles: Roles | None = None,
         functions: Mapping[str, Any] | None = None,
+        parts: Mapping[str, Any] | None = None,
     ) -> None:
         wanted = Wanted(
             modules=tuple(modules),
@@ -83,6 +85,7 @@ class Worlds:
             interpret=(interpret,) if isinstance(interpret, str) else tuple(map(str, interpret)),
             specialize=specialize,
             functions=tuple((functions or {}).items()),
+            parts=tuple((parts or {}).items()),
         )
         for what, given in (("count", count), ("threads", threads)):
             if given < 1:
@@ -131,7 +134,7 @@ class Worlds:
     @property
     def compiled(self) -> bool:
         """Whether machine code for this tick is ready or lies on disk."""
-        return self._runner.units.ready
+        return self._runner.ready
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """What happened in the last tick of each world, by name of the event: see `entries`."""
@@ -274,21 +277,28 @@ class Worlds:
         """One of `functions`, as machine code that Python can call; as Python where nothing is compiled."""
         return self._runner.function(label)
 
-    def call_with_tick(self, label: str) -> Callable[[int], int] | None:
+    def call_with_tick(self, label: str, part: str, address: int) -> Callable[[], int] | None:
         """One of `functions` that runs the tick in its midst.
 
+        Args:
+            label: A function of a frame (see ecs.run_units), and of the address and the first argument of what it is
+                to call for all worlds: `part` in their order, or in ranges on several threads. It returns an integer;
+                a negative one says that the tick did not end well, and what a system raised is raised then.
+            part: One of `parts`, which finds the address in its frame.
+            address: Of memory of the caller's.
+
         Returns:
-            A function of an address, which calls that with the address, that of the tick's frame and how many worlds
-            there are (see ecs.run_units), and returns the result; a negative one says that the tick did not end
-            well, and what a system raised is raised then. None where a tick is several calls: of threads, or of
-            systems that run as Python.
+            What calls it; None where a tick is several calls, as some systems run as Python.
         """
         if (execution := self._runner.single()) is None:
             return None
-        function, frame, count = self.function(label), execution.address, self.count
+        function, frame, target = self.function(label), execution.address, execution.target(part, address)
+        ready, alone = execution.ready, execution.team is None
 
-        def call(address: int) -> int:
-            result: int = function(address, frame, count)
+        def call() -> int:
+            if not alone:
+                ready()
+            result: int = function(frame, *target)
             if result < 0:
                 try:
                     execution.check()

@@ -1,14 +1,15 @@
 """Two checkouts in turn: what a step costs before a change and after it.
 
-    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--specialize]
+    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--threads 1] [--specialize]
 
 OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each runs in a
 process of its own, with this Python and the libraries of it; four times, as each process keeps its luck with memory,
 and all of them on one processor, as two of a machine can differ. With --specialize, a checkout that can does so (see
 make_vec); rows of perf.step are variants, too. In every round each of them steps all worlds for over half a second, the
-order changing from round to round, with random actions and copy=False. Microseconds of CPU time a world-step, the best
-of the rounds; `change` is the median of the ratios in single rounds, and the last column their range: a change that is
-smaller than that range is none. Comparing a checkout with itself shows the noise.
+order changing from round to round, with random actions and copy=False. Microseconds of CPU time a world-step (of wall
+time with several threads, which use all processors), the best of the rounds; `change` is the median of the ratios in
+single rounds, and the last column their range: a change that is smaller than that range is none. Comparing a checkout
+with itself shows the noise.
 """
 
 import os
@@ -32,29 +33,32 @@ import outlast
 
 from perf.rows import scenario
 
-if hasattr(os, "sched_setaffinity"):  # both on one processor, as two of a machine can differ by more than a change
+worlds, threads = map(int, sys.argv[2:4])
+if threads == 1 and hasattr(os, "sched_setaffinity"):  # both on one, as two processors can differ by more than a change
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-worlds, known = int(sys.argv[2]), inspect.signature(outlast.make_vec).parameters
-more = {"copy": False, "specialize": sys.argv[3] == "True"}
-env = outlast.make_vec(scenario(sys.argv[1]), worlds, seed=0, **{k: more[k] for k in more if k in known})
+known = inspect.signature(outlast.make_vec).parameters
+clock = time.process_time if threads == 1 else time.perf_counter
+more = {"copy": False, "specialize": sys.argv[4] == "True"}
+more = {k: more[k] for k in more if k in known}
+env = outlast.make_vec(scenario(sys.argv[1]), worlds, seed=0, threads=threads, **more)
 env.reset()
 generator = np.random.default_rng(0)
 draws = [generator.integers(0, env.action_sizes, (worlds, env.num_agents, len(env.action_sizes))) for _ in range(50)]
 for line in map(int, sys.stdin):
-    start = time.process_time()
+    start = clock()
     for k in range(line):
         env.step(draws[k % 50])
-    print((time.process_time() - start) / line / worlds * 1e6, flush=True)
+    print((clock() - start) / line / worlds * 1e6, flush=True)
 """
 
 
 class Checkout:
     """A process that steps a variant with the code of a checkout."""
 
-    def __init__(self, folder: Path, variant: str, worlds: int, specialize: bool) -> None:
+    def __init__(self, folder: Path, *given: object) -> None:
         path = os.pathsep.join(filter(None, (str(folder / ".src"), os.environ.get("PYTHONPATH"))))
         self.process = subprocess.Popen(
-            [sys.executable, "-c", WORKER, variant, str(worlds), str(specialize)],
+            [sys.executable, "-c", WORKER, *map(str, given)],
             cwd=folder,  # whose perf.rows it imports
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.PIPE,
@@ -63,7 +67,7 @@ class Checkout:
         )
 
     def time(self, steps: int) -> float:
-        """Microseconds of CPU time a world-step, over so many steps of all worlds."""
+        """Microseconds a world-step, over so many steps of all worlds."""
         assert self.process.stdin
         assert self.process.stdout
         self.process.stdin.write(f"{steps}\n")
@@ -86,10 +90,10 @@ def checkout(text: str) -> Path:
     return folder
 
 
-def compared(old: Path, new: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
-    """Microseconds of CPU time a world-step, (rounds, 2)."""
+def compared(old: Path, new: Path, variant: str, worlds: int, threads: int, specialize: bool) -> np.ndarray:
+    """Microseconds a world-step, (rounds, 2)."""
     pairs = [(old, new), (new, old)]  # who starts first may get the better memory
-    times = [started(*pairs[k % 2], variant, worlds, specialize)[:, :: (1, -1)[k % 2]] for k in range(STARTS)]
+    times = [started(*pairs[k % 2], variant, worlds, threads, specialize)[:, :: (1, -1)[k % 2]] for k in range(STARTS)]
     return np.concatenate(times)
 
 
@@ -100,10 +104,10 @@ def summary(times: np.ndarray) -> tuple[float, float, float, str]:
     return float(old), float(new), float(np.median(each)), f"{each.min():.4g} to {each.max():.4g}"
 
 
-def started(one: Path, other: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
+def started(one: Path, other: Path, variant: str, worlds: int, threads: int, specialize: bool) -> np.ndarray:
     """The same of two new processes."""
     with ExitStack() as stack:
-        both = [stack.enter_context(Checkout(folder, variant, worlds, specialize)) for folder in (one, other)]
+        both = [stack.enter_context(Checkout(folder, variant, worlds, threads, specialize)) for folder in (one, other)]
         slow = max(each.time(5) for each in both)  # it also compiles
         slow = min(slow, *(each.time(20) for each in both))
         steps = max(1, round(SECONDS / (slow * worlds * 1e-6)))
@@ -121,11 +125,13 @@ def main() -> None:
     parser.add_argument("new", type=checkout, metavar="NEW", help="the checkout after")
     parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help="what is played")
     parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
+    parser.add_argument("--threads", type=int, default=1, help="that share the worlds (default 1)")
     parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
     given = parser.parse_args()
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):
-        table.add(variant, *summary(compared(given.old, given.new, variant, given.worlds, given.specialize)))
+        how = given.worlds, given.threads, given.specialize
+        table.add(variant, *summary(compared(given.old, given.new, variant, *how)))
     table.finish(given.save)
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from threading import get_ident
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from outlast.ecs.workers import Job, Workers
-
 from ..errors import ClosedError, PendingError
+from .worker import Job, Worker
 
 Options = ParamSpec("Options")
 Result = TypeVar("Result")
@@ -22,7 +21,7 @@ class CallGuard:
     """
 
     def __init__(self) -> None:
-        self._worker = Workers(1)
+        self._worker = Worker()
         self.pending: Job | None = None
         self._owner = os.getpid()
         self.inside: dict[str, int] = {}  # the thread that is: what Ctrl-C leaves here, its next call clears
@@ -48,7 +47,7 @@ class CallGuard:
         self.leave()
         self._owner = os.getpid()
         self.pending = Job(self._guarded, call, *arguments)
-        self._worker.submit([self.pending])
+        self._worker.submit(self.pending)
 
     def fetch(self) -> Any:
         """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
@@ -57,7 +56,7 @@ class CallGuard:
         if self._owner != os.getpid():
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
         if not self.pending.finished:
-            self._worker.submit([self.pending])  # again, as Ctrl-C may have kept `begin` from it
+            self._worker.submit(self.pending)  # again, as Ctrl-C may have kept `begin` from it
         try:
             return self.pending.result()
         finally:
@@ -68,7 +67,7 @@ class CallGuard:
         """Wait for the end of a call that has begun, if there is one; it can still be fetched."""
         job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
         if job is not None and here and not job.finished:
-            self._worker.submit([job])  # again, as in `fetch`
+            self._worker.submit(job)  # again, as in `fetch`
             job.wait()
 
     def close(self) -> None:

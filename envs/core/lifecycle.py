@@ -64,7 +64,7 @@ class EpisodeTracker:
         """Make it; nothing is running.
 
         Args:
-            worlds: Made with step_functions.FUNCTIONS.
+            worlds: Made with the FUNCTIONS and PARTS of step_functions.
             sizes: How many values each action has, (actions,).
             zeros: Which of them does nothing, (actions,).
             autoreset: When a world that ended begins its next episode.
@@ -103,7 +103,7 @@ class EpisodeTracker:
     def load(self) -> None:
         """Load or compile all that runs in a step."""
         self._begin, self._finish = map(self._worlds.function, ("begin", "finish"))
-        self._whole = self._worlds.call_with_tick("step")
+        self._whole = self._worlds.call_with_tick("step", "play", self._address)
 
     @property
     def masks(self) -> dict[str, Array]:
@@ -133,7 +133,7 @@ class EpisodeTracker:
             self._ranges = ranges
             self._block[RANGES // 8] = ranges
         if self._whole is not None and runner is self._worlds:
-            found = self._whole(self._address)
+            found = self._whole()
         elif not (found := self._begin(self._address)):
             self.run(runner)
             return self.flags

@@ -7,7 +7,9 @@ from typing import Any
 
 from outlast.ecs import RESET, SKIP, STEP, kernel
 from outlast.ecs.jit import loader, storer
-from outlast.ecs.run_units import run_units
+from outlast.ecs.machine_code import call_address
+from outlast.ecs.run_units import CALLER, EXCEPTION, NONE, RESULT, run_units
+from outlast.ecs.run_units import FAILED as UNIT_FAILED
 
 WORDS = (
     *("worlds", "agents", "columns"),  # how many; columns: actions of an agent
@@ -27,12 +29,12 @@ TILE = 64  # agents whose actions are taken column by column, while they are in 
 FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: nothing is said of it
 
 read, read_byte, read_int = loader("int64"), loader("uint8"), loader("int32")
-write_byte, write_short, write_int = storer("int8"), storer("int16"), storer("int32")
+write, write_byte, write_short, write_int = map(storer, ("int64", "int8", "int16", "int32"))
 
 
 @kernel
-def begin(block: int) -> int:
-    """Check a step, and take its actions. A step that is refused changes nothing.
+def check(block: int) -> int:
+    """Check a step, and set the modes. A step that is refused changes nothing.
 
     Returns:
         0, or why it is refused: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
@@ -58,13 +60,22 @@ def begin(block: int) -> int:
                     outside |= int(action < 0) | int(action > most)
         if outside:
             return OUT_OF_RANGE
-    mode, zeros, taken, size = read(block + MODE), read(block + ZEROS), read(block + TAKEN), read(block + TAKEN_BYTES)
+    mode = read(block + MODE)
     for w in range(worlds):
         write_byte(mode + w, STEP + (read_byte(ended + w) | read_byte(stopped + w)))
-    for first in range(0, rows, TILE):
+    return 0
+
+
+@kernel
+def take(block: int, start: int, stop: int) -> None:
+    """Take the actions of the worlds from `start` to `stop`."""
+    columns, agents, actions = read(block + COLUMNS), read(block + AGENTS), read(block + ACTIONS)
+    rows = read(block + WORLDS) * agents
+    zeros, taken, size = read(block + ZEROS), read(block + TAKEN), read(block + TAKEN_BYTES)
+    for first in range(start * agents, stop * agents, TILE):
         for k in range(columns):
             zero, column = read(zeros + 8 * k), taken + size * k * rows
-            for row in range(first, min(first + TILE, rows)):
+            for row in range(first, min(first + TILE, stop * agents)):
                 action, at = read(actions + 8 * (row * columns + k)) - zero, column + size * row
                 if size == 1:
                     write_byte(at, action)
@@ -72,11 +83,19 @@ def begin(block: int) -> int:
                     write_short(at, action)
                 else:
                     write_int(at, action)
-    return 0
 
 
 @kernel
-def finish(block: int, outcome: int) -> int:
+def begin(block: int) -> int:
+    """`check`, and `take` of all worlds."""
+    refused = check(block)
+    if not refused:
+        take(block, 0, read(block + WORLDS))
+    return refused
+
+
+@kernel
+def close(block: int, outcome: int, start: int, stop: int) -> int:
     """Note which episodes are over, and which worlds run, after a tick of those whose mode is not SKIP.
 
     The tick that starts an episode neither pays nor ends anything, whatever systems write: there was no action.
@@ -84,6 +103,8 @@ def finish(block: int, outcome: int) -> int:
     Args:
         block: See WORDS.
         outcome: FAILED: those worlds do not run any more. COMPLETED. LEFT: who runs is left as it is.
+        start: The first world.
+        stop: One after the last world.
 
     Returns:
         Flags: DONE if some episode is over, FAULTY if some world is in a state that cannot be.
@@ -96,7 +117,7 @@ def finish(block: int, outcome: int) -> int:
     unplaced, unplaced_stride = read(block + UNPLACED), read(block + UNPLACED_STRIDE)
     rewards, agents = read(block + REWARDS), read(block + AGENTS)
     done = faulty = 0
-    for w in range(read(block + WORLDS)):
+    for w in range(start, stop):
         if outcome != LEFT and read_byte(mode + w) == RESET:
             write_byte(terminated + w, 0)
             write_byte(truncated + w, 0)
@@ -117,19 +138,48 @@ def finish(block: int, outcome: int) -> int:
 
 
 @kernel
-def step(block: int, frame: int, worlds: int) -> int:
-    """A whole step: begin, the tick (see ecs.run_units), finish.
+def finish(block: int, outcome: int) -> int:
+    """`close` of all worlds."""
+    return close(block, outcome, 0, read(block + WORLDS))
+
+
+@kernel
+def play(frame: int, start: int, stop: int) -> int:
+    """A step of the worlds from `start` to `stop`, after `check`: take, the tick (see ecs.run_units), close.
+
+    Their flags are added to those in the frame. 1, if a system raised an exception.
+    """
+    block, flags = read(frame + 8 * CALLER), frame + 8 * RESULT
+    take(block, start, stop)
+    if run_units(frame, start, stop):
+        return 1
+    write(flags, read(flags) | close(block, COMPLETED, start, stop))
+    return 0
+
+
+@kernel
+def step(frame: int, function: int, argument: int) -> int:
+    """A whole step.
+
+    Args:
+        frame: See ecs.run_units; at CALLER it has a block, see WORDS.
+        function: The address of what plays all worlds: `play`, or what spreads that over threads.
+        argument: Its first one.
 
     Returns:
-        As `begin`, if it is refused; -1, if a system raised an exception; or as `finish`.
+        As `check`, if it is refused; -1, if a system raised an exception; or as `close`.
     """
-    refused = begin(block)
+    block = read(frame + 8 * CALLER)
+    refused = check(block)
     if refused:
         return refused
-    if run_units(frame, 0, worlds):
+    write(frame + 8 * RESULT, 0)
+    call_address(function, argument, 0, read(block + WORLDS), frame + 8 * EXCEPTION)
+    if read(frame + 8 * UNIT_FAILED) != NONE:
         finish(block, FAILED)
         return -1
-    return finish(block, COMPLETED)
+    return int(read(frame + 8 * RESULT))
 
 
 FUNCTIONS: dict[str, Any] = {"begin": begin, "finish": finish, "step": step}
+PARTS: dict[str, Any] = {"play": play}

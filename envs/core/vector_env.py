@@ -26,7 +26,7 @@ from .observations import Observations
 from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
-from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE
+from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE, PARTS
 from .validation import MAX_WORLDS, Seeds, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
@@ -111,7 +111,7 @@ class SurvivalVectorEnv(Described):
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = scenario.worlds(
-            int(num_worlds), int(threads), interpret=interpret, specialize=specialize, functions=FUNCTIONS
+            int(num_worlds), int(threads), interpret=interpret, specialize=specialize, functions=FUNCTIONS, parts=PARTS
         )
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()

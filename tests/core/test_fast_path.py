@@ -23,7 +23,7 @@ def make(**options: Any) -> SurvivalVectorEnv:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_sent_steps_are_steps(threads: int) -> None:
-    env, control, rng = make(threads=threads), make(), np.random.default_rng(0)
+    env, control, rng = make(num_worlds=40, threads=threads), make(num_worlds=40), np.random.default_rng(0)
     for _ in range(STEPS):
         actions = draw_actions(env, rng)
         env.send(actions)

@@ -64,7 +64,7 @@ def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_other_numbers_sizes_and_combinations_compile_nothing(cold: Path) -> None:
     """Each system has been compiled once, whatever the scenario, the threads and the number of worlds."""
     first = compiled_by(make())
-    assert {"clock", "tick", "walkers.walk"} <= set(first)
+    assert {"clock", "run_units", "walkers.walk"} <= set(first)
     assert len(first) == len(list(cold.iterdir()))
     for worlds in (
         make(Walkers(7, stride=3), Food(1, worth=0), Weather((0.0,), wild=False, sky="blue"), count=50, threads=2),

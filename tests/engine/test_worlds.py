@@ -3,8 +3,6 @@
 import copy
 import ctypes
 import dataclasses
-import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -28,7 +26,6 @@ from outlast.ecs import (
 from outlast.ecs.arguments import COUNT, LINES
 from outlast.ecs.placing import ALIGN, touched_lines
 from outlast.ecs.random import uniform
-from outlast.ecs.workers import Job, Workers
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers import toy_game
 from tests.helpers.toy_game import (
@@ -318,51 +315,6 @@ def test_scratch_memory_belongs_to_one_thread() -> None:
     assert 1 <= len(made) <= 3
     assert sum(memory[0, 0] for memory in made) == 2 * MANY
     assert len({memory.ctypes.data for memory in made}) == len(made)
-
-
-def test_an_error_in_one_thread_reaches_the_caller() -> None:
-    """And the worlds go on afterwards."""
-    worlds = make(count=MANY, threads=3)
-    call, name = worlds._runner._call, threading.current_thread().name
-
-    def fail(*arguments: Any) -> None:
-        raise RuntimeError(f"not in {name}")
-
-    worlds._runner._call = fail  # type: ignore[method-assign]
-    with pytest.raises(RuntimeError, match="not in"):
-        run(worlds, STEP)
-    worlds._runner._call = call  # type: ignore[method-assign]
-    run(worlds, STEP)
-    worlds.close()
-
-
-@threaded
-def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C in `submit`, when a thread has begun."""
-    worlds, submit, running = make(count=MANY, threads=3), Workers.submit, []
-    call = worlds._runner._call
-
-    def slowly(*arguments: Any) -> None:
-        running.append(True)
-        time.sleep(0.2)
-        call(*arguments)
-        running.pop()
-
-    def interrupted(workers: Workers, jobs: list[Job]) -> None:
-        submit(workers, jobs)
-        while not running:
-            time.sleep(0.001)
-        raise KeyboardInterrupt
-
-    worlds._runner._call = slowly  # type: ignore[method-assign]
-    with monkeypatch.context() as patch:
-        patch.setattr(Workers, "submit", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            run(worlds, STEP)
-    assert not running
-    worlds._runner._call = call  # type: ignore[method-assign]
-    run(worlds, [RESET] * MANY, STEP)
-    worlds.close()
 
 
 def test_several_python_threads_may_run_worlds_of_their_own() -> None:

@@ -1,4 +1,4 @@
-"""Worker threads: results, errors and cancellation; and Ctrl-C after every call of theirs."""
+"""The worker thread: results and errors; and Ctrl-C after every call of it."""
 
 import subprocess
 import sys
@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from outlast.ecs.workers import Job, Workers
+from outlast.envs.core.worker import Job, Worker
 
 ROOT = Path(__file__).resolve().parents[2]
 
 INTERRUPTED = """
 import sys
-from outlast.ecs.workers import Job, Workers
+from outlast.envs.core.worker import Job, Worker
 
 after = 0
 while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
-    left, begun, workers = after, [], Workers(2)
+    left, begun, worker = after, [], Worker()
     job = Job(begun.append, after)
 
     def profile(frame, event, argument):
@@ -31,18 +31,18 @@ while True:  # Ctrl-C comes after the next call in each round: there, Python loo
 
     try:
         sys.setprofile(profile)
-        workers.submit([job])
+        worker.submit(job)
         job.result()
         sys.setprofile(None)
         break
     except KeyboardInterrupt:
         sys.setprofile(None)
-    workers.submit([job])
+    worker.submit(job)
     assert job._unfinished.acquire(timeout=20), f"the job hangs after Ctrl-C at event {after}"
     job._unfinished.release()
     job.result()
     assert begun == [after]
-    workers.close()
+    worker.close()
     after += 1
 print(after)
 """
@@ -55,42 +55,24 @@ def test_interrupted_anywhere_it_can_be_submitted_again() -> None:
 
 
 def test_results_and_errors_reach_the_caller() -> None:
-    workers, jobs = Workers(2), [Job(divmod, 7, k) for k in (2, 0, 3)]
-    workers.submit(jobs)
+    worker, jobs = Worker(), [Job(divmod, 7, k) for k in (2, 0, 3)]
+    for job in jobs:
+        worker.submit(job)
     assert jobs[0].result() == (3, 1)
     with pytest.raises(ZeroDivisionError):
         jobs[1].result()
     assert jobs[2].result() == jobs[2].result() == (2, 1)
     assert all(job.finished for job in jobs)
-    workers.close()
-    workers.close()
+    worker.close()
+    worker.close()
 
 
-def test_a_cancelled_job_never_runs_and_one_that_runs_is_waited_for() -> None:
-    workers, begun, go, ran = Workers(1), threading.Event(), threading.Event(), []
-
-    def first() -> None:
-        begun.set()
-        go.wait()
-        ran.append("first")
-
-    jobs = [Job(first), Job(ran.append, "second")]
-    workers.submit(jobs)
-    begun.wait()
-    jobs[1].cancel()
-    threading.Timer(0.1, go.set).start()
-    jobs[0].cancel()
-    assert ran == ["first"]
-    workers.close()
-    assert ran == ["first"]
-
-
-def test_threads_end_with_their_owner() -> None:
-    workers = Workers(3)
+def test_the_thread_ends_with_its_owner() -> None:
+    worker = Worker()
     job = Job(threading.get_ident)
-    workers.submit([job])
+    worker.submit(job)
     assert job.result() in sys._current_frames().keys() - {threading.get_ident()}
-    del workers
+    del worker
     deadline = time.monotonic() + 20
     while job.result() in sys._current_frames():
         assert time.monotonic() < deadline

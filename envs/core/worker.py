@@ -1,4 +1,4 @@
-"""Worker threads that Ctrl-C cannot leave waiting for each other.
+"""A worker thread that Ctrl-C cannot leave waiting, nor its caller.
 
 `concurrent.futures`, `threading.Thread.start` and `threading.Condition` are Python code: Ctrl-C after they took a lock
 and before they entered the block that releases it leaves the lock taken, and every thread that needs it waits for ever.
@@ -9,13 +9,13 @@ import _thread
 import os
 import threading
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
 
 class Job:
-    """A call for a worker: run once at most, however often it is submitted."""
+    """A call for a worker: run once, however often it is submitted."""
 
     def __init__(self, call: Callable[..., Any], *arguments: Any) -> None:
         self._call = (call, arguments)
@@ -25,7 +25,7 @@ class Job:
         self._unfinished.acquire()
 
     def run(self) -> None:
-        """Make the call, unless another thread has begun it."""
+        """Make the call, unless it has begun."""
         if not self._claimed.acquire(blocking=False):
             return
         call, arguments = self._call
@@ -36,11 +36,6 @@ class Job:
         finally:
             del self._call, call, arguments  # a finished job refers to its result only
             self._unfinished.release()
-
-    def cancel(self) -> None:
-        """Prevent the call, or where a thread has begun it, wait for its end."""
-        if not self._claimed.acquire(blocking=False):
-            self.wait()
 
     def wait(self) -> None:
         """Wait for the end."""
@@ -60,30 +55,28 @@ class Job:
         return not self._unfinished.locked()
 
 
-class Workers:
-    """`count` threads, started with the first job; they end with close(), with this object or with the process."""
+class Worker:
+    """A thread, started with the first job; it ends with close(), with this object or with the process."""
 
-    def __init__(self, count: int) -> None:
-        self.count = count
+    def __init__(self) -> None:
         self._owner = 0
 
-    def submit(self, jobs: Iterable[Job]) -> None:
-        """Queue the jobs. A job whose submission was interrupted may be submitted again."""
-        if self._owner != os.getpid():  # the first ones; or this is a fork, which inherits no threads
+    def submit(self, job: Job) -> None:
+        """Queue a job. One whose submission was interrupted may be submitted again."""
+        if self._owner != os.getpid():  # the first one; or this is a fork, which inherits no threads
             self._jobs: SimpleQueue[Job | None] = SimpleQueue()
             self._threads: dict[int, threading.Lock] = {}
             self._end = weakref.finalize(self, _end, self._jobs, self._threads, os.getpid())
             self._owner = os.getpid()
-        for job in jobs:
-            self._jobs.put(job)
-        while len(self._threads) < self.count:
+        self._jobs.put(job)
+        if not self._threads:
             running = threading.Lock()
             running.acquire()
             thread = _thread.start_new_thread(_work, (self._jobs, running))
             self._threads[thread] = running  # Ctrl-C just before this leaves one thread too many, which is harmless
 
     def close(self) -> None:
-        """End the threads, after the jobs that were submitted."""
+        """End the thread, after the jobs that were submitted."""
         if self._owner == os.getpid():
             self._owner = 0
             self._end()

@@ -1,0 +1,265 @@
+"""A team of threads that takes worlds through a tick together, without the GIL.
+
+Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
+(`spread`), the caller and they take ranges of worlds from a counter until none is left. Who takes the last range need
+not wait for threads that have not woken up yet: they find the round closed. A thread without work looks for the next
+round for a moment and then sleeps.
+
+All words that several threads write are read and written by sequentially consistent atomic operations. The mutex and
+the conditions are for sleeping only.
+"""
+
+import _thread
+import functools
+import os
+import threading
+import warnings
+import weakref
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .cache import CompiledUnits
+from .jit import external, has_symbol, kernel, loader, storer
+from .machine_code import atomic_add, atomic_load, atomic_store, call_address
+from .run_units import EXCEPTION, FAILED, FIRST_WORLD, NONE, RESULT
+
+LINE = 8  # words of a cache line: what different threads write lies in different ones
+ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
+DISMISSED, HIRED, PLAN = ROUND + 1, ROUND + 2, OPEN + 1
+MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # of pthreads, which need 64 bytes at most
+NEXT = 11 * LINE  # a line for each thread: the next world of its share
+TEAM, FUNCTION, COUNT, RANGE, THREADS, FRAMES = range(6)  # words of a plan, see `spread`
+GLANCES = 100  # how often a thread looks for what it waits for before it sleeps
+MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
+RANGES_PER_THREAD = 8  # enough for all threads to end at about the same time
+
+SPREAD = "spread"  # label
+NO_PYTHON = "several threads run machine code only"
+initialize_mutex = external("pthread_mutex_init", "int32", "intp", "intp", cure=NO_PYTHON)
+initialize_condition = external("pthread_cond_init", "int32", "intp", "intp", cure=NO_PYTHON)
+lock = external("pthread_mutex_lock", "int32", "intp", cure=NO_PYTHON)
+unlock = external("pthread_mutex_unlock", "int32", "intp", cure=NO_PYTHON)
+wait = external("pthread_cond_wait", "int32", "intp", "intp", cure=NO_PYTHON)
+wake_all = external("pthread_cond_broadcast", "int32", "intp", cure=NO_PYTHON)
+pause = external("sched_yield", "int32", cure=NO_PYTHON)
+read_word, write_word = loader("int64"), storer("int64")
+
+
+@kernel
+def prepare(team: int) -> int:
+    """Make the mutex and the conditions of a team, whose words are 0."""
+    initialize_mutex(team + 8 * MUTEX, 0)
+    initialize_condition(team + 8 * BEGUN, 0)
+    initialize_condition(team + 8 * ENDED, 0)
+    return 0
+
+
+@kernel
+def serve(team: int, others: int) -> int:
+    """What a thread of the team does until the team is dismissed. Of more than `others`, each returns at once."""
+    thread = atomic_add(team + 8 * HIRED, 1) + 1
+    if thread > others:
+        return 0
+    seen = 0
+    while True:
+        for _ in range(GLANCES):
+            if atomic_load(team + 8 * ROUND) != seen:
+                break
+            pause()
+        if atomic_load(team + 8 * ROUND) == seen:
+            lock(team + 8 * MUTEX)
+            atomic_add(team + 8 * ASLEEP, 1)  # ahead of the look at ROUND: see `announce`
+            while atomic_load(team + 8 * ROUND) == seen:
+                wait(team + 8 * BEGUN, team + 8 * MUTEX)
+            atomic_add(team + 8 * ASLEEP, -1)
+            unlock(team + 8 * MUTEX)
+        seen = atomic_load(team + 8 * ROUND)
+        if atomic_load(team + 8 * DISMISSED):
+            return 0
+        atomic_add(team + 8 * ACTIVE, 1)  # ahead of the look at OPEN: an open round waits for it
+        if atomic_load(team + 8 * OPEN):
+            take_ranges(read_word(team + 8 * PLAN), thread)
+        if atomic_add(team + 8 * ACTIVE, -1) == 1 and atomic_load(team + 8 * WAITING):
+            lock(team + 8 * MUTEX)
+            wake_all(team + 8 * ENDED)
+            unlock(team + 8 * MUTEX)
+
+
+@kernel
+def announce(team: int) -> int:
+    """Tell the threads of a new round."""
+    atomic_add(team + 8 * ROUND, 1)
+    if atomic_load(team + 8 * ASLEEP):
+        lock(team + 8 * MUTEX)  # who has looked at ROUND before sleeps by now
+        wake_all(team + 8 * BEGUN)
+        unlock(team + 8 * MUTEX)
+    return 0
+
+
+@kernel
+def take_ranges(plan: int, thread: int) -> None:
+    """Take ranges of worlds through the tick until none is left, or a unit raises an exception: first of its own share.
+
+    The shares are the same in each round, so that a processor finds its worlds in its cache.
+    """
+    function, frame = read_word(plan + 8 * FUNCTION), read_word(plan + 8 * (FRAMES + thread))
+    threads, size = read_word(plan + 8 * THREADS), read_word(plan + 8 * RANGE)
+    for k in range(thread, thread + threads):
+        following, stop = share(plan, k % threads)
+        while True:
+            first = atomic_add(following, size)
+            if first >= stop:
+                break
+            call_address(function, frame, first, min(first + size, stop), frame + 8 * EXCEPTION)
+            if read_word(frame + 8 * FAILED) != NONE:
+                for other in range(threads):
+                    following, stop = share(plan, other)
+                    atomic_store(following, stop)
+                return
+
+
+@kernel
+def share(plan: int, thread: int) -> tuple[int, int]:
+    """Of the share of a thread, the address of the next world, and one after the last."""
+    count, threads = read_word(plan + 8 * COUNT), read_word(plan + 8 * THREADS)
+    return read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread), count * (thread + 1) // threads
+
+
+@kernel
+def spread(plan: int, first: int, last: int) -> int:
+    """A round: all worlds, taken through the tick by the team.
+
+    Args:
+        plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
+            as ecs.run_units.run_units; how many worlds there are, and in a range; the number of threads, and the frame
+            of each. That of the caller gets the results of all, and what failed in one of them.
+        first: 0.
+        last: The number of worlds.
+
+    Returns:
+        0.
+    """
+    team, threads = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS)
+    begin = first
+    for k in range(threads):
+        write_word(read_word(plan + 8 * (FRAMES + k)) + 8 * RESULT, 0)
+        following, stop = share(plan, k)
+        atomic_store(following, begin)
+        begin = stop
+    write_word(team + 8 * PLAN, plan)
+    atomic_store(team + 8 * OPEN, 1)
+    announce(team)
+    take_ranges(plan, 0)
+    atomic_store(team + 8 * OPEN, 0)
+    for _ in range(GLANCES):
+        if atomic_load(team + 8 * ACTIVE) == 0:
+            break
+        pause()
+    if atomic_load(team + 8 * ACTIVE):
+        atomic_store(team + 8 * WAITING, 1)
+        lock(team + 8 * MUTEX)
+        while atomic_load(team + 8 * ACTIVE):
+            wait(team + 8 * ENDED, team + 8 * MUTEX)
+        unlock(team + 8 * MUTEX)
+        atomic_store(team + 8 * WAITING, 0)
+    own = read_word(plan + 8 * FRAMES)
+    for k in range(1, threads):
+        frame = read_word(plan + 8 * (FRAMES + k))
+        write_word(own + 8 * RESULT, read_word(own + 8 * RESULT) | read_word(frame + 8 * RESULT))
+        if read_word(frame + 8 * FAILED) != NONE:
+            for word in (FAILED, FIRST_WORLD, EXCEPTION):
+                write_word(own + 8 * word, read_word(frame + 8 * word))
+            write_word(frame + 8 * FAILED, NONE)
+    return 0
+
+
+@kernel
+def dismiss(team: int) -> int:
+    """End what the threads do."""
+    atomic_store(team + 8 * DISMISSED, 1)
+    announce(team)
+    return 0
+
+
+@functools.cache
+def code() -> CompiledUnits:
+    """What teams run."""
+    return CompiledUnits((), {"prepare": prepare, "serve": serve, "dismiss": dismiss}, {SPREAD: spread})
+
+
+def shared(count: int, threads: int) -> bool:
+    """Whether so many threads share so many worlds. Warns where the system has no threads that could."""
+    possible = has_symbol("pthread_cond_wait") and has_symbol("sched_yield")
+    if threads > 1 and not possible:
+        warnings.warn(f"threads={threads} has no effect: this system has no POSIX threads", stacklevel=2)
+    return threads > 1 and count > MIN_RANGE and possible
+
+
+class Team:
+    """The caller's thread and others that serve it, started when they are needed, and again in a fork.
+
+    Attributes:
+        size: How many threads, the caller's among them.
+        code: What they run; to be loaded first.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size, self.code = size, code()
+        self._owner = 0
+
+    @property
+    def spread(self) -> int:
+        """The address of a function, see there."""
+        return self.code.address(SPREAD)
+
+    def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
+        """What `spread` takes, but for the team's address, which `ready` returns."""
+        size = max(MIN_RANGE, -(-count // (self.size * RANGES_PER_THREAD)))
+        return np.array([0, function, count, size, self.size, *frames], np.int64)
+
+    def ready(self) -> int:
+        """The team's address. Its threads have been started."""
+        if self._owner != os.getpid():  # the first ones; or this is a fork, which inherits no threads
+            self._words, self._threads = aligned(NEXT + LINE * self.size), list[tuple[int, threading.Lock]]()
+            self._address = int(self._words.ctypes.data)
+            self.code.function("prepare")(self._address)
+            dismissing = self.code.function("dismiss"), self._words, self._threads, os.getpid()
+            self._end = weakref.finalize(self, _end, *dismissing)
+            self._owner = os.getpid()
+        while len(self._threads) < self.size - 1:
+            running = threading.Lock()
+            running.acquire()
+            serving = self.code.function("serve"), self._words, self.size - 1, running
+            thread = _thread.start_new_thread(_serve, serving)
+            self._threads.append((thread, running))  # Ctrl-C just before this starts one too many, which returns
+        return self._address
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._owner == os.getpid():
+            self._owner = 0
+            self._end()
+
+
+def aligned(words: int) -> Any:
+    """Zeros, int64 (words,), that begin with a cache line."""
+    memory = np.zeros(words + LINE - 1, np.int64)
+    start = -memory.ctypes.data // 8 % LINE
+    return memory[start : start + words]
+
+
+def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None:
+    serve(words.ctypes.data, others)
+    running.release()
+
+
+def _end(dismiss: Any, words: Any, threads: list[tuple[int, threading.Lock]], owner: int) -> None:
+    if owner != os.getpid():  # a fork, which has none of them
+        return
+    dismiss(words.ctypes.data)
+    for thread, running in threads:
+        if thread != threading.get_ident():  # garbage collection may run this in one of them
+            with running:
+                pass

@@ -1,0 +1,146 @@
+"""Threads that share worlds: each world takes each tick once, whatever wakes up late, fails or is interrupted."""
+
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.ecs import Read, Singleton, Write, column, number
+from outlast.ecs.jit import entry_point
+from outlast.ecs.machine_code import atomic_add
+from outlast.ecs.team import MIN_RANGE
+from tests.conftest import COMPILED, digest, scaled
+from tests.helpers.toy_game import STEP, Clock, Phase, Toy, Walkers, make, run, walked
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
+MANY = 200
+
+INTERRUPTED = """
+import sys
+from tests.conftest import digest
+from tests.helpers.toy_game import STEP, make, run
+
+alone, worlds, after = make(count=100), make(count=100, threads=4), 0
+team = worlds._runner._team
+while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
+    worlds.close()
+    left = after
+
+    def profile(frame, event, argument):
+        global left
+        if event in ("return", "c_return"):
+            left -= 1
+            if left < 0:
+                sys.setprofile(None)
+                raise KeyboardInterrupt
+
+    ready = False
+    sys.setprofile(profile)
+    try:
+        team.ready()
+        sys.setprofile(None)
+        ready = True
+    except KeyboardInterrupt:
+        sys.setprofile(None)
+    assert digest(run(worlds, STEP)) == digest(run(alone, STEP)), f"another result after Ctrl-C at event {after}"
+    assert len(team._threads) == 3
+    if ready:
+        break
+    after += 1
+print(after)
+"""
+
+
+@entry_point
+def add(address: int, times: int) -> None:
+    for _ in range(times):
+        atomic_add(address, 1)
+
+
+def test_what_threads_add_is_the_sum() -> None:
+    total, times = np.zeros(1, np.int64), scaled(1_000_000)
+    threads = [threading.Thread(target=add, args=(total.ctypes.data, times)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert total[0] == 4 * times
+
+
+class Count(Singleton):
+    ticks: Any = column("i4")
+
+
+@dataclass(frozen=True)
+class Counting(Toy):
+    """A world counts its ticks."""
+
+    def singletons(self) -> list[Singleton]:
+        return [Count()]
+
+
+@Counting.system(Phase.FEED)
+def add_one(count: Write[Count]) -> None:
+    count.ticks[0] += 1
+
+
+@pytest.mark.parametrize("pauses", [False, True], ids=["at once", "pauses"])
+@pytest.mark.parametrize(("count", "threads"), [(MIN_RANGE + 1, 2), (50, 7), (1009, 3), (64, 64), (1009, 16)])
+def test_each_world_takes_each_tick_once(count: int, threads: int, pauses: bool) -> None:
+    """Also where threads sleep between ticks, or there are more of them than processors, or than ranges."""
+    worlds, rng = make(Walkers(), Counting(), count=count, threads=threads), np.random.default_rng(0)
+    ticks = scaled(60 if pauses else 2000)
+    before = worlds[Count].ticks[:, 0].copy()
+    for _ in range(ticks):
+        run(worlds, STEP)
+        if pauses:
+            time.sleep(rng.uniform(0, 0.002))
+    assert (worlds[Count].ticks[:, 0] - before == ticks).all()
+    worlds.close()
+
+
+def test_interrupted_anywhere_a_team_can_begin_again() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert int(done.stdout) > 10  # calls in `ready`
+
+
+@dataclass(frozen=True)
+class Fragile(Toy):
+    """Raises in the world of a number, in its third tick."""
+
+    world: int = number(0)
+
+
+@Fragile.system(Phase.FEED)
+def break_down(clock: Read[Clock], world: int) -> None:
+    if clock.world[0] == world and clock.tick[0] == 3:
+        raise ValueError("this world")
+
+
+@pytest.mark.parametrize("world", [0, 77, MANY - 1])
+def test_an_exception_in_one_thread_reaches_the_caller(world: int) -> None:
+    """And the worlds go on afterwards."""
+    worlds = make(Walkers(), Fragile(world), count=MANY, threads=3)
+    run(worlds, STEP, STEP)
+    with pytest.raises(ValueError, match=r"fragile\.break_down \(test_team\.py, line \d+\): this world") as raised:
+        run(worlds, STEP)
+    (place,) = [note for note in raised.value.__notes__ if note.startswith("Raised in one of the worlds")]
+    first, last = [int(word) for word in place.replace(".", " ").split() if word.isdigit()][:2]
+    assert first <= world <= last
+    run(worlds, STEP)
+    worlds.close()
+
+
+def test_without_such_threads_the_caller_does_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("outlast.ecs.team.has_symbol", lambda name: False)
+    with pytest.warns(UserWarning, match="threads=3 has no effect: this system has no POSIX threads"):
+        worlds = make(count=MANY, threads=3)
+    assert digest(walked(worlds, 5)) == digest(walked(make(count=MANY), 5))
