@@ -560,7 +560,7 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     assert not worlds.compiled
     run(worlds, STEP)
     assert worlds.compiled
-    more = 4 + 2  # the clock, what sets Pay to 0, what runs units, what Python calls that by; checks of what `grow` writes
+    more = 4 + 2  # the clock, what sets Pay to 0, what runs units, and calls that; checks of what `grow` writes
     assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + more
 
 
