@@ -1,9 +1,9 @@
 """A team of threads that takes worlds through a tick together, without the GIL.
 
 Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
-(`spread`), the caller and they take ranges of worlds from a counter until none is left. Who takes the last range need
-not wait for threads that have not woken up yet: they find the round closed. A thread without work looks for the next
-round for a moment and then sleeps.
+(`spread`), the caller and they take ranges of worlds, each of its own share first and then of the others', until none
+is left. The caller does not wait for threads that have not woken up by then: they find the round closed. A thread
+without work looks for the next round for a moment and then sleeps.
 
 All words that several threads write are read and written by sequentially consistent atomic operations. The mutex and
 the conditions are for sleeping only.
