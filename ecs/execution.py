@@ -11,7 +11,7 @@ from .errors import EngineError
 from .jit import interpreted
 from .machine_code import exception_at
 from .placing import touched_lines
-from .run_units import CALL, CALLER, CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, RUN, TABLE, UNITS
+from .run_units import CALL, CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, RUN, TABLE, UNITS
 from .segments import Segment
 from .team import TEAM, Team, aligned
 from .tick import Unit
@@ -63,15 +63,11 @@ class CompiledExecution:
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 
-    def target(self, part: str, caller: int = 0) -> tuple[int, int]:
+    def target(self, part: str) -> tuple[int, int]:
         """Address and first argument of what takes all worlds through the units.
 
-        Args:
-            part: What takes some of them, by its label: RUN, or what runs that in its midst.
-            caller: What that finds in its frame at CALLER.
+        part: what takes some of them, by its label: RUN, or what runs that in its midst.
         """
-        for frame in self._frames:
-            frame[CALLER] = caller
         if self.team is None:
             return self._code.address(part), self.address
         plan = self.team.plan(self._code.address(part), self._count, [frame.ctypes.data for frame in self._frames])

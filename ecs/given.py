@@ -56,7 +56,7 @@ def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> A
     for value in dict.fromkeys(keys):
         number.distribution.check(number.name, value)
         if number.distribution.kind == FREE:
-            _check_taken(number, layout, value)
+            check_taken(number, layout, value)
         found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
     given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
     return given
@@ -84,7 +84,7 @@ def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
     return ~np.asarray(fits)
 
 
-def _check_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> None:
+def check_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> None:
     """NumberError unless the mechanic takes this value of a free number."""
     layout.modules[number.module].replace(**{number.number: value}).check(layout)
 
@@ -92,7 +92,7 @@ def _check_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) ->
 def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bool:
     """Whether it does."""
     try:
-        _check_taken(number, layout, value)
+        check_taken(number, layout, value)
     except NumberError:
         return False
     return True

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .distributions import Distribution
 from .errors import DeclarationError, NumberError
 
 
@@ -76,6 +77,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
 
 def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
     """`value` as a `kind`, on which the compiled tick depends. NumberError if it violates `rule`."""
+    if isinstance(value, Distribution):
+        raise NumberError(f"{name} = {value!r}: a value is needed; Scenario.vary lets it differ from world to world")
     if kind is str:
         if not isinstance(value, str) or value not in rule["choices"]:
             raise NumberError(f"{name} = {value!r}: allowed are {', '.join(map(repr, rule['choices']))}")

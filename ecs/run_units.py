@@ -10,7 +10,7 @@ from .machine_code import call_address, prefetch
 
 CHUNK = 32  # worlds that go through all units together
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, RESULT, TABLE = range(7)  # words of a frame, see run_units
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, TABLE = range(6)  # words of a frame, see run_units
 NONE = -1  # FAILED, if no unit did
 RUN, CALL = "run_units", "call"  # labels
 read_word, write_word = loader("int64"), storer("int64")
@@ -22,7 +22,7 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
     Args:
         frame: Address of int64 words, see the names above: how many units; the index of the one that raised an
-            exception, or NONE, the first of its worlds, and the exception; two words of a function that runs the tick
+            exception, or NONE, the first of its worlds, and the exception; a word for a function that runs the tick
             in its midst; and for each unit the address of its function and that of its arguments.
         start: The first world.
         stop: One after the last world.
@@ -31,6 +31,7 @@ def run_units(frame: int, start: int, stop: int) -> int:
         0, or 1 if a unit raised an exception.
     """
     units = read_word(frame + 8 * UNITS)
+    write_word(frame + 8 * FAILED, NONE)
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
         for k in range(units):

@@ -2,10 +2,10 @@
 
 Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
 (`spread`), the caller and they take ranges of worlds, each of its own share first and then of the others', until none
-is left. The caller does not wait for threads that have not woken up by then: they find the round closed. A thread
-without work looks for the next round for a moment and then sleeps.
+is left. The caller does not wait for threads that have not woken up by then: they find the round closed.
 
-All words that several threads write are read and written by sequentially consistent atomic operations. The mutex and
+The words of a team are read and written by sequentially consistent atomic operations. These order all other memory,
+too: what the caller writes before a round opens, and what threads write before they are no longer active. The mutex and
 the conditions are for sleeping only.
 """
 
@@ -23,15 +23,15 @@ import numpy as np
 from .cache import CompiledUnits
 from .jit import external, has_symbol, kernel, loader, storer
 from .machine_code import atomic_add, atomic_load, atomic_store, call_address
-from .run_units import EXCEPTION, FAILED, FIRST_WORLD, NONE, RESULT
+from .run_units import CALLER, EXCEPTION, FAILED, FIRST_WORLD, NONE
 
 LINE = 8  # words of a cache line: what different threads write lies in different ones
 ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
 DISMISSED, HIRED, PLAN = ROUND + 1, ROUND + 2, OPEN + 1
 MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # of pthreads, which need 64 bytes at most
 NEXT = 11 * LINE  # a line for each thread: the next world of its share
-TEAM, FUNCTION, COUNT, RANGE, THREADS, FRAMES = range(6)  # words of a plan, see `spread`
-GLANCES = 100  # how often a thread looks for what it waits for before it sleeps
+TEAM, FUNCTION, COUNT, SHARE, RANGE, THREADS, FRAMES = range(7)  # words of a plan, see `spread`
+GLANCES = 100  # how often a thread looks for what it waits for before it sleeps: some 50 microseconds
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
 RANGES_PER_THREAD = 8  # enough for all threads to end at about the same time
 
@@ -107,7 +107,7 @@ def take_ranges(plan: int, thread: int) -> None:
     function, frame = read_word(plan + 8 * FUNCTION), read_word(plan + 8 * (FRAMES + thread))
     threads, size = read_word(plan + 8 * THREADS), read_word(plan + 8 * RANGE)
     for k in range(thread, thread + threads):
-        following, stop = share(plan, k % threads)
+        following, stop = next_and_stop(plan, k % threads)
         while True:
             first = atomic_add(following, size)
             if first >= stop:
@@ -115,16 +115,16 @@ def take_ranges(plan: int, thread: int) -> None:
             call_address(function, frame, first, min(first + size, stop), frame + 8 * EXCEPTION)
             if read_word(frame + 8 * FAILED) != NONE:
                 for other in range(threads):
-                    following, stop = share(plan, other)
+                    following, stop = next_and_stop(plan, other)
                     atomic_store(following, stop)
                 return
 
 
 @kernel
-def share(plan: int, thread: int) -> tuple[int, int]:
+def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
     """Of the share of a thread, the address of the next world, and one after the last."""
-    count, threads = read_word(plan + 8 * COUNT), read_word(plan + 8 * THREADS)
-    return read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread), count * (thread + 1) // threads
+    following = read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread)
+    return following, min((thread + 1) * read_word(plan + 8 * SHARE), read_word(plan + 8 * COUNT))
 
 
 @kernel
@@ -133,19 +133,21 @@ def spread(plan: int, first: int, last: int) -> int:
 
     Args:
         plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
-            as ecs.run_units.run_units; how many worlds there are, and in a range; the number of threads, and the frame
-            of each. That of the caller gets the results of all, and what failed in one of them.
+            as ecs.run_units.run_units; how many worlds there are, in a share, and in a range; the number of threads,
+            and the frame of each. That of the caller says which unit failed, if one did in any of them.
         first: 0.
         last: The number of worlds.
 
     Returns:
         0.
     """
-    team, threads = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS)
+    team, threads, own = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS), read_word(plan + 8 * FRAMES)
     begin = first
     for k in range(threads):
-        write_word(read_word(plan + 8 * (FRAMES + k)) + 8 * RESULT, 0)
-        following, stop = share(plan, k)
+        frame = read_word(plan + 8 * (FRAMES + k))
+        write_word(frame + 8 * FAILED, NONE)
+        write_word(frame + 8 * CALLER, read_word(own + 8 * CALLER))
+        following, stop = next_and_stop(plan, k)
         atomic_store(following, begin)
         begin = stop
     write_word(team + 8 * PLAN, plan)
@@ -164,14 +166,13 @@ def spread(plan: int, first: int, last: int) -> int:
             wait(team + 8 * ENDED, team + 8 * MUTEX)
         unlock(team + 8 * MUTEX)
         atomic_store(team + 8 * WAITING, 0)
-    own = read_word(plan + 8 * FRAMES)
     for k in range(1, threads):
         frame = read_word(plan + 8 * (FRAMES + k))
-        write_word(own + 8 * RESULT, read_word(own + 8 * RESULT) | read_word(frame + 8 * RESULT))
         if read_word(frame + 8 * FAILED) != NONE:
-            for word in (FAILED, FIRST_WORLD, EXCEPTION):
-                write_word(own + 8 * word, read_word(frame + 8 * word))
-            write_word(frame + 8 * FAILED, NONE)
+            earlier = read_word(frame + 8 * FIRST_WORLD) < read_word(own + 8 * FIRST_WORLD)
+            if read_word(own + 8 * FAILED) == NONE or earlier:
+                for word in (FAILED, FIRST_WORLD, EXCEPTION):
+                    write_word(own + 8 * word, read_word(frame + 8 * word))
     return 0
 
 
@@ -216,8 +217,9 @@ class Team:
 
     def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
         """What `spread` takes, but for the team's address, which `ready` returns."""
-        size = max(MIN_RANGE, -(-count // (self.size * RANGES_PER_THREAD)))
-        return np.array([0, function, count, size, self.size, *frames], np.int64)
+        share = max(MIN_RANGE, -(-count // self.size))
+        size = max(MIN_RANGE, -(-share // RANGES_PER_THREAD))
+        return np.array([0, function, count, share, size, self.size, *frames], np.int64)
 
     def ready(self) -> int:
         """The team's address. Its threads have been started."""
@@ -251,8 +253,10 @@ def aligned(words: int) -> Any:
 
 
 def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None:
-    serve(words.ctypes.data, others)
-    running.release()
+    try:
+        serve(words.ctypes.data, others)
+    finally:
+        running.release()
 
 
 def _end(dismiss: Any, words: Any, threads: list[tuple[int, threading.Lock]], owner: int) -> None:

@@ -22,6 +22,7 @@ from .made_once import differences, is_read, reasons
 from .numbers import owners, rule_of
 
 DIM = "varied words"
+EXACT = 2**24  # up to here, float32 has all integers
 CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
 
 
@@ -167,6 +168,8 @@ def check_kind(name: str, kind: type, distribution: Distribution, free: bool = F
         raise NumberError(
             f"{name} = {distribution}: its mechanic does not declare that it may have any value, so take choice"
         )
+    if kind is float and distribution.kind == INTEGERS and max(map(abs, distribution.values)) > EXACT:
+        raise NumberError(f"{name} = {distribution}: it is a float32, which has no integer above {EXACT} exactly")
     if distribution.kind not in (*allowed, FREE):
         names = " or ".join(NAMES[k] for k in allowed)
         raise NumberError(f"{name} = {distribution}: it is of type {kind.__name__}, so take {names}")

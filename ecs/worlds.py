@@ -277,28 +277,28 @@ class Worlds:
         """One of `functions`, as machine code that Python can call; as Python where nothing is compiled."""
         return self._runner.function(label)
 
-    def call_with_tick(self, label: str, part: str, address: int) -> Callable[[], int] | None:
+    def call_with_tick(self, label: str, part: str) -> Callable[[int], int] | None:
         """One of `functions` that runs the tick in its midst.
 
         Args:
-            label: A function of a frame (see ecs.run_units), and of the address and the first argument of what it is
-                to call for all worlds: `part` in their order, or in ranges on several threads. It returns an integer;
-                a negative one says that the tick did not end well, and what a system raised is raised then.
+            label: A function of an address; of a frame (see ecs.run_units), in which it writes that address at CALLER;
+                and of the address and the first argument of what it is to call for all worlds: `part` in their order,
+                or in ranges on several threads. It returns an integer; a negative one says that the tick did not end
+                well, and what a system raised is raised then.
             part: One of `parts`, which finds the address in its frame.
-            address: Of memory of the caller's.
 
         Returns:
-            What calls it; None where a tick is several calls, as some systems run as Python.
+            A function of the address; None where a tick is several calls, as some systems run as Python.
         """
         if (execution := self._runner.single()) is None:
             return None
-        function, frame, target = self.function(label), execution.address, execution.target(part, address)
+        function, frame, target = self.function(label), execution.address, execution.target(part)
         ready, alone = execution.ready, execution.team is None
 
-        def call() -> int:
+        def call(address: int) -> int:
             if not alone:
                 ready()
-            result: int = function(frame, *target)
+            result: int = function(address, frame, *target)
             if result < 0:
                 try:
                     execution.check()

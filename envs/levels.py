@@ -17,9 +17,11 @@ import numpy as np
 
 from outlast.ecs import NumberError
 from outlast.ecs.distributions import FREE, Distribution, in_python
+from outlast.ecs.given import check_taken
 
 from .errors import ScenarioError
 from .scenarios.changes import in_full
+from .scenarios.naming import resolve
 from .scenarios.scenario import Scenario
 from .storage import strict_json
 from .storage.atomic_write import atomic_write
@@ -64,21 +66,27 @@ class Level:
     def __hash__(self) -> int:
         return hash((frozenset(self.numbers.items()), self.key))
 
-    def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":
+    def mutated(
+        self, scenario: Scenario | str, rng: np.random.Generator, count: int = 1, rekey: bool = False
+    ) -> "Level":
         """A level like this one, with some numbers drawn anew.
 
         Args:
-            scenario: The one that varies them.
+            scenario: The one that varies them, or its name.
             rng: Draws which numbers, and their values.
             count: How many numbers, at most as many as vary; free ones (see outlast.free) stay as they are.
             rekey: Whether it gets another key, too: other start places and other luck.
 
         Raises:
-            NumberError: A count that is no integer from 0.
+            NumberError: A count that is no integer from 0, an `rng` that is no Generator, or a number that the scenario
+                does not vary, or a value that could not be drawn.
         """
+        if not isinstance(rng, np.random.Generator):
+            raise NumberError(f"rng = {rng!r:.60}: a generator is needed, as np.random.default_rng(0)")
         if type(count) is bool or not hasattr(count, "__index__") or count < 0:
             raise NumberError(f"count = {count!r}: an integer >= 0 is needed")
-        varied = dict(scenario.varied)
+        varied = dict(resolve(scenario).varied)
+        check(self, varied)
         able = sorted(name for name, distribution in varied.items() if distribution.kind != FREE)
         chosen: list[str] = rng.permutation(able).tolist()[:count]
         drawn = {name: varied[name].sample(rng) for name in chosen}
@@ -86,12 +94,12 @@ class Level:
         return Level({**self.numbers, **drawn}, key)
 
 
-def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Level]) -> None:
+def save(path: str | os.PathLike[str], scenario: Scenario | str, levels: Iterable[Level]) -> None:
     """Write levels into a JSON file, whole or not at all.
 
     Args:
         path: The file, which is replaced.
-        scenario: What they are levels of; the file says what it varies.
+        scenario: What they are levels of, or its name; the file says what it varies.
         levels: The levels.
 
     Raises:
@@ -99,8 +107,8 @@ def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Leve
             is written.
         OSError: The file cannot be written.
     """
-    listed = list(levels)
-    check_all(listed, dict(scenario.varied))
+    scenario, listed = resolve(scenario), levels if isinstance(levels, Level) else list(levels)
+    _check_playable(listed, scenario)
     content = {
         "version": VERSION,
         "varied": {name: repr(distribution) for name, distribution in scenario.varied},
@@ -110,18 +118,19 @@ def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Leve
         place.write_text(json.dumps(content, indent=1) + "\n")
 
 
-def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
+def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
     """Read levels that `save` wrote.
 
     Args:
         path: The file.
-        scenario: What they are to be played in; each number must be one that could be drawn there.
+        scenario: What they are to be played in, or its name; each number must be one that could be drawn there.
 
     Raises:
         ScenarioError: It is no file of levels, or of another version.
         NumberError: A level has a number that the scenario does not vary, or a value that could not be drawn.
         OSError: The file cannot be read.
     """
+    scenario = resolve(scenario)
     try:
         content = strict_json.parse(Path(path).read_text())
         strict_json.check_version(content, VERSION)
@@ -134,7 +143,7 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None
     try:
-        check_all(found, dict(scenario.varied))
+        _check_playable(found, scenario)
     except NumberError as error:
         raise NumberError(f"{path}: {error}") from None
     return found
@@ -161,6 +170,27 @@ def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
             check(level, varied)
         except NumberError as error:
             raise NumberError(f"level {k}: {error}") from None
+
+
+def check_free(levels: Sequence[Level], layout: Any) -> None:
+    """NumberError, which names the first that is wrong, unless the mechanics take the free numbers of these levels.
+
+    layout: an ecs.layout.Layout that varies them. `check_all` has found nothing else.
+    """
+    for k, level in enumerate(levels):
+        for name, value in level.numbers.items():
+            if (number := layout.varied[name]).distribution.kind == FREE:
+                try:
+                    check_taken(number, layout, value)
+                except NumberError as error:
+                    raise NumberError(f"level {k}: {error}") from None
+
+
+def _check_playable(levels: Any, scenario: Scenario) -> None:
+    """`check_all`, and where numbers are free `check_free`."""
+    check_all(levels, dict(scenario.varied))
+    if any(distribution.kind == FREE for _, distribution in scenario.varied):
+        check_free(levels, scenario.worlds(1).layout)
 
 
 def check(level: Level, varied: Mapping[str, Distribution]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from outlast.ecs import NumberError
 from outlast.envs.core.spaces import statistics
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.levels import Level, check_all, decoded, encoded
+from outlast.envs.levels import Level, check_all, check_free, decoded, encoded
 from outlast.envs.rollout.policies import hashed
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -34,8 +34,8 @@ class TrainingProgress:
         rng: A generator of its own for each question, the same whenever the run is at this step.
         policy: Who has played up to now, as outlast.load_policy returns it.
         levels: What the function returned last; at first one level of which everything is drawn.
-        played: The levels of the episodes that ended since it was asked last, with all numbers and keys; of a level
-            with a key that was given, an equal one.
+        played: The levels of the episodes that ended since it was asked last, with all numbers, as float32 holds them,
+            and keys. Their keys, not the levels, are equal to those that were given.
         statistics: Of these episodes, (episodes, ...) by name, as info["statistics"] of SurvivalVectorEnv has them.
     """
 
@@ -63,7 +63,7 @@ class Curriculum:
             choose: Asked ahead of the first rollout, and after each one.
             env: Worlds as those that are played in. Raises NumberError where they can have no levels.
         """
-        self.choose, self.varied = choose, dict(env.scenario.varied)
+        self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
         env.set_levels(self.levels)
 
@@ -75,6 +75,7 @@ class Curriculum:
         """Draw from these levels from now on. Raises TrainingError for what are none."""
         try:
             check_all(levels, self.varied)
+            check_free(levels, self.layout)
         except NumberError as error:
             raise TrainingError(f"what was chosen are no levels: {error}") from None
         if not levels:

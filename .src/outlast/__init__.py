@@ -170,11 +170,14 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
             return ABLATIONS
         raise AttributeError(f"module 'outlast' has no attribute '{name}'")
 
+    # names whose libraries are not installed would raise in `from outlast import *`, and as tools list the members
+    _missing = {name for library, names in _NEEDS.items() if find_spec(library) is None for name in names}
+    __all__ = [name for name in __all__ if name not in _missing]
+
 
 def __dir__() -> list[str]:
-    """What is there: names whose libraries are not installed would raise as tools list the members."""
-    missing = {name for library, names in _NEEDS.items() if find_spec(library) is None for name in names}
-    return sorted({*__all__, "__version__"} - missing)
+    """What is there."""
+    return [*__all__, "__version__"]
 
 
 _register()

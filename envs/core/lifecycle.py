@@ -103,7 +103,7 @@ class EpisodeTracker:
     def load(self) -> None:
         """Load or compile all that runs in a step."""
         self._begin, self._finish = map(self._worlds.function, ("begin", "finish"))
-        self._whole = self._worlds.call_with_tick("step", "play", self._address)
+        self._whole = self._worlds.call_with_tick("step", "play")
 
     @property
     def masks(self) -> dict[str, Array]:
@@ -133,7 +133,7 @@ class EpisodeTracker:
             self._ranges = ranges
             self._block[RANGES // 8] = ranges
         if self._whole is not None and runner is self._worlds:
-            found = self._whole()
+            found = self._whole(self._address)
         elif not (found := self._begin(self._address)):
             self.run(runner)
             return self.flags

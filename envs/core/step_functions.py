@@ -8,7 +8,7 @@ from typing import Any
 from outlast.ecs import RESET, SKIP, STEP, kernel
 from outlast.ecs.jit import loader, storer
 from outlast.ecs.machine_code import call_address
-from outlast.ecs.run_units import CALLER, EXCEPTION, NONE, RESULT, run_units
+from outlast.ecs.run_units import CALLER, EXCEPTION, NONE, run_units
 from outlast.ecs.run_units import FAILED as UNIT_FAILED
 
 WORDS = (
@@ -95,7 +95,7 @@ def begin(block: int) -> int:
 
 
 @kernel
-def close(block: int, outcome: int, start: int, stop: int) -> int:
+def finish(block: int, outcome: int) -> int:
     """Note which episodes are over, and which worlds run, after a tick of those whose mode is not SKIP.
 
     The tick that starts an episode neither pays nor ends anything, whatever systems write: there was no action.
@@ -103,8 +103,6 @@ def close(block: int, outcome: int, start: int, stop: int) -> int:
     Args:
         block: See WORDS.
         outcome: FAILED: those worlds do not run any more. COMPLETED. LEFT: who runs is left as it is.
-        start: The first world.
-        stop: One after the last world.
 
     Returns:
         Flags: DONE if some episode is over, FAULTY if some world is in a state that cannot be.
@@ -117,7 +115,7 @@ def close(block: int, outcome: int, start: int, stop: int) -> int:
     unplaced, unplaced_stride = read(block + UNPLACED), read(block + UNPLACED_STRIDE)
     rewards, agents = read(block + REWARDS), read(block + AGENTS)
     done = faulty = 0
-    for w in range(start, stop):
+    for w in range(read(block + WORLDS)):
         if outcome != LEFT and read_byte(mode + w) == RESET:
             write_byte(terminated + w, 0)
             write_byte(truncated + w, 0)
@@ -138,47 +136,34 @@ def close(block: int, outcome: int, start: int, stop: int) -> int:
 
 
 @kernel
-def finish(block: int, outcome: int) -> int:
-    """`close` of all worlds."""
-    return close(block, outcome, 0, read(block + WORLDS))
-
-
-@kernel
 def play(frame: int, start: int, stop: int) -> int:
-    """A step of the worlds from `start` to `stop`, after `check`: take, the tick (see ecs.run_units), close.
-
-    Their flags are added to those in the frame. 1, if a system raised an exception.
-    """
-    block, flags = read(frame + 8 * CALLER), frame + 8 * RESULT
-    take(block, start, stop)
-    if run_units(frame, start, stop):
-        return 1
-    write(flags, read(flags) | close(block, COMPLETED, start, stop))
-    return 0
+    """Take the actions of the worlds from `start` to `stop`, and take these through the tick (see ecs.run_units)."""
+    take(read(frame + 8 * CALLER), start, stop)
+    return run_units(frame, start, stop)
 
 
 @kernel
-def step(frame: int, function: int, argument: int) -> int:
-    """A whole step.
+def step(block: int, frame: int, function: int, argument: int) -> int:
+    """A whole step: check, the tick, finish.
 
     Args:
-        frame: See ecs.run_units; at CALLER it has a block, see WORDS.
+        block: See WORDS.
+        frame: See ecs.run_units.
         function: The address of what plays all worlds: `play`, or what spreads that over threads.
         argument: Its first one.
 
     Returns:
-        As `check`, if it is refused; -1, if a system raised an exception; or as `close`.
+        As `check`, if it is refused; -1, if a system raised an exception; or as `finish`.
     """
-    block = read(frame + 8 * CALLER)
     refused = check(block)
     if refused:
         return refused
-    write(frame + 8 * RESULT, 0)
+    write(frame + 8 * CALLER, block)
     call_address(function, argument, 0, read(block + WORLDS), frame + 8 * EXCEPTION)
     if read(frame + 8 * UNIT_FAILED) != NONE:
         finish(block, FAILED)
         return -1
-    return int(read(frame + 8 * RESULT))
+    return finish(block, COMPLETED)
 
 
 FUNCTIONS: dict[str, Any] = {"begin": begin, "finish": finish, "step": step}

@@ -214,8 +214,11 @@ class Scenario:
             **roles: By name, what outlast.role() returns.
 
         Raises:
-            NumberError: No roles, a number that is unknown, the same for all agents, or out of its range.
+            NumberError: No roles, a number that is unknown, the same for all agents, or out of its range, or `observed`
+                is neither True nor False.
         """
+        if not isinstance(observed, (bool, Role)):
+            raise NumberError(f"observed = {observed!r}: allowed are True and False")
         named = []
         options: dict[str, Any] = {"drawn": drawn, "observed": observed}
         for name, each in (roles | {name: each for name, each in options.items() if isinstance(each, Role)}).items():

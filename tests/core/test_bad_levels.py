@@ -249,17 +249,47 @@ MADE: dict[str, tuple[Callable[[], Any], str]] = {
         ),
         "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
     ),
+    "integers that float32 has not": (
+        lambda: GAME.vary(rewards_kill=integers(2**24 - 1, 2**24 + 1)),
+        "rewards_kill = integers(16777215, 16777217): it is a float32, which has no integer above 16777216 exactly",
+    ),
+    "a range where a value is needed": (
+        lambda: GAME.replace(melee_damage=integers(1, 5)),
+        "melee.damage = integers(1, 5): a value is needed; Scenario.vary lets it differ from world to world",
+    ),
+    "whether roles are observed": (
+        lambda: GAME.roles(**ROLES, observed="no"),  # type: ignore[arg-type]
+        "observed = 'no': allowed are True and False",
+    ),
+    "one level in the place of many": (
+        lambda: levels.save("levels.json", GAME, Level()),  # type: ignore[arg-type]
+        "a list of outlast.Level is needed",
+    ),
+    "a plan that cannot be played": (
+        lambda: levels.save("levels.json", GAME, [Level(), Level({"walls_layout": (0.0, 0, -1, 1, 0, 0) * 3})]),
+        "level 1: walls.layout: rectangle 0 at (0, 0) is -1 x 1 m",
+    ),
+    "a number that is of another game": (
+        lambda: Level({"speed": 3}).mutated(GAME, np.random.default_rng(0)),
+        "speed does not vary here; these do: agents_count",
+    ),
+    "a seed in the place of a generator": (
+        lambda: Level().mutated(GAME, 0),  # type: ignore[arg-type]
+        "rng = 0: a generator is needed, as np.random.default_rng(0)",
+    ),
     "numbers of a level": (lambda: Level([1, 2]), "values by name are needed, as a dict"),  # type: ignore[arg-type]
     "a key of a level": (lambda: Level(key=5), "key = 5: seed, world and episode are needed"),  # type: ignore[arg-type]
 }
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_what_cannot_be_made_is_refused(name: str) -> None:
+def test_what_cannot_be_made_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make, words = MADE[name]
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(NumberError) as raised:
         make()
     assert words in str(raised.value)
+    assert not list(tmp_path.iterdir())
 
 
 def files(tmp_path: Path) -> dict[str, tuple[dict[str, Any], Callable[[Path], Any]]]:

@@ -333,6 +333,10 @@ def test_free_layouts_are_any_that_is_given(tmp_path: Path) -> None:
     given = [Level({"walls_layout": plan.layout(6)}, (5, k, 1)) for k, plan in enumerate(plans)]
     levels.save(tmp_path / "walls.json", WALLED, given)
     assert levels.load(tmp_path / "walls.json", WALLED) == given
+    text = (tmp_path / "walls.json").read_text()
+    (tmp_path / "walls.json").write_text(text.replace(str(given[2].numbers["walls_layout"][3]), "-3.0"))
+    with pytest.raises(NumberError, match=r"walls\.json: level 0: walls\.layout: rectangle 0 .* -3 m"):
+        levels.load(tmp_path / "walls.json", WALLED)
     env = outlast.make_vec(WALLED, 4, seed=0)
     env.set_levels(given, mask=[False, True, True, True])
     env.reset()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Read, Singleton, Write, column, number
+from outlast.ecs.execution import CompiledExecution
 from outlast.ecs.jit import entry_point
 from outlast.ecs.machine_code import atomic_add
 from outlast.ecs.team import MIN_RANGE
@@ -136,6 +137,25 @@ def test_an_exception_in_one_thread_reaches_the_caller(world: int) -> None:
     first, last = [int(word) for word in place.replace(".", " ").split() if word.isdigit()][:2]
     assert first <= world <= last
     run(worlds, STEP)
+    worlds.close()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_interrupted_while_a_system_fails_the_next_tick_is_whole(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes when machine code has returned, before anybody has looked at what it says."""
+    worlds = make(Walkers(), Fragile(MANY - 1), Counting(), count=MANY, threads=threads)
+    run(worlds, STEP, STEP)
+
+    def interrupted(execution: CompiledExecution) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CompiledExecution, "check", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(worlds, STEP)
+    before = worlds[Count].ticks.copy()
+    run(worlds, STEP)
+    assert (worlds[Count].ticks == before + 1).all()
     worlds.close()
 
 

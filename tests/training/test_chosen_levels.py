@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import Level, integers, variant
+from outlast import FloorPlan, Level, free, integers, variant
 from outlast.envs.rollout.saved import CHECKPOINT
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -148,6 +148,16 @@ def test_worlds_that_play_one_level_meet_different_opponents() -> None:
 def test_what_are_no_levels_is_refused(returned: Any, reason: str) -> None:
     trainer = Trainer(config(lambda progress: returned))
     with pytest.raises(TrainingError, match=reason):
+        trainer.collect()
+
+
+def test_a_plan_that_cannot_be_played_is_refused_before_it_is_dealt() -> None:
+    """Among so many others that hardly any world would get it."""
+    plan = FloorPlan(walls=[(-4, 0, 0.5, 8)])
+    game = variant("ffa_1").with_(plan.mechanic(1)).vary(walls_layout=free(plan.layout(1)))
+    chosen = [Level()] * 99_999 + [Level({"walls_layout": (0, 0, -1, 1, 0, 0)})]
+    trainer = Trainer(config(lambda progress: chosen, scenario=game))
+    with pytest.raises(TrainingError, match=r"what was chosen are no levels: level 99999: walls\.layout: rectangle 0"):
         trainer.collect()
 
 
