@@ -251,7 +251,7 @@ class Layout:
         """Show varied numbers to agents."""
         self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
         for name in names:
-            shown[name] = self.varied[name].field(start)
+            shown[name] = self.varied[name].field(start, self.modules[self.varied[name].module])
             start += self.varied[name].width
         self.fields["numbers"] = shown
 

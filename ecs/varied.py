@@ -75,12 +75,17 @@ class VariedNumber:
         """Which words are its."""
         return slice(self.start, self.start + self.width)
 
-    def field(self, start: int) -> Field:
+    def field(self, start: int, module: Any) -> Field:
         """It as a field of NumbersView; of a choice among words, their indices."""
         ends = self.distribution.extremes()
-        plain = [value for end in ends for value in (end if self.kind is tuple else (end,)) if self.kind is not str]
-        low, high = (min(0, *plain), max(0, *plain)) if plain else (0, math.inf)  # 0: of who is absent
-        scale = max(abs(low), abs(high), 1e-3) if math.isfinite(high) else 1
+        plain = [value for end in ends for value in (end if self.kind is tuple else (end,))]
+        if self.kind is str:
+            plain = [rule_of(module, self.number)["choices"].index(word) for word in plain]
+        plain = [int(value) if isinstance(value, bool) else value for value in plain]
+        low, high = min(0, *plain), max(0, *plain)  # 0: of who is absent
+        scale = max(abs(low), abs(high), 1e-3)
+        if self.distribution.kind == FREE:
+            low, high = -math.inf, math.inf
         return Field(self.name, low=low, high=high, scale=scale, size=self.width, start=start)
 
     def decode(self, words: Array, module: Any) -> Array:

@@ -373,6 +373,22 @@ def test_free_layouts_that_cannot_be_change_nothing(wrong: Any, message: str) ->
     env.close()
 
 
+@pytest.mark.parametrize("in_units", [True, False])
+def test_observations_of_free_numbers_and_of_words_are_within_their_bounds(in_units: bool) -> None:
+    game = WALLED.vary(cameras_cone=choice("sector", "kite"), melee_blocked=choice(True, False)).observe_numbers()
+    env = outlast.make_vec(game, 1, seed=0, scaled=not in_units)
+    far = FloorPlan(walls=[(9.5, -9.5, 0.5, 0.5)]).layout(6)
+    env.set_levels([Level({"walls_layout": far, "cameras_cone": "kite", "melee_blocked": True})])
+    observations, _ = env.reset()
+    assert env.observation_space.contains(observations)
+    fields = env.fields["numbers"]
+    assert [(field.low, field.high) for field in (fields["cameras_cone"], fields["melee_blocked"])] == [(0, 1)] * 2
+    place = fields["walls_layout"].start
+    found = observations["numbers"][0, 0, place : place + 36] * (1 if in_units else fields["walls_layout"].scale)
+    np.testing.assert_allclose(found, far, rtol=1e-6)
+    env.close()
+
+
 def test_only_what_declares_it_is_free() -> None:
     with pytest.raises(NumberError, match="does not declare"):
         outlast.variant("ffa_3").vary(safe_zone_radii=free((5, 4)))
