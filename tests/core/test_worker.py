@@ -15,22 +15,14 @@ ROOT = Path(__file__).resolve().parents[2]
 INTERRUPTED = """
 import sys
 from outlast.envs.core.worker import Job, Worker
+from tests.helpers.interruption import interrupt_after
 
 after = 0
 while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
-    left, begun, worker = after, [], Worker()
+    begun, worker = [], Worker()
     job = Job(begun.append, after)
-
-    def profile(frame, event, argument):
-        global left
-        if event in ("return", "c_return"):
-            left -= 1
-            if left < 0:
-                sys.setprofile(None)
-                raise KeyboardInterrupt
-
     try:
-        sys.setprofile(profile)
+        interrupt_after(after)
         worker.submit(job)
         job.result()
         sys.setprofile(None)

@@ -26,25 +26,16 @@ MANY = 200
 INTERRUPTED = """
 import sys
 from tests.conftest import digest
+from tests.helpers.interruption import interrupt_after
 from tests.helpers.toy_game import STEP, make, run
 
 alone, worlds, after = make(count=100), make(count=100, threads=4), 0
 team = worlds._runner._team
 while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
     worlds.close()
-    left = after
-
-    def profile(frame, event, argument):
-        global left
-        if event in ("return", "c_return"):
-            left -= 1
-            if left < 0:
-                sys.setprofile(None)
-                raise KeyboardInterrupt
-
     ready = False
-    sys.setprofile(profile)
     try:
+        interrupt_after(after)
         team.ready()
         sys.setprofile(None)
         ready = True
