@@ -296,7 +296,7 @@ class Worlds:
         ready, alone = execution.ready, execution.team is None
 
         def call(address: int) -> int:
-            if not alone:
+            if not alone:  # a call that one world can do without
                 ready()
             result: int = function(address, frame, *target)
             if result < 0:

@@ -86,7 +86,7 @@ def _work(jobs: "SimpleQueue[Job | None]", running: threading.Lock) -> None:
     while (job := jobs.get()) is not None:
         job.run()
         del job  # a waiting thread keeps no job alive
-    jobs.put(None)  # for the next thread
+    jobs.put(None)  # for one too many, see `submit`
     running.release()
 
 
