@@ -83,10 +83,13 @@ def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch
     monkeypatch.setattr(experiments, "files", lambda package: tmp_path)
     (tmp_path / experiments.SECONDS).write_text("part,game,preset,seconds\noriginal,ffa_1,original,123\n")
     (untimed,) = experiments.experiments(["mended"])[:1]  # no run of its preset is in the table, but one of `other`'s
-    assert expected_seconds([one, other, untimed]) == ([123.0, 123.0, untimed.steps / experiments.GUESS], False)
-    assert expected_seconds([one]) == ([123.0], True)
+    assert expected_seconds([one, other, untimed]) == (
+        [123.0, 123.0, untimed.steps / experiments.GUESS],
+        [True, False, False],
+    )
+    assert expected_seconds([one]) == ([123.0], [True])
     (as_written,) = experiments.experiments(["text"])[:1]  # nor of this one's, but of one with the same networks
-    assert expected_seconds([as_written]) == ([123.0], False)
+    assert expected_seconds([as_written]) == ([123.0], [False])
 
 
 @pytest.mark.nightly

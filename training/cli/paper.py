@@ -61,15 +61,18 @@ def run(options: argparse.Namespace) -> int:
     """Do it; the exit status."""
     chosen = _chosen(options)
     plan = _plan(chosen, options)
-    seconds, known = expected_seconds([experiment for experiment, _ in plan])
+    seconds, timed = expected_seconds([experiment for experiment, _ in plan])
     jobs = options.jobs or os.cpu_count() or 1
     hours = sum(seconds) / jobs / 3600
-    timed = "as timed on one core of an AMD EPYC (Zen 3)" if known else "some of them never timed, so this is a guess"
-    about = f"{len(plan)} runs, {jobs} at a time: about {hours:.1f} hours, {timed}"
+    guessed = f"{timed.count(False)} of them never timed, so this is a guess"
+    source = "as timed on one core of an AMD EPYC (Zen 3)" if all(timed) else guessed
+    about = f"{len(plan)} runs, {jobs} at a time: about {hours:.1f} hours, {source}"
     if options.plan:
         print(about)
-        for (experiment, seed), each in zip(plan, seconds, strict=True):
-            print(f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h")
+        for (experiment, seed), each, known in zip(plan, seconds, timed, strict=True):
+            print(
+                f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h{'' if known else ', a guess'}"
+            )
         return 0
     try:  # ahead of hours of training
         from outlast.envs.rendering.video.codecs import find_ffmpeg

@@ -150,8 +150,8 @@ def _mended() -> Iterator[Experiment]:
         yield Experiment("mended", f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers)
 
 
-def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
-    """How long a run of each takes on one core of the machine that SECONDS is of; and whether all were timed there.
+def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
+    """How long a run of each takes on one core of the machine that SECONDS is of; and whether it was timed there.
 
     One that was not is guessed to take as long as the mean of those of its preset, or of one with the same networks.
     """
@@ -159,7 +159,7 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
     alike = {preset: alike[same] for preset, same in SAME_NETWORKS.items() if same in alike} | alike
     seconds = [known.get(each.key, alike.get(each.preset, each.steps / GUESS)) for each in chosen]
-    return seconds, all(each.key in known for each in chosen)
+    return seconds, [each.key in known for each in chosen]
 
 
 def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
