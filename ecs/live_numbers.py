@@ -39,7 +39,7 @@ def changed_modules(
         if name not in known:
             near = difflib.get_close_matches(name, known, 3)
             hint = f"did you mean {' or '.join(near)}? " if near else ""
-            raise NumberError(f"there is no number '{name}' here; {hint}Known: {', '.join(known)}")
+            raise NumberError(f"there is no number '{name}' here; {hint}known: {', '.join(known)}")
         k, own = known[name]
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):

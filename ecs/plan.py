@@ -110,4 +110,4 @@ def _check_labels(interpret: Sequence[str], schedule: Schedule) -> None:
         if label not in known:
             near = difflib.get_close_matches(label, known, 3)
             hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}Known: {', '.join(known)}")
+            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")

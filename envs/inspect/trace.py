@@ -36,7 +36,7 @@ from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Action, AgentRoles, Clock, Component, Layout, Worlds
 
 from ..core.spaces import published
-from ..rendering.layers.cameras import cone_corners, seen_rows
+from ..rendering.layers.cameras import blind_until, cone_corners, seen_rows
 from ..rendering.layers.lidar import directions, distances
 from ..rendering.layers.others import of_kind
 from ..rendering.scene import Scene
@@ -95,8 +95,9 @@ def describe(worlds: Worlds, w: int) -> Json:
     y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
     everything. rays: of the lidar of an agent. damage_types: by number. actions: [{name, low, high}], what an agent
     chooses in a tick. rewards: whether there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side,
-    role, radius, hides, health, reach, cone, rays}], health, reach and cone as above, but of this agent; side -1:
-    absent; role: the name, "" without roles; rays: [[x, y]], a metre along each ray, ahead and to the left. objects:
+    role, radius, hides, health, reach, cone, blind, rays}], health, reach and cone as above, but of this agent; side
+    -1: absent; role: the name, "" without roles; blind: the tick before which it sees nothing; rays: [[x, y]], a metre
+    along each ray, ahead and to the left. objects:
     [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other;
     radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a box item was, -1: none;
     amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged. color: of items and
@@ -142,6 +143,7 @@ def describe(worlds: Worlds, w: int) -> Json:
                 "health": points[e],
                 "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
                 "cone": _cone(scene, e),
+                "blind": blind_until(scene, e),
                 "rays": [[_number(x), _number(y)] for x, y in directions(scene, e)] if systems.Lidar in scene else [],
             }
             for i, e in enumerate(bodies.agents)
@@ -157,7 +159,8 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     alive, health, bag, strike, target, sees, rays, action, reward}]: bag holds objects, the last one is the one in use;
     strike is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met,
     -1: none; sees holds numbers of bodies other than walls, None: all; rays: metres, as its lidar reads them; action
-    holds what it was told to do in this tick, without a meaning in the first of an episode; reward: of this tick.
+    holds what it was told to do in this tick, without a meaning in the first of an episode; reward: of this tick, None:
+    not finite.
     objects: [{x, y, angle, here, owner, wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1:
     none; wound: hit points that it lacks.
     """
@@ -172,7 +175,8 @@ def snapshot(worlds: Worlds, w: int) -> Json:
         "tick": scene[Clock].tick[0],
         "zone": zone,
         "agents": [
-            _agent(scene, bodies, i, e, e in alive, targets) | {"action": actions[i], "reward": _finite(rewards[i])}
+            _agent(scene, bodies, i, e, e in alive, targets)
+            | {"action": actions[i], "reward": rewards[i] if math.isfinite(rewards[i]) else None}
             for i, e in enumerate(bodies.agents)
         ],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],

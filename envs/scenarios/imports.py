@@ -80,7 +80,7 @@ def _member(module: ModuleType, name: str, place: str, wanted: Collection[str]) 
         own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
         near = difflib.get_close_matches(name, [*wanted, *own], 2)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise ScenarioError(f"{place} has no '{name}'; {hint}It has: {', '.join(wanted) or 'none'}")
+        raise ScenarioError(f"{place} has no '{name}'; {hint}known: {', '.join(wanted) or 'none'}")
     return getattr(module, name)
 
 

@@ -137,7 +137,7 @@ def _known(name: str) -> type[Module]:
         near = difflib.get_close_matches(name, known, 2)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         raise ScenarioError(
-            f"there is no mechanic {name}; {hint}Known: {', '.join(sorted(known))}; one of your own is FILE.py:NAME"
+            f"there is no mechanic {name}; {hint}known: {', '.join(sorted(known))}; one of your own is FILE.py:NAME"
         )
     return known[name]
 

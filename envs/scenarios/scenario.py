@@ -373,7 +373,7 @@ class Scenario:
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         if asked == "max_episode_steps":
             hint = "the time limit of a scenario is its number ending_limit. "
-        raise NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
+        raise NumberError(f"{self.name} has no number '{asked}'; {hint}known: {', '.join(known)}")
 
     def known_numbers(self) -> list[str]:
         """Every name that `replace` takes, those of today: "melee_damage", "n_agents"."""

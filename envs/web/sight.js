@@ -3,7 +3,9 @@ const Sight = (() => {
   const NUDGE = 1e-4; // radians: rays pass a corner on both sides
 
   // The corners of what agent i sees of its vision cone, [metres ahead, metres to the left] as description.agents[i].cone.
+  // While it is blind, only the eye.
   function cone(description, snapshot, i) {
+    if (snapshot.tick < description.agents[i].blind) return [[0, 0]];
     const [, ...rim] = description.agents[i].cone, bearings = rim.map(([x, y]) => Math.atan2(y, x));
     const [first, last] = [bearings[0], bearings[bearings.length - 1]];
     const bodies = hiding(description, snapshot, i);

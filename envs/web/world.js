@@ -36,7 +36,7 @@ const World = (() => {
     if (scene.show.health) agents(scene, Bodies.health);
     if (scene.show.bags) agents(scene, Bodies.bag);
     (options.marks || []).forEach((mark) => Bodies.mark(scene, mark));
-    if (scene.show.night && description.cone) watchers(scene).forEach((agent) => night(scene, agent));
+    if (scene.show.night && description.cone) inside(scene, () => watchers(scene).forEach((agent) => night(scene, agent)));
     context.globalAlpha = 1;
   }
 
@@ -108,6 +108,7 @@ const World = (() => {
     const { context, options, pixel } = scene;
     context.lineCap = "butt";
     (options.trails || []).forEach((points, i) => {
+      if (!points.length) return; // absent: it has no side either
       context.strokeStyle = side(scene, i).color;
       context.lineWidth = Math.max(0.12, 2 * pixel);
       for (let k = 1; k < points.length; k++) {

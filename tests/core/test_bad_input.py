@@ -246,7 +246,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
         lambda: outlast.Scenario("both", (outlast.systems.FreeForAll(), Teams())), ScenarioError, "both", "FreeForAll",
     ),
     "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage", "zone_damage"),
-    "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "Known: agents_count"),
+    "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "known: agents_count"),
     "number of an absent module": (
         lambda: variant("ffa_1").replace(boxes_count=3), NumberError, "'boxes_count'", "heals_count",
     ),

@@ -164,6 +164,12 @@ def test_who_lives_longest_wins(alive: Any, fatal: Any, expected: int | None) ->
     assert winner(Scene(game.env.worlds, 0)) == expected
 
 
+def test_nobody_wins_by_life_where_it_does_not_decide() -> None:
+    game = killed(ScenarioBuilder("ffa_4", ending_rule="never", ending_limit=9), 1, 0)
+    assert game.column(Score).alive[0].tolist() == [1, 0]
+    assert winner(Scene(game.env.worlds, 0)) is None
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_the_last_picture_of_an_episode_says_who_won_and_why(size: int) -> None:
     game = killed(ScenarioBuilder("ffa_4"), 1, 0)

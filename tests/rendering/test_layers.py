@@ -11,6 +11,7 @@ import pytest
 from outlast import choice, make_vec, role, variant
 from outlast.components import Guard, Zone
 from outlast.ecs import Entity
+from outlast.envs.inspect.trace import describe
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import (
@@ -25,6 +26,7 @@ from outlast.envs.rendering.layers import (
     SafeZoneLayer,
 )
 from outlast.envs.rendering.rgb import draw
+from outlast.systems import Preparation
 from tests.conftest import scaled
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 
@@ -172,6 +174,17 @@ def test_the_widest_cone_of_a_role_or_of_a_world_is_drawn() -> None:
         env = make_vec(scenario, 1, seed=0)
         env.reset()
         assert (draw(env.worlds, 0, 64, [CamerasLayer()]) != draw(env.worlds, 0, 64, [])).any()
+
+
+def test_who_is_blind_has_no_cone() -> None:
+    env = make_vec(variant("ffa_2").with_(Preparation(ticks=2, sides=(1,), blind=True)), 1, seed=0)
+    env.reset()
+    for tick in range(3):
+        bare = draw(env.worlds, 0, 64, [])
+        seen = [(draw(env.worlds, 0, 64, [CamerasLayer(agents=[i])]) != bare).any() for i in range(2)]
+        assert seen == [True, tick == 2]
+        assert [agent["blind"] for agent in describe(env.worlds, 0)["agents"]] == [0, 2]
+        env.step(env.noop[None].repeat(2, 0)[None])
 
 
 def test_lines_of_sight_lead_to_the_entities_seen() -> None:

@@ -140,6 +140,16 @@ def test_the_start_card_names_role_and_opponents(browser: Any, compiled: None) -
     game.close()
 
 
+def test_trails_are_of_who_is_there(look: Any, compiled: None, tmp_path: Path) -> None:
+    env = outlast.make_vec(ALONE, 3, seed=3)
+    write_page(tmp_path / "page.html", env.worlds, ticks(env, 40), [0, 1, 2], title="levels")
+    for w in range(3):
+        screen = look(tmp_path / "page.html", f"#world={w}&tick=5")
+        screen.key("t", "ArrowRight", "ArrowRight")
+        screen.settle()
+        assert screen.page.get_attribute("canvas", "data-tick") == "7"
+
+
 @pytest.mark.nightly
 def test_cards_show_who_is_there_and_which_role(look: Any, compiled: None, tmp_path: Path) -> None:
     env = outlast.make_vec(HUNT, 3, seed=3)

@@ -16,7 +16,7 @@ from outlast.components import Body, Shape, Solid
 from outlast.ecs import Archetype, Module
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.web.replay import write_page
-from outlast.systems import Rooms
+from outlast.systems import Preparation, Rooms
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.web.browser import Screen, ticks
 
@@ -42,6 +42,7 @@ SCENARIOS = {
     "rooms and roles": outlast.variant("teams_4")
     .with_(Rooms())
     .roles(near=outlast.role(1, cameras_depth=3.0, cameras_fov=2.5), far=outlast.role(cameras_depth=14.0)),
+    "a team is blind at first": outlast.variant("teams_3").with_(Preparation(ticks=75, sides=(0,), blind=True)),
     "a kite": outlast.variant("ffa_2").replace(cameras_cone="kite", cameras_fov=2.5),
 }
 
@@ -60,7 +61,11 @@ def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name
     for description, state in states:
         for i, agent in enumerate(state["agents"]):
             if agent["alive"]:
-                found += compared(cone(screen, description, state, i), description, state, i)
+                if state["tick"] < description["agents"][i]["blind"]:
+                    assert state["agents"][i]["sees"] == []
+                    assert len(cone(screen, description, state, i)) == 1
+                else:
+                    found += compared(cone(screen, description, state, i), description, state, i)
     assert found[True, False] + found[False, True] == 0, found
     assert found[True, True] > 50, found
     assert found[False, False] > 200, found

@@ -4,12 +4,14 @@ import math
 import time
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Heal, Health, Phase, Side
-from outlast.ecs import Action, Array, Clock, Module, Read, column
+from outlast.components import Body, Heal, Health, Phase, Reward, Side
+from outlast.ecs import Action, Array, Clock, Module, Read, Write, column
 from outlast.envs.web.play.game import Game, GamePhase
+from outlast.systems import Respawn
 from tests.helpers.own_bodies import Mine
 from tests.web.clients import enemy_shown, has, heals_shown, picture, served
 
@@ -289,19 +291,145 @@ def ring(bell: Read[Bell]) -> None:
     pass
 
 
-def test_own_actions_have_a_digit_for_each_end_of_their_range(browser):
-    game = Game(outlast.variant("ffa_1").with_(Bells()), others="noop", seed=1)
+class BigBell(Action):
+    ring_it: Array = column("i1", "agents", low=0, high=9)
+    lock: Array = column("i1", "agents", low=-2, high=1)
+
+
+class ManyBells(Module):
+    """The same, with more values than there are digits."""
+
+    def singletons(self):
+        return [BigBell()]
+
+
+@ManyBells.system(Phase.EFFECT)
+def ring_many(bell: Read[BigBell]) -> None:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("bells", "shown", "chosen"),
+    [
+        (Bells(), ("ring it 1", "lock +1", "lock −2"), {"4": [4, 0], "6": [0, 1], "8": [0, -2]}),
+        (ManyBells(), ("ring it 9", "lock +1", "No key: ring it 1, 2, 3"), {"1": [9, 0], "2": [0, 1], "3": [0, -2]}),
+    ],
+    ids=["every value", "the ends"],
+)
+def test_own_actions_have_digits(browser, bells, shown, chosen):
+    """Every value if there are enough of them, or else both ends; and what has none is said."""
+    game = Game(outlast.variant("ffa_1").with_(bells), others="noop", seed=1)
     with served(game, fps=60) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
         page = context.new_page()
         page.goto(address)
         shows(page, 0)
         text = card(page, "ready")
-        assert all(words in text for words in ("ring it", "lock +1", "lock −2"))
-        for key, expected in (("1", [5, 0]), ("2", [0, 1]), ("3", [0, -2])):
+        assert all(words in text for words in shown)
+        for key, expected in chosen.items():
             page.keyboard.down(key)
             tick = int(game.worlds[Clock].tick[0, 0]) + 3
             shows(page, tick)
-            chosen = dict(zip(game.ranges, game.action(), strict=True))
-            assert [chosen[name] + game.ranges[name][0] for name in ("ring_it", "lock")] == expected
+            held = dict(zip(game.ranges, game.action(), strict=True))
+            assert [held[name] + game.ranges[name][0] for name in ("ring_it", "lock")] == expected
             page.keyboard.up(key)
     game.close()
+
+
+def test_who_comes_back_is_not_dead_for_good(browser):
+    """While it waits, the person sees no more than the agent; once it is back, nothing says that it died."""
+    scenario = outlast.variant("ffa_2").with_(Respawn(ticks=40)).replace(ending_rule="never", ending_limit=90)
+    game = Game(scenario, others="noop", seed=1)
+    with served(game, fps=60) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        game.worlds[Health].points[0, game.worlds.layout.rows(Side)[0]] = 0
+        page.click("#card [data-command=begin]")
+        shows(page, 3)
+        page.keyboard.press("p")
+        assert "Paused" in card(page, "paused")
+        assert not enemy_shown(game, picture(page))
+        page.keyboard.press("p")
+        page.wait_for_selector("#badge:has-text('You died')")
+        shows(page, 48)
+        page.wait_for_selector("#badge", state="hidden")
+        page.wait_for_selector("#card[data-phase=over]", state="attached")
+        text = page.text_content("#card")
+    assert "The episode is over" in text  # whoever lived longest
+    assert "You died" not in text
+    game.close()
+
+
+class Broken(Module):
+    """Pays what is no number."""
+
+
+@Broken.system(Phase.REWARD, after=Reward)
+def pay_nothing(reward: Write[Reward]) -> None:
+    reward.reward[:] = np.nan
+
+
+def test_an_episode_whose_return_is_no_number_ends(browser):
+    game = Game(outlast.variant("ffa_1").with_(Broken()).replace(ending_limit=5), others="noop", seed=1)
+    with served(game, fps=60) as address, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.click("#card [data-command=begin]")
+        assert "return not a finite number" in card(page, "over")
+    game.close()
+
+
+def test_space_presses_what_has_the_focus_while_the_world_stands_still(page, game):
+    page.keyboard.press("w")
+    shows(page, 2)
+    page.keyboard.press("p")
+    card(page, "paused")
+    page.focus("#pause")
+    page.keyboard.press("Space")
+    page.wait_for_selector("#card", state="hidden")
+    assert game.phase is GamePhase.RUNNING
+
+
+def test_keys_are_called_what_is_printed_on_them(browser, game):
+    """Of an AZERTY keyboard, whose W and Q are elsewhere; where a key is decides what it does."""
+    azerty = {"KeyW": "z", "KeyA": "q", "KeyQ": "a"}
+    script = f"navigator.keyboard.getLayoutMap = () => Promise.resolve(new Map(Object.entries({azerty})))"
+    with served(game, fps=60) as address, browser.new_context() as context:
+        page = context.new_page()
+        page.add_init_script(script)
+        page.goto(address)
+        shows(page, 0)
+        page.wait_for_function("document.querySelector('#card .keys').textContent.startsWith('Z↑forward')")
+        assert "Qto the left" in page.inner_text("#card .keys").replace("\n", "")
+        page.keyboard.press("v")  # commands go by letter
+        page.wait_for_selector("#view[aria-pressed=false]")
+
+
+@pytest.mark.parametrize("size", [(844, 390), (800, 500), (320, 568), (360, 640)])
+def test_nothing_is_covered_on_small_screens(browser, game, size):
+    width, height = size
+    options = {"viewport": {"width": width, "height": height}, "has_touch": True, "is_mobile": True}
+    with served(game, fps=60) as address, browser.new_context(**options) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.click("#card [data-command=begin]")
+        shows(page, 1)
+        for part in ("#view", "#pause", "#pace", "#stick"):
+            box = page.locator(part).bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+            middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+            assert page.evaluate(f"document.elementFromPoint(...{middle}).closest('{part}') !== null")
+
+
+def test_a_page_too_many_is_told_so(browser, game, monkeypatch):
+    monkeypatch.setattr("outlast.envs.web.play.session.MAX_PAGES", 1)
+    with served(game, fps=60) as address, browser.new_context() as context:
+        first, second = context.new_page(), context.new_page()
+        first.goto(address)
+        shows(first, 0)
+        second.goto(address)
+        second.wait_for_selector("#badge:visible")
+        assert second.inner_text("#badge").startswith("There is no place for this page: 1 pages are open already.")

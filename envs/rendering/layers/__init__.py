@@ -123,6 +123,6 @@ def select(changes: str) -> tuple[Layer, ...]:
         if name not in FILM_LAYERS_BY_NAME:
             near = difflib.get_close_matches(name, FILM_LAYERS_BY_NAME, 1)
             hint = f"did you mean '{near[0]}'? " if near else ""
-            raise FilmError(f"there is no layer '{name}'; {hint}There are: {', '.join(FILM_LAYERS_BY_NAME)}")
+            raise FilmError(f"there is no layer '{name}'; {hint}known: {', '.join(FILM_LAYERS_BY_NAME)}")
         shown[name] = change[0] != "-"
     return tuple(layer for name, layer in FILM_LAYERS_BY_NAME.items() if shown[name])

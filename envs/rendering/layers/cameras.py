@@ -9,6 +9,7 @@ import numpy as np
 from outlast import systems
 from outlast.components import Body, Shape, Side, Sight, Solid
 from outlast.components.sight import OMNISCIENT
+from outlast.ecs import Clock
 from outlast.ecs.simd import SIMD_WIDTH
 
 from ..canvas import Canvas, Point
@@ -41,7 +42,8 @@ class CamerasLayer(Layer):
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         watching = [(i, e) for i, e in enumerate(scene.rows(Side)) if e in alive and i in wanted]
         if self.cones:
-            self._draw_cones(canvas, scene, [e for _, e in watching])
+            tick = scene[Clock].tick[0]
+            self._draw_cones(canvas, scene, [e for _, e in watching if tick >= blind_until(scene, e)])
         body = scene.body
         for i, e in watching if self.lines else ():
             color = of_side(scene[Side].side[e])
@@ -59,6 +61,14 @@ class CamerasLayer(Layer):
                 own, pose = scene.mechanic(systems.Cameras, e), (body.x[e], body.y[e], body.angle[e])
                 corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", blockers[rows != e])
                 canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
+
+
+def blind_until(scene: Scene, e: int) -> int:
+    """The tick before which the agent in row `e` sees nothing; 0: it sees from the first one on."""
+    if systems.Preparation not in scene:
+        return 0
+    wait = scene.mechanic(systems.Preparation, e)
+    return wait.ticks if wait.blind and (not wait.sides or scene[Side].side[e] in wait.sides) else 0
 
 
 def cone_corners(cameras: systems.Cameras) -> list[Point]:

@@ -7,6 +7,7 @@ import numpy as np
 from outlast.components import End, Health, Score, Side
 from outlast.ecs import Clock
 
+from ...core.agents import outliving_wins
 from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, PAPER, Color, of_side
@@ -22,6 +23,7 @@ MOST = 1.9  # halves of the picture that words take
 class EndLayer(Layer):
     """A banner across the last picture of an episode: the side that lived longest, and why it ended.
 
+    Where episodes end at their limit alone (ending_rule "never"), it names no side: another thing than life decides.
     In pictures that are too small for its words there is none.
     """
 
@@ -65,9 +67,9 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
 
 
 def _rivals(scene: Scene) -> bool:
-    """Whether there is more than one side that could win; of those that nobody is on, none can."""
+    """Whether there is more than one side that could win by living longest; of those that nobody is on, none can."""
     sides = {scene[Side].side[e] for e in scene.rows(Side)} - {-1} if Side in scene else set()
-    return Score in scene and len(sides) > 1
+    return Score in scene and len(sides) > 1 and outliving_wins(scene.worlds)
 
 
 def _reason(scene: Scene) -> str:

@@ -1,5 +1,6 @@
 """The game: one world, one agent of which a person steers. Independent of pages and sockets."""
 
+import math
 import os
 from collections import deque
 from collections.abc import Mapping
@@ -8,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from outlast.components import Respawned
 from outlast.components.score import End, Episode
 from outlast.ecs import Action, Clock
 
 from ... import recording
 from ...adapters.opponents import Opponents, Others
-from ...core.agents import alive, fewest_agents, side
+from ...core.agents import alive, fewest_agents, outliving_wins, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
@@ -81,6 +83,7 @@ class Game:
         self._last = dict.fromkeys(sides, 0)  # the last tick after which each side was alive
         game = self.env.scenario
         world = {"name": game.name, "about": game.about, "agent": self.agent, "actions": self.ranges}
+        world["comes_back"] = Respawned in self.worlds
         self.world = describe(self.worlds, 0) | world
 
     def hold(self, held: Mapping[str, int], tapped: Mapping[str, int]) -> None:
@@ -142,7 +145,7 @@ class Game:
             "slow": self.pace < 1,
             "snapshot": snapshot(self.worlds, 0),
             "text": observation_text(observation, self.env.fields, self.env.roles),
-            "death": self.death,
+            "death": None if alive(self.worlds, 0)[self.agent] else self.death,
             "events": list(self._recent),
             "result": self._result() if self.phase is GamePhase.OVER else None,
         }
@@ -168,14 +171,19 @@ class Game:
                 self.death = event | {"tick": tick}
 
     def _result(self) -> Json:
-        """verdict: won by the side that lived longest, drawn if several did, "over" if there is no other side."""
+        """Of the episode that has ended, for the person.
+
+        verdict: won by the side that lived longest, drawn if several did; "over" if there is no other side, or life
+        does not decide. return: None if it is not finite.
+        """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
         others = [tick for other, tick in self._last.items() if other != mine]
-        best, own = max(others, default=-1), self._last[mine]
+        best, own, paid = max(others, default=-1), self._last[mine], float(episode.returns[0, self.agent])
+        contested = others and outliving_wins(self.worlds)
         return {
-            "verdict": "over" if not others else "won" if own > best else "drawn" if own == best else "lost",
+            "verdict": "over" if not contested else "won" if own > best else "drawn" if own == best else "lost",
             "truncated": bool(self.worlds[End].truncated[0, 0]),
             "kills": int(episode.kills[0, mine]),
             "length": int(episode.length[0, 0]),
-            "return": round(float(episode.returns[0, self.agent]), 2),
+            "return": round(paid, 2) if math.isfinite(paid) else None,
         }

@@ -1,43 +1,68 @@
 // Keys and touch: what the person holds down, and what was just tapped, as actions by name (see messages.py).
 const Keys = (() => {
-  const BINDINGS = [ // action, value, keys by their place on the keyboard, what to call them, what it does
-    ["ahead", 1, ["KeyW", "ArrowUp"], "W ↑", "forward"],
-    ["ahead", -1, ["KeyS", "ArrowDown"], "S ↓", "back"],
-    ["left", 1, ["KeyA"], "A", "to the left"],
-    ["left", -1, ["KeyD"], "D", "to the right"],
-    ["turn", 1, ["KeyQ", "ArrowLeft"], "Q ←", "turn left"],
-    ["turn", -1, ["KeyE", "ArrowRight"], "E →", "turn right"],
-    ["attack", 1, ["Space"], "Space", "attack"],
-    ["use", 1, ["KeyF"], "F", "use item"],
-    ["give", 1, ["KeyG"], "G", "give item"],
-    ["drop", 1, ["KeyX"], "X", "drop item"],
+  const BINDINGS = [ // action, value, keys by their place on the keyboard, what it does
+    ["ahead", 1, ["KeyW", "ArrowUp"], "forward"],
+    ["ahead", -1, ["KeyS", "ArrowDown"], "back"],
+    ["left", 1, ["KeyA"], "to the left"],
+    ["left", -1, ["KeyD"], "to the right"],
+    ["turn", 1, ["KeyQ", "ArrowLeft"], "turn left"],
+    ["turn", -1, ["KeyE", "ArrowRight"], "turn right"],
+    ["attack", 1, ["Space"], "attack"],
+    ["use", 1, ["KeyF"], "use item"],
+    ["give", 1, ["KeyG"], "give item"],
+    ["drop", 1, ["KeyX"], "drop item"],
   ];
+  const DIGITS = 9;
+  const ARROWS = { ArrowUp: "↑", ArrowDown: "↓", ArrowLeft: "←", ArrowRight: "→" };
   const ONCE = new Set(["use", "give", "drop"]); // one item for a press, however long it is
   const TOUCH = { turn: ["⟲", "⟳"], attack: ["Strike"], use: ["Use"], give: ["Give"], drop: ["Drop"] };
 
   let bindings = [];
+  let missing = []; // what has no key, in words
+  let layout = new Map(); // the letter on each key, where the browser tells
   let ranges = {}; // least and most of each action
   let onChange = () => {};
   const down = new Map(); // of each key, button or stick: {action: value}
 
-  // Bind the actions that this world has; those of other mechanics get the digits, one for each end of their range that is not 0.
-  // listener(held, tapped) is called after changes.
+  // Find out what is printed on the keys; without that they are called as on a QWERTY keyboard.
+  async function learn() {
+    if (navigator.keyboard?.getLayoutMap) layout = await navigator.keyboard.getLayoutMap().catch(() => layout);
+  }
+
+  const label = (code) => ARROWS[code] || (layout.get(code) || code.replace(/^(Key|Digit)/, "")).replace(/^.$/, (letter) => letter.toUpperCase());
+
+  // Bind the actions that this world has. Those of other mechanics get the digits, one for each value but 0; if there are too
+  // few, for each end of their range that is not 0. listener(held, tapped) is called after changes.
   function bind(actions, listener) {
     ranges = actions;
     const known = new Set(BINDINGS.map(([name]) => name));
-    const ends = (name) => {
-      const values = actions[name].filter((value) => value).reverse();
-      return values.map((value) => [name, value, values.length > 1]);
+    const own = Object.keys(actions).filter((name) => !known.has(name));
+    const values = ([low, high]) => { // of what goes both ways, the positive ones first
+      const from = Array.from({ length: high - low + 1 }, (_, k) => low + k).filter((value) => value);
+      return low < 0 ? from.reverse() : from;
     };
-    const others = Object.keys(actions).filter((name) => !known.has(name)).flatMap(ends).slice(0, 9);
+    const all = own.flatMap((name) => values(actions[name]).map((value) => [name, value]));
+    const ends = all.filter(([name, value]) => actions[name].includes(value));
+    const chosen = (all.length > DIGITS ? ends : all).slice(0, DIGITS), keys = new Set(chosen.map(String));
+    missing = own.flatMap((name) => {
+      const left = all.filter((pair) => pair[0] === name && !keys.has(String(pair)));
+      return left.length ? [`${spaced(name)} ${left.map(([, value]) => written(name, value)).join(", ")}`.trim()] : [];
+    });
     bindings = [
       ...BINDINGS.filter(([name]) => name in actions).map(([name, value, ...rest]) => [name, full(name, value), ...rest]),
-      ...others.map(([name, value, signed], k) => [name, value, [`Digit${k + 1}`], String(k + 1), words(name, signed && value)]),
+      ...chosen.map(([name, value], k) => [name, value, [`Digit${k + 1}`], `${spaced(name)} ${written(name, value)}`.trim()]),
     ];
     onChange = listener;
   }
 
-  const words = (name, value) => name.replaceAll("_", " ") + (value ? ` ${value < 0 ? "−" : "+"}${Math.abs(value)}` : "");
+  const spaced = (name) => name.replaceAll("_", " ");
+
+  // A value of an action; nothing for one that is done or not.
+  function written(name, value) {
+    const [low, high] = ranges[name];
+    if (high - low === 1) return "";
+    return (low < 0 && value > 0 ? "+" : "") + String(value).replace("-", "−");
+  }
 
   const full = (name, sign) => (sign && name in ranges ? ranges[name][sign < 0 ? 0 : 1] : 0);
 
@@ -75,11 +100,12 @@ const Keys = (() => {
 
   // Fill a list with the keys and what they do.
   function explain(list, more) {
-    const rows = [...bindings.map(([, , , keys, what]) => [keys, what]), ...more];
+    const rows = [...bindings.map(([, , codes, what]) => [codes.map(label), what]), ...more];
+    if (missing.length) rows.push([[], `No key: ${missing.join("; ")}`]);
     list.replaceChildren();
     for (const [keys, what] of rows) {
       const term = Dom.make("dt", "", list);
-      keys.split(" ").forEach((key) => Dom.make("kbd", "", term, key));
+      keys.forEach((key) => Dom.make("kbd", "", term, key));
       Dom.make("dd", "", list, what);
     }
   }
@@ -88,7 +114,7 @@ const Keys = (() => {
   function buttons(parent) {
     const wanted = bindings.filter(([name]) => name !== "ahead" && name !== "left");
     parent.replaceChildren();
-    for (const [name, value, , , what] of wanted) {
+    for (const [name, value, , what] of wanted) {
       const labels = TOUCH[name] || [what], button = Dom.make("button", "", parent, labels[value < 0 ? 1 : 0]);
       button.ariaLabel = what;
       button.dataset.action = name;
@@ -120,5 +146,5 @@ const Keys = (() => {
     for (const name of ["pointerup", "pointercancel"]) pad.addEventListener(name, end);
   }
 
-  return { bind, keydown, keyup, releaseAll, explain, buttons, stick };
+  return { learn, bind, keydown, keyup, releaseAll, explain, buttons, stick };
 })();

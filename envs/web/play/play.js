@@ -4,7 +4,8 @@
   const VERDICTS = { won: "You won", lost: "You lost", drawn: "A draw", over: "The episode is over" };
   const SHOW = { lines: false, zone: true, ids: true, health: true, bags: true, trails: false, blind: false };
   const MODIFIERS = new Set(["Shift", "Control", "Alt", "AltGraph", "Meta", "CapsLock", "Tab", "Escape"]);
-  const HINTS = [["V", "what the agent sees, or all"], ["P", "pause"], ["R", "next episode"]];
+  const HINTS = [[["V"], "what the agent sees, or all"], [["P"], "pause"], [["R"], "next episode"]];
+  const TURNED_AWAY = 1013; // see session.py
 
   const socket = new WebSocket(new URL("live", location.href.replace(/^http/, "ws")));
   const viewport = Viewport.build($("stage"), repaint);
@@ -15,7 +16,8 @@
   function paint() {
     waiting = false;
     if (!world || !state) return;
-    const me = state.snapshot.agents[world.agent], blind = sightOnly && me.alive && me.sees !== null;
+    const me = state.snapshot.agents[world.agent], out = !me.alive && !world.comes_back; // for good: it may see all
+    const blind = sightOnly && !out && me.sees !== null;
     const show = { ...SHOW, cones: !blind, night: blind };
     const snapshot = blind ? Visible.to(world.agent, world, state.snapshot) : state.snapshot;
     viewport.draw(world, snapshot, { show, follow: world.agent, marks: marks(blind) });
@@ -71,16 +73,18 @@
   // What stands over the picture: title, lines, whether it offers the next episode; null: nothing.
   function card() {
     const touched = matchMedia("(pointer: coarse)").matches;
-    if (state.phase === "ready") return [`You are agent ${world.agent}${called()}`, [...about(), touched ? "Touch the stick to begin." : "Press a key to begin."]];
-    if (state.phase === "paused") return ["Paused", [touched ? "Go on with the button below." : "P goes on, R begins the next episode."]];
+    if (state.phase === "ready") return [`${state.steers ? "You are" : "The other page is"} agent ${world.agent}${called()}`, [...about(), begins(touched)]];
+    if (state.phase === "paused") return ["Paused", !state.steers ? [] : [touched ? "Go on with the button below." : "P goes on, R begins the next episode."]];
     if (state.phase !== "over") return null;
     const { verdict, kills, length, truncated, return: sum } = state.result;
     const lines = [`${length} ticks (${Dom.seconds(length, world)}), ${kills} ${kills === 1 ? "kill" : "kills"}` +
-      `${world.teams ? " of your team" : ""}, return ${sum}`];
+      `${world.teams ? " of your team" : ""}, return ${sum ?? "not a finite number"}`];
     if (truncated) lines.unshift("Time is up.");
     if (state.death) lines.push(death());
     return [VERDICTS[verdict], lines];
   }
+
+  const begins = (touched) => (!state.steers ? "It has not begun." : touched ? "Touch the stick to begin." : "Press a key to begin.");
 
   // Which role the person has, unless there are none.
   const called = () => world.agents[world.agent].role && `, ${world.agents[world.agent].role}`;
@@ -110,7 +114,7 @@
     const [heading, text, keys, begin, next] = $("card").children;
     heading.textContent = title;
     text.textContent = lines.join("\n");
-    keys.hidden = state.phase !== "ready";
+    keys.hidden = state.phase !== "ready" || !state.steers;
     begin.hidden = state.phase !== "ready" || !state.steers;
     next.hidden = state.phase !== "over" || !state.steers;
     const badge = !state.steers ? "Another page steers; you watch." : state.phase !== "running" ? "" :
@@ -130,10 +134,13 @@
     world = description;
     Keys.releaseAll();
     Keys.bind(world.actions, steer);
-    document.querySelectorAll(".keys").forEach((list) => Keys.explain(list, HINTS));
+    explain();
+    Keys.learn().then(explain);
     Keys.buttons($("buttons"));
     document.title = `outlast: ${world.name}`;
   }
+
+  const explain = () => document.querySelectorAll(".keys").forEach((list) => Keys.explain(list, HINTS));
 
   socket.addEventListener("message", ({ data }) => {
     const message = JSON.parse(data);
@@ -144,25 +151,29 @@
     showCard();
     repaint();
   });
-  socket.addEventListener("close", ({ reason }) => {
+  socket.addEventListener("close", ({ code, reason }) => {
     $("badge").hidden = false;
-    $("badge").textContent = `The game is over: ${reason || "the server is gone"}. Start outlast play again.`;
+    $("badge").textContent = code === TURNED_AWAY ? `There is no place for this page: ${reason}. Close one of them, and reload.` :
+      `The game is over: ${reason || "the server is gone"}. Start outlast play again.`;
     document.body.classList.add("gone");
   });
 
   // ---- the person
 
-  const actions = {
-    KeyV: () => setSight(!sightOnly),
-    KeyR: () => command("restart"),
-    KeyP: () => command(state && state.phase === "paused" ? "resume" : "pause"),
+  const actions = { // by the letter on the key; in other scripts, by that of a QWERTY keyboard
+    v: () => setSight(!sightOnly),
+    r: () => command("restart"),
+    p: () => command(state && state.phase === "paused" ? "resume" : "pause"),
   };
+  const letter = ({ key, code }) => (/^[a-z]$/i.test(key) ? key : code.replace("Key", "")).toLowerCase();
 
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
-    if (Keys.keydown(event)) event.preventDefault(); // the page must not scroll, nor a button be pressed by the space bar
+    const pressing = event.code === "Space" && event.target.tagName === "BUTTON" && state && state.phase !== "running";
+    if (pressing) return; // while the world runs, the space bar strikes, whatever has the focus
+    if (Keys.keydown(event)) event.preventDefault(); // the page must not scroll, nor a button be pressed
     else if (event.repeat || MODIFIERS.has(event.key)) return;
-    else if (actions[event.code]) actions[event.code]();
+    else if (actions[letter(event)]) actions[letter(event)]();
     else if (state && state.phase === "ready" && event.target.tagName !== "BUTTON") command("begin");
   });
   addEventListener("keyup", (event) => {
@@ -174,8 +185,8 @@
 
   const press = (button, action) => button.addEventListener("click", () => { action(); button.blur(); });
   document.querySelectorAll("[data-command]").forEach((button) => press(button, () => command(button.dataset.command)));
-  press($("pause"), actions.KeyP);
-  press($("view"), actions.KeyV);
+  press($("pause"), actions.p);
+  press($("view"), actions.v);
   $("pace").append(...SPEEDS.map((speed) => new Option(`${speed}×`, speed)));
   $("pace").addEventListener("change", ({ target }) => { send({ speed: Number(target.value) }); target.blur(); });
   Keys.stick($("stick"));

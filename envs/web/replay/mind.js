@@ -4,7 +4,7 @@ const Mind = (() => {
   const MOST = 4, LEAST = 0.01, MANY = 12; // entities listed; share from which on; values of an action drawn one by one
 
   const signed = (value, plus) => `${value > 0 && plus ? "+" : ""}${value}`.replace("-", "−");
-  const rounded = (value) => signed(+value.toFixed(Math.abs(value) < 10 ? 3 : 1), true);
+  const rounded = (value) => (Number.isFinite(value) ? signed(+value.toFixed(Math.abs(value) < 10 ? 3 : 1), true) : "–");
 
   // Fills `root`. Returns update(episode, i, k): agent i after row k; -1: nobody, nothing is shown.
   function build(root) {

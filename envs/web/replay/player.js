@@ -53,7 +53,7 @@ const Player = { start: async (base64, { linked = false } = {}) => {
   function lines() {
     const paid = rooms.flatMap(({ episode }) => (episode.description.rewards ? episode.returns() : []));
     const [low, high] = paid.reduce(([low, high], values) => values.reduce(
-      ([least, most], value) => [Math.min(least, value), Math.max(most, value)], [low, high]), [0, 0]);
+      ([least, most], value) => (Number.isFinite(value) ? [Math.min(least, value), Math.max(most, value)] : [least, most]), [low, high]), [0, 0]);
     const scale = { ticks: ticks(), low, high, dense: rooms.length > 1 };
     for (const { timeline, episode } of rooms) timeline.show(episode, Viewport.theme(), scale);
   }
