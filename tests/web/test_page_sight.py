@@ -42,7 +42,7 @@ SCENARIOS = {
     "rooms and roles": outlast.variant("teams_4")
     .with_(Rooms())
     .roles(near=outlast.role(1, cameras_depth=3.0, cameras_fov=2.5), far=outlast.role(cameras_depth=14.0)),
-    "a team is blind at first": outlast.variant("teams_3").with_(Preparation(ticks=75, sides=(0,), blind=True)),
+    "one is blind at first": outlast.variant("ffa_2").with_(Preparation(ticks=75, sides=(0,), blind=True)),
     "a kite": outlast.variant("ffa_2").replace(cameras_cone="kite", cameras_fov=2.5),
 }
 
