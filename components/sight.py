@@ -32,3 +32,10 @@ class ObservationMasks(Singleton, packed=False):
 def is_set(bitsets: Any, i: int, e: int) -> int:
     """Bit of row `e` in bitset number `i`, as 0 or 1."""
     return int((bitsets[i, e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1)) & 1)
+
+
+@kernel
+def set_bit(bitsets: Any, i: int, e: int, on: bool) -> None:
+    """Set the bit of row `e` in bitset number `i`: whether observer `i` sees `e`, in Sight.visible."""
+    bit, word = 1 << (e & SIMD_WIDTH - 1), bitsets[i, e >> SIMD_SHIFT]
+    bitsets[i, e >> SIMD_SHIFT] = word | bit if on else word & ~bit

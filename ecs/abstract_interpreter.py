@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numba.core import ir
 
+from . import random_check
 from .abstract_values import (
     ANYTHING,
     FIELD,
@@ -35,6 +36,7 @@ from .abstract_values import (
     Values,
     added,
     component_name,
+    floating,
     parts_of,
     tracked,
 )
@@ -179,8 +181,8 @@ class Activation:
 
     def _number(self, variables: list[Any], function: Any) -> Values:
         self._refuse_per_agent(variables)
-        floating = function is operator.truediv or any(map(self._is_floating, variables))
-        return frozenset([FLOATING]) if floating and function not in TRUTHS else ANYTHING
+        float_ = function is operator.truediv or any(floating(self._of(each)) for each in variables)
+        return frozenset([FLOATING]) if float_ and function not in TRUTHS else ANYTHING
 
     def _refuse_per_agent(self, variables: Iterable[Any]) -> None:
         for value in [value for variable in variables for value in self._of(variable) if isinstance(value, PerAgent)]:
@@ -188,13 +190,6 @@ class Activation:
                 f"computes with {value.name}, in which roles differ: write of({value.name}, e), where e is the row "
                 "of the agent"
             )
-
-    def _is_floating(self, variable: Any) -> bool:
-        """Whether all that it may be are floats, of columns or not."""
-        values = self._of(variable)
-        return bool(values) and all(
-            value == FLOATING or (isinstance(value, Column) and value.dtype.kind == "f") for value in values
-        )
 
     def _attribute(self, value: Any, name: str) -> Values:
         value = value.column if isinstance(value, Sum) else value
@@ -280,6 +275,8 @@ class Activation:
         except TypeError as error:
             self._refuse(f"{called.__name__}(): {error}")
             return ANYTHING
+        if module == f"{ENGINE}.random" and (wrong := random_check.refusal(bound.arguments)):
+            self._refuse(wrong)
         if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
             if module == f"{ENGINE}.random" and called.__name__ in DRAWS:
                 return frozenset([FLOATING])
@@ -305,7 +302,7 @@ class Activation:
         if isinstance(target, Column):
             self._check_field(target, self._only(statement.index))
             kind = target.dtype
-            if kind.kind in "iu" and self._is_floating(statement.value):
+            if kind.kind in "iu" and floating(self._of(statement.value)):
                 self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
             literal = self._only(statement.value)
             number = literal.value if isinstance(literal, Constant) and isinstance(literal.value, int) else 0
@@ -337,7 +334,7 @@ class Activation:
             if expression.fn not in (operator.iadd, operator.isub):
                 self._refuse_access(target, f"does more to {target} than add")
             kind = target.dtype
-            if kind.kind not in "iu" or self._is_floating(expression.rhs):
+            if kind.kind not in "iu" or floating(self._of(expression.rhs)):
                 what = f"{target} is {kind}" if kind.kind not in "iu" else f"a float is added to {target}, {kind}"
                 self._refuse_access(target, f"adds, but {what}, and only sums of integers do not depend on the order")
             return frozenset([Sum(target)])

@@ -178,3 +178,10 @@ class Definitions:
         return (
             isinstance(function, ir.Global) and function.value is slice and self._same(left.func, right.func) and ends
         )
+
+
+def floating(values: Values) -> bool:
+    """Whether all that a variable may be are floats, of columns or not."""
+    return bool(values) and all(
+        value == FLOATING or (isinstance(value, Column) and value.dtype.kind == "f") for value in values
+    )

@@ -23,7 +23,7 @@ class Archetype:
         name: Unique among kinds.
         parts: Its components, with their prefab values.
         count: How many entities this module adds.
-        alive: Whether they are in the world right after reset.
+        alive: Whether they are in the world right after reset: as the module has it that gives the count.
         order: Where its rows lie: kinds of smaller numbers come first. Kinds without a number follow all that have one.
             Ties go by name. One number for all modules that declare the kind.
     """
@@ -55,7 +55,7 @@ class Archetype:
 
 def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
     """Join the declarations of each archetype by several modules, in the order of rows."""
-    merged: dict[str, Archetype] = {}
+    merged, alive = dict[str, Archetype](), dict[str, set[bool]]()
     for part in parts:
         before = merged.get(part.name, Archetype(part.name, ()))
         have, own = {type(component) for component in before.parts}, set[type[Component]]()
@@ -72,11 +72,19 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             raise DeclarationError(
                 f"modules give '{part.name}' the orders {before.order} and {part.order}; let one of them leave it out"
             )
+        said = alive.setdefault(part.name, set())
+        if part.count or not part.alive:
+            said.add(part.alive)
+        if len(said) > 1:
+            raise DeclarationError(
+                f"one module has '{part.name}' in the world right after reset, and another one says alive=False: all "
+                "of a kind begin alike; leave it out, or give them a name of their own"
+            )
         merged[part.name] = Archetype(
             part.name,
             before.parts + part.parts,
             before.count + part.count,
-            before.alive and part.alive,
+            False not in said,
             next(iter(orders), None),
         )
     for name, kind in merged.items():

@@ -184,6 +184,9 @@ class Component:
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
+        for name in columns:
+            if name.startswith("_") or name in RESERVED:
+                raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
         needed: Any = cls.requires
         if not isinstance(needed, tuple) or not all(isinstance(c, type) and issubclass(c, Component) for c in needed):
             raise DeclarationError(f"{cls.__name__}.requires = {needed!r:.80}: a tuple is needed, as in (Health,)")
@@ -207,8 +210,6 @@ class Component:
             return
         published = issubclass(cls, (Action, Observation, Signal, Statistic))
         for name, value in columns.items():
-            if name.startswith("_") or name in RESERVED:
-                raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
             if value.dtype.kind == "f" and not published and (value.low > -np.inf or value.high < np.inf):
                 raise DeclarationError(

@@ -78,7 +78,8 @@ class Event(Singleton, packed=False):
                 raise DeclarationError(f"{own}: {role}={column!r} is none of its columns: {', '.join(cls.columns)}")
         cls.name, cls.capacity = snake_case(cls.__name__), capacity
         cls.who, cls.whom = (role if role in cls.columns else "" for role in (who, whom))
-        cls.columns = cls.columns | {COUNT: Column(np.dtype(np.int32), (), 0, -np.inf, np.inf)}
+        below = f"{cls.capacity_dim()} + 1"
+        cls.columns = cls.columns | {COUNT: Column(np.dtype(np.int32), (), 0, -np.inf, np.inf, below=below)}
         cls.Table = table_type(cls)
 
     @classmethod

@@ -1,10 +1,11 @@
 """A static check of a system against its parameter list: milliseconds, before anything is compiled.
 
 A misspelt column, a write to what is declared Read, or more than a sum on what is declared Add is reported with the
-line it is in, also where it is in a kernel that the system calls. How: see abstract_interpreter.
+line it is in, also where it is in a kernel that the system calls. How: see abstract_interpreter. So is a variable that
+may have no value where it is used, see assignment_check, and a random number that is drawn twice, see random_check.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from types import FunctionType
 from typing import Any
 
@@ -13,10 +14,13 @@ from numba.core.compiler import run_frontend
 from .abstract_interpreter import Activation, place
 from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Shared, Table, Values, added, component_name
 from .access import SELECTIONS, Parameter
+from .assignment_check import first_unassigned
+from .cache_key import FOREIGN
 from .compile_errors import AS_PYTHON, first_sentence
 from .errors import DeclarationError, ScheduleError
 from .jit import External, compiled
-from .references import references
+from .random_check import repeated_draw
+from .references import is_outside, references
 from .system import System
 
 
@@ -28,23 +32,32 @@ def check(system: System, per_agent: Collection[str] = ()) -> None:
         per_agent: Names of its mechanic's numbers in which roles differ.
 
     Raises:
-        DeclarationError: It uses a column or a name that does not exist, calls a kernel with the wrong arguments, or
-            cannot be compiled because of its syntax.
+        DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a
+            kernel with the wrong arguments, or cannot be compiled because of its syntax.
         ScheduleError: It writes what it declares as Read, or does more than add integers to what it declares as Add.
     """
     function: Any = getattr(system.function, "py_func", system.function)
     arguments = {parameter.name: frozenset([_value(parameter, per_agent)]) for parameter in system.parameters}
-    _Check(system).call(function, arguments, ())
+    checked = _Check(system)
+    checked.call(function, arguments, ())
+    checked.check_code(function)
 
 
 def check_interpretable(system: System) -> None:
     """Raise DeclarationError if a system cannot run as Python in a compiled process, as it calls a C library."""
-    ahead: list[Any] = [getattr(system.kernel, "py_func", system.kernel)]
-    seen = set(ahead)
-    while ahead:
-        for _, value in references(ahead.pop()):
+    kernel: Any = system.kernel
+    for function in _reachable(getattr(kernel, "py_func", kernel)):
+        for _, value in references(function):
             if isinstance(value, External):
                 raise DeclarationError(f"{system.label} cannot run as Python: {value.refusal}")
+
+
+def _reachable(function: FunctionType) -> Iterator[FunctionType]:
+    """A function and all Python functions that it, or one of them, refers to."""
+    ahead, seen = [function], {function}
+    while ahead:
+        yield (one := ahead.pop())
+        for _, value in references(one):
             inner = getattr(value, "py_func", value)
             if isinstance(inner, FunctionType) and inner not in seen:
                 seen.add(inner)
@@ -79,6 +92,23 @@ class _Check:
             code = self._code(function, arguments, trail)
             self.results[key] = Activation(self, function, code, arguments, trail).run(report) if code else ANYTHING
         return self.results[key]
+
+    def check_code(self, function: FunctionType) -> None:
+        """Look at it, and at all functions of a user's that it refers to, whatever values they get."""
+        for each in _reachable(function):
+            own = is_outside(each) and each.__module__.partition(".")[0] not in FOREIGN
+            code = self._code(each, {}, ()) if own else None
+            if code and (again := repeated_draw(code)):
+                raise DeclarationError(
+                    f"{self.label} ({place(each, again)}) draws at an index at which it has drawn already: both are "
+                    "made of the same random number; take another index for each, as in 2 * i and 2 * i + 1"
+                )
+            if code and (found := first_unassigned(code)):
+                name, line = found
+                raise DeclarationError(
+                    f"{self.label} ({place(each, line)}): on some path '{name}' has no value here, where machine code "
+                    f"takes 0 or what an earlier round left; give it one ahead of that, as in {name} = -1"
+                )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:
         """Its intermediate representation; None if there is none, and the function stays Python."""

@@ -100,10 +100,10 @@ class Layout:
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
-        check_indices(self.modules[0], self.components, self.dims)
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
+        check_indices(self.modules[0], self.components, self.dims)
         if checks:
             shared = {*self._counted, *(event.capacity for event in self.events)}
             engine = given | {dim for dim, size in self.dims.items() if sizes.get(dim) != size}

@@ -376,3 +376,11 @@ class Module:
             f"{self.name} has no number '{name}', which {' and '.join(asking) or 'one of its systems'} asks for; "
             + (f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}")
         )
+
+
+def check_kind(name: str, known: Iterable[str]) -> None:
+    """DeclarationError if no mechanic that is imported has entities of that kind. known: those of a scenario."""
+    if not Module.providing(lambda module: name in (archetype.name for archetype in module.archetypes())):
+        near = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise DeclarationError(f"there are no entities of the kind {name!r}; {hint}known: {', '.join(known)}")

@@ -19,7 +19,7 @@ from .phase import Phase
 from .references import is_outside
 from .roles import Roles
 from .run_units import CALL, RUN, call, run_units
-from .schedule import Schedule, order
+from .schedule import Schedule, check_brought, order
 from .segments import Segment, segments
 from .system import System
 
@@ -84,6 +84,7 @@ def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_cod
 
 def _made(wanted: Wanted) -> Plan:
     layout = Layout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
+    check_brought(layout.systems, layout.components)
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
     _check_labels(wanted.interpret, schedule)

@@ -1,12 +1,12 @@
 """The schedule: phases in order of time, systems within a phase by what they declare; ambiguity is an error."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from .access import SELECTIONS
-from .component import Component
+from .component import Component, Singleton
 from .errors import ScheduleError
 from .event import Event
 from .module import Module
@@ -119,16 +119,48 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
                 )
 
 
+def check_brought(systems: Iterable[System], brought: Collection[type[Component]]) -> None:
+    """Refuse a system of a user's that would run in no scenario.
+
+    One whose `Rows` or `needs` name a component that this scenario lacks is left out, as what brings it is.
+
+    Args:
+        systems: Those of the scenario's mechanics.
+        brought: The components that the scenario has.
+
+    Raises:
+        ScheduleError: No mechanic that is imported brings it.
+    """
+    for system in systems:
+        rows = [c for p in system.parameters if p.kind in SELECTIONS.values() for c in p.components]
+        for component in (*rows, *system.needs) if system.outside else ():
+            if component not in brought and not Module.providing(_brings(component)):
+                example = f'def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
+                if issubclass(component, Singleton):
+                    example = f"def singletons(self): return [{component.__name__}()]"
+                twin = component.__name__ in (other.__name__ for other in brought)
+                hint = "; another class of that name is there: define both anew" if twin else ""
+                raise ScheduleError(
+                    f"{system.label} is for entities with {component.__name__}, which no mechanic brings, so it would "
+                    f"never run: bring it, as in {example}{hint}"
+                )
+
+
 def _bringing(component: type[Component]) -> str:
     """What to do so that a scenario has the component."""
     if issubclass(component, Event):  # whoever emits or reads an event may bring it
         return f"bring it, as in def singletons(self): return [{component.__name__}()]"
+    return f"add {Module.providers(_brings(component)) or 'the module that does'}"
+
+
+def _brings(component: type[Component]) -> Callable[[Module], bool]:
+    """Whether a mechanic brings the component."""
 
     def brings(module: Module) -> bool:
         parts = [part for archetype in module.archetypes() for part in archetype.parts]
         return component in map(type, [*module.singletons(), *parts])
 
-    return f"add {Module.providers(brings) or 'the module that does'}"
+    return brings
 
 
 def _check_streams(systems: Sequence[System]) -> None:

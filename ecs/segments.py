@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from .component import Action, Component, Entity, Signal
+from .component import Action, Component, Entity, Observation, Signal
 from .draw import plan, published_rows
 from .layout import Layout
 from .phase import When
@@ -48,7 +48,8 @@ def segments(
 
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []
-    units += [generator().zero(c, name, When.RESET) for c in _read_in_resets(layout, systems) for name in c.columns]
+    stale = [*_read_in_resets(layout, systems), *_own_observations(layout, systems)]
+    units += [generator().zero(component, name, When.RESET) for component in stale for name in component.columns]
     some_absent = layout.keyed and len(plan(layout).absences)
     signals = [*_own_signals(layout, systems)]
     for system in systems:
@@ -75,6 +76,15 @@ def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[
         if issubclass(component, Action):
             reading = [system for system in systems if system.touches(component, "read", "write", "add")]
             if any(system.phase.when is not When.STEP for system in reading):
+                yield component
+
+
+def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+    """The observations that only systems from outside of outlast write, which may leave some of the last episode."""
+    for component in layout.components:
+        if issubclass(component, Observation):
+            writing = [system for system in systems if system.touches(component, "write", "add")]
+            if writing and all(system.outside for system in writing):
                 yield component
 
 

@@ -14,7 +14,7 @@ from .errors import CapacityError, DeclarationError, NumberError
 from .event import Event, EventMemory
 from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
 from .live_numbers import changed_modules, differing
-from .module import Module
+from .module import Module, check_kind
 from .per_agent import agent_values
 from .phase import Phase
 from .placing import ALIGN
@@ -175,8 +175,14 @@ class Worlds:
         raise NumberError(f"this scenario has no number '{name}'")
 
     def span(self, archetype: str) -> slice:
-        """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
-        rows = self.layout.spans.get(archetype, range(0))
+        """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
+
+        Raises:
+            DeclarationError: No mechanic that is imported has it.
+        """
+        if (rows := self.layout.spans.get(archetype)) is None:
+            check_kind(archetype, self.layout.spans)
+            return slice(0, 0)
         return slice(rows.start, rows.stop)
 
     def entity(self, row: int, world: int = 0) -> EntityView:

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from .crew import Crew
+from .errors import TrainingError
 from .hyperparameters import Hyperparameters
 from .lane import Lane
 from .loss import advantages
@@ -73,6 +74,11 @@ class Collector:
             return self.crew.gather(joined(name, axis), axis)
 
         numbers, rewards, values, ends = self.numbers, everyones("rewards"), everyones("values"), everyones("ends")
+        if not np.isfinite(rewards).all():
+            raise TrainingError(
+                "rewards are no finite numbers (NaN or infinity): a mechanic computes them, as by 0 / 0 or the root of "
+                "a negative number; outlast rollout with --interpret shows where"
+            )
         spread = self.scale.update(rewards, ends) if numbers.scale_rewards else 1.0
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)

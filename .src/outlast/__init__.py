@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
     from .envs.adapters.torchrl import make_torchrl
+    from .envs.check import check
     from .envs.films import film
     from .envs.levels import Level
     from .envs.recording import Recording, Replay, record
@@ -71,6 +72,7 @@ __all__ = [
     "SurvivalVectorEnv",
     "aec_env",
     "camper_policy",
+    "check",
     "choice",
     "components",
     "draw",
@@ -116,6 +118,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
     "camper_policy": "envs.rollout.policies",
+    "check": "envs.check",
     "draw": "envs.rendering.rgb",
     "evaluate": "training.evaluation.evaluate",
     "film": "envs.films",

@@ -23,12 +23,12 @@ from ..errors import (
     UsageError,
 )
 from ..storage.interrupts import sigterm_as_ctrl_c
-from . import completion, frames, layout, listing, numbers, play, replay, rollout, schedule
+from . import check, completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
 from .options import STOPPED, TERMINATED, check_files, messages_shown, printable
 from .overview import overview
 
-COMMANDS = (listing, numbers, layout, schedule, rollout, frames, play, replay, completion)
+COMMANDS = (listing, numbers, layout, schedule, check, rollout, frames, play, replay, completion)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),

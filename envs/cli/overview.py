@@ -3,7 +3,7 @@
 from typing import Any
 
 SECTIONS = {
-    "games": ("variants", "numbers", "layout", "schedule"),
+    "games": ("variants", "numbers", "layout", "schedule", "check"),
     "play and look": ("rollout", "frames", "play", "replay"),
     "train and compare": ("train", "watch", "evaluate", "plot", "benchmark"),
     "help": ("help", "completion"),

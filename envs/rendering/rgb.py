@@ -80,6 +80,8 @@ def text(worlds: Worlds, w: int) -> str:
 
 
 def _scene(worlds: Worlds, w: int) -> Scene:
+    if not isinstance(worlds, Worlds):
+        raise TypeError(f"{type(worlds).__name__} is given for worlds: those of an environment are env.worlds")
     _check("w", w, 0, worlds.count - 1, "the number of a world")
     return Scene(worlds, int(w))
 
@@ -94,6 +96,8 @@ def _checked(layers: Iterable[Layer] | None) -> list[Layer]:
     for layer in found:
         if not isinstance(layer, Layer):
             raise TypeError(f"{layer!r} is not a layer: pass instances, as in layers=[*LAYERS, CamerasLayer()]")
+        if not isinstance(layer.needs, tuple):
+            raise TypeError(f"{type(layer).__name__}.needs = {layer.needs!r:.60}: a tuple is needed, as in (Body,)")
     return found
 
 

@@ -29,8 +29,12 @@ def plain(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
     """The environment, if its observations and actions are as policies take and give them.
 
     Raises:
-        UsageError: Observations are flat or scaled, or actions joint.
+        UsageError: Observations are flat or scaled, or actions joint; or it is no environment.
     """
+    if not isinstance(env, SurvivalVectorEnv):
+        raise UsageError(
+            f"a policy is made for an environment, as in scripted_policy(env), and given {type(env).__name__} instead"
+        )
     forms = {"observations": (env._reader.kind, "dict"), "scaled": (env._reader.scaled, False)}
     forms["actions"] = env._actions.kind, "multi"
     for name, (here, needed) in forms.items():

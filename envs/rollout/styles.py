@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from outlast.ecs import Fields, columns_of
+from outlast.ecs.fields import width
 
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
+from ..errors import UsageError
 
 REACH = 2.0  # metres: of a strike, and of giving
 STRIKE = REACH + 0.5  # metres: strike when an enemy's centre is closer, as a strike that meets its rim is enough
@@ -166,8 +168,14 @@ class Seen:
 def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
     """The style as a policy for an environment: a function from observations to actions."""
     idle = {key: -low for key, low in env.action_columns}  # also how many levels there are each way
+    widths = {key: width(fields) for key, fields in env.worlds.layout.fields.items()}
 
     def act(observations: Arrays) -> Actions:
+        if any(rows.shape[-1] != widths.get(key, rows.shape[-1]) for key, rows in observations.items()):
+            raise UsageError(
+                f"these observations are of another game than {env.scenario.name}, for which this policy was made: "
+                "make one for its environment"
+            )
         seen = Seen(env.fields, observations)
         plan = style(seen)
         ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)  # slow down in time

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Bag, Body, Health, Item, ObservationMasks, Phase, Reward, SelfView, Side
+from outlast.components import Bag, Body, Health, Item, ObservationMasks, Phase, Reward, SelfView, Side, Sight
 from outlast.components.inventory import place, push
-from outlast.components.sight import is_set
+from outlast.components.sight import is_set, set_bit
 from outlast.ecs import (
     AbsentError,
     Action,
@@ -401,6 +401,26 @@ def test_functions_of_outlast_check_the_indices_that_others_give_them(function: 
     named = f"^{label}.*" if COMPILED and not interpret else ""
     with pytest.raises(IndexError, match=f"{named}out of bounds"):
         env.step(say_nothing(env))
+
+
+@pytest.mark.parametrize("shows", [False, True])
+def test_a_mechanic_hides_and_shows(shows: bool) -> None:
+    """Agents see each other never, or always; all else is seen as before."""
+
+    class Fog(Module):
+        pass
+
+    @Fog.system(Phase.SEE, after=Sight)
+    def veil(sight: Write[Sight], agents: Rows[Side]) -> None:
+        for i in range(agents.size):
+            for o in agents:
+                set_bit(sight.visible, i, o, shows)
+
+    clear, foggy = (outlast.make_vec(game, 64, seed=0) for game in (DUEL, DUEL.with_(Fog())))
+    one, other = clear.reset()[0], foggy.reset()[0]
+    assert 0 < one["others_mask"].mean() < 1
+    assert (other["others_mask"] == shows).all()
+    assert np.array_equal(one["heals_mask"], other["heals_mask"])
 
 
 def test_a_system_is_of_a_mechanic_of_its_author() -> None:

@@ -31,6 +31,17 @@ class Nowhere(Component):
     left: Any = column("u1")
 
 
+class Ghost(Component):
+    """Brought by a mechanic, but not in these scenarios."""
+
+    left: Any = column("u1")
+
+
+class Haunted(Toy):
+    def archetypes(self) -> Any:
+        return [toy_game.Archetype("ghost", (Ghost(),), 1)]
+
+
 class Placeless(Toy):
     """Food's systems without its entities, and without rows that could be empty."""
 
@@ -44,6 +55,7 @@ def adds(place: Add[Place]) -> None: ...
 def reads_pieces(energy: Read[Energy], line: Read[Line]) -> None: ...
 def writes_pieces(line: Write[Line], energy: Write[Energy]) -> None: ...
 def asks_nowhere(nowhere: Read[Nowhere]) -> None: ...
+def needs_ghosts(place: Write[Place], none: Rows[Place, Ghost]) -> None: ...
 def needs_none(place: Write[Place], none: Rows[Place, Nowhere]) -> None: ...
 
 
@@ -180,8 +192,20 @@ def test_a_missing_component_is_named_with_the_cure() -> None:
 
 
 def test_a_system_without_rows_is_inactive() -> None:
-    """It has nothing to do, so it is not scheduled, and needs nothing."""
-    assert labels(module("ape.act", needs_none), module("zebra.act", writes)) == ["zebra.act"]
+    """It has nothing to do, so it is not scheduled, and needs nothing: another mechanic would bring its rows."""
+    assert labels(module("ape.act", needs_ghosts), module("zebra.act", writes)) == ["zebra.act"]
+
+
+def test_a_system_whose_rows_no_mechanic_brings_is_refused() -> None:
+    with pytest.raises(ScheduleError, match=r"ape\.act is for entities with Nowhere, which no mechanic brings, so it"):
+        labels(module("ape.act", needs_none))
+    with pytest.raises(ScheduleError, match=r"ape\.act .*Nowhere.*def archetypes"):
+        labels(module("ape.act", reads, needs=Nowhere))
+    again = type("Energy", (Component,), {"__annotations__": {"points": Any}, "points": column("i4")})
+    function = named(needs_none, "act")
+    function.__annotations__ = {"place": Write[Place], "none": Rows[again], "return": None}
+    with pytest.raises(ScheduleError, match=r"another class of that name is there: define both anew"):
+        labels(module("ape.act", function))
 
 
 def test_a_scenario_may_have_no_system_at_all() -> None:

@@ -124,6 +124,12 @@ def test_worlds_that_are_not_there(w: Any) -> None:
 
 
 def test_what_is_no_layer() -> None:
+    with pytest.raises(
+        TypeError, match=r"SurvivalVectorEnv is given for worlds: those of an environment are env.worlds"
+    ):
+        draw(make_vec("ffa_1", 1), 0)
+    with pytest.raises(TypeError, match=r"Bare.needs = <class .*: a tuple is needed, as in \(Body,\)"):
+        draw(make_vec("ffa_1", 1).worlds, 0, layers=[type("Bare", (Layer,), {"needs": Body})()])
     with pytest.raises(TypeError, match=r"Cameras.* is not a layer: pass instances"):
         draw(played("ffa_1", 0), 0, 64, [CamerasLayer])  # type: ignore[list-item]
 

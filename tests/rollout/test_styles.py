@@ -181,3 +181,12 @@ def test_names_are_known_wherever_policies_are_named(capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("name", STYLES)
 def test_makers_are_public(name: str) -> None:
     assert getattr(outlast, f"{name}_policy") is POLICIES[name]
+
+
+def test_a_policy_of_another_game_is_refused() -> None:
+    """Its numbers would be read from the wrong columns."""
+    one, other = outlast.make_vec("ffa_3", 2, seed=0), outlast.make_vec("teams_3", 2, seed=0)
+    with pytest.raises(UsageError, match="are of another game than ffa_3, for which this policy was made"):
+        outlast.rollout(other, outlast.scripted_policy(one), steps=3)
+    with pytest.raises(UsageError, match=r"as in scripted_policy\(env\), and given dict instead"):
+        outlast.rollout("ffa_3", outlast.scripted_policy, steps=3)

@@ -21,7 +21,8 @@ import pytest
 
 import outlast
 from outlast import choice, variant
-from outlast.ecs import Module, Singleton, column
+from outlast.components import Phase, Reward
+from outlast.ecs import Module, Singleton, Write, column
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from tests.conftest import call
@@ -251,6 +252,21 @@ def test_a_run_that_diverges_stops_and_keeps_the_checkpoint_before(tmp_path: Pat
         run.train()
     for path in (tmp_path / "run").glob("*.zip"):
         outlast.load_policy(path)
+
+
+class Unpayable(Module):
+    pass
+
+
+@Unpayable.system(Phase.REWARD, after=Reward)
+def pay_nothing(reward: Write[Reward]) -> None:
+    reward.reward[0] = np.nan
+
+
+def test_rewards_that_are_no_numbers_are_said_to_be_so(tmp_path: Path) -> None:
+    run = TrainingRun(config(EACH, scenario=SHORT.with_(Unpayable()), preset="fast"), tmp_path / "run")
+    with pytest.raises(TrainingError, match=r"rewards are no finite numbers \(NaN or infinity\): a mechanic computes"):
+        run.train()
 
 
 def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

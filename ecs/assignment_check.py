@@ -1,0 +1,58 @@
+"""Whether every variable of a function has a value wherever it is used.
+
+Python raises UnboundLocalError where it has none. Machine code raises nothing: the variable is 0 there, or what an
+earlier round of a loop left.
+"""
+
+from typing import Any
+
+from numba.core import ir
+from numba.core.analysis import compute_cfg_from_blocks
+
+
+def first_unassigned(code: Any) -> tuple[str, int] | None:
+    """A variable that is used where some path leads on which nothing was assigned to it.
+
+    Args:
+        code: The intermediate representation of a function, numba's FunctionIR.
+
+    Returns:
+        Its name and the line, of the use that comes first; None: there is none.
+    """
+    blocks = code.blocks
+    graph = compute_cfg_from_blocks(blocks)
+    assigned = {label: _assigned(block) for label, block in blocks.items()}
+    everything = set[str]().union(*assigned.values())
+    before = {label: set(everything) for label in graph.nodes()}
+    before[graph.entry_point()] = set()
+    changed = True
+    while changed:
+        changed = False
+        for label in graph.nodes() - {graph.entry_point()}:
+            known = set.intersection(*(before[each] | assigned[each] for each, _ in graph.predecessors(label)))
+            changed |= known != before[label]
+            before[label] = known
+    uses = [use for label in graph.nodes() for use in _unassigned(blocks[label], before[label])]
+    return min(uses, key=lambda use: use[1], default=None)
+
+
+def _assigned(block: Any) -> set[str]:
+    return {statement.target.name for statement in block.body if isinstance(statement, ir.Assign)}
+
+
+def _unassigned(block: Any, known: set[str]) -> list[tuple[str, int]]:
+    """The uses in a block of what has no value. known: names that have one before it."""
+    known, found = set(known), list[tuple[str, int]]()
+    for statement in block.body:
+        if isinstance(statement, ir.Del):
+            continue
+        used = statement.value if isinstance(statement, ir.Assign) else statement
+        variables = [used] if isinstance(used, ir.Var) else used.list_vars() if hasattr(used, "list_vars") else []
+        found += [
+            (each.unversioned_name, statement.loc.line)
+            for each in variables
+            if each.name not in known and not each.is_temp
+        ]
+        if isinstance(statement, ir.Assign):
+            known.add(statement.target.name)
+    return found

@@ -1,0 +1,85 @@
+"""What is wrong with how a system draws random numbers, as far as its code tells.
+
+The functions of ecs.random make all their numbers of (key, index): two draws with the same index are the same number.
+"""
+
+from collections.abc import Hashable, Mapping
+from types import ModuleType
+from typing import Any
+
+from numba.core import ir
+
+from . import random
+from .abstract_values import Constant, Values, floating
+
+DRAWS = ("integer", "normal", "uniform", "uniform2", "words")  # of ecs.random
+FUNCTIONS = {getattr(getattr(random, name), "py_func", getattr(random, name)) for name in DRAWS}
+PURE = ("numpy", "math", "builtins")  # modules whose functions write no column here
+
+
+def refusal(arguments: Mapping[str, Values]) -> str:
+    """Why a draw is refused; "": it is not. arguments: what is known of them, by name."""
+    for name in ("index", "bound"):
+        if floating(arguments.get(name, frozenset())):
+            return f"draws with a float as {name}, which cuts it off; an integer is needed, as in int({name})"
+    bounds = [value.value if isinstance(value, Constant) else 1 for value in arguments.get("bound", ())]
+    if bounds and all(isinstance(bound, int) and bound < 1 for bound in bounds):
+        return f"draws an integer below {bounds[0]}: the bound is 1 or more"
+    return ""
+
+
+def repeated_draw(code: Any) -> int | None:
+    """The line of a draw with the key and the index of another one ahead of it in the same straight piece of code.
+
+    Args:
+        code: The intermediate representation of a function, numba's FunctionIR.
+    """
+    lines = (_repeated(block.body) for _, block in sorted(code.blocks.items()))
+    return next((line for line in lines if line is not None), None)
+
+
+def _repeated(statements: Any) -> int | None:
+    """Variables are followed by what they were computed of, columns by how often they had been written."""
+    terms, writes, drawn = dict[str, Hashable](), dict[Hashable, int](), set[Hashable]()
+
+    def term(variable: Any) -> Hashable:
+        return terms.setdefault(variable.name, variable.name)
+
+    def computed(value: Any) -> Hashable:
+        match value:
+            case ir.Var():
+                return term(value)
+            case ir.Const() | ir.Global() | ir.FreeVar():
+                return value.value if isinstance(value.value, Hashable) else id(value.value)
+            case ir.Expr(op="getattr"):
+                owner = term(value.value)
+                return getattr(owner, value.attr, 0) if isinstance(owner, ModuleType) else (owner, value.attr)
+            case ir.Expr(op="getitem"):
+                return term(value.value), term(value.index), writes.get(term(value.value), 0), writes.get("", 0)
+            case ir.Expr(op="static_getitem"):
+                return term(value.value), str(value.index), writes.get(term(value.value), 0), writes.get("", 0)
+            case ir.Expr(op="binop" | "unary"):
+                return value.fn, *map(term, value.list_vars())
+            case ir.Expr(op="build_tuple" | "cast"):
+                return value.op, *map(term, value.list_vars())
+        return object()  # equal to nothing else
+
+    for statement in statements:
+        if isinstance(statement, (ir.SetItem, ir.StaticSetItem)):
+            writes[term(statement.target)] = writes.get(term(statement.target), 0) + 1
+        if not isinstance(statement, ir.Assign):
+            continue
+        value = statement.value
+        if isinstance(value, ir.Expr) and value.op == "inplace_binop":
+            writes[term(value.lhs)] = writes.get(term(value.lhs), 0) + 1
+        if isinstance(value, ir.Expr) and value.op == "call":
+            called: Any = terms.get(value.func.name)
+            if getattr(called, "py_func", called) in FUNCTIONS and len(value.args) >= 2:
+                draw = term(value.args[0]), term(value.args[1])
+                if draw in drawn:
+                    return int(statement.loc.line)
+                drawn.add(draw)
+            elif str(getattr(called, "__module__", "")).partition(".")[0] not in PURE:
+                writes[""] = writes.get("", 0) + 1
+        terms[statement.target.name] = computed(value)
+    return None

@@ -1,0 +1,213 @@
+"""Checks of a game: does it keep what its mechanics declare, and is it the same whenever it is played again?
+
+Declarations, such as the bounds of a field, are believed in a step, as looking would take time. Here random agents
+play, and all that comes out is looked at.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from .core.make import make_vec
+from .core.vector_env import SurvivalVectorEnv
+from .rollout.policies import random_policy
+from .scenarios.naming import resolve
+from .scenarios.scenario import Scenario
+
+Array = np.ndarray[Any, Any]
+Moment = dict[str, Array]  # what a step returns, by name: (worlds, ...)
+
+AS_PYTHON = 20  # steps: Python and machine code may differ in the last bit, and collisions make that grow
+CLOSE = 1e-3  # apart, and relative to the number: such differences are of rounding
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as it should be.
+
+    Attributes:
+        check: The name of the check.
+        text: What was found, and where.
+    """
+
+    check: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.check}: {self.text}"
+
+
+def check(
+    scenario: Scenario | str,
+    *,
+    worlds: int = 8,
+    steps: int = 300,
+    seed: int = 0,
+    passed: Callable[[str, str], None] = lambda name, text: None,
+) -> list[Finding]:
+    """Let random agents play, and look for what a game of one's own gets wrong without an error.
+
+    bounds: all numbers that are observed are in the bounds that fields declare. finite: observations, rewards and
+    statistics are finite. again: an environment that has been played gives the same from `reset(seed=)` on as at first.
+    alone: a world gives the same without the others. state: worlds go on from a saved state as they did before. python:
+    mechanics of one's own give the same as Python, but for rounding, in the first 20 steps.
+
+    Args:
+        scenario: A scenario or its name.
+        worlds: How many are played.
+        steps: How many ticks.
+        seed: Of the worlds and of the agents.
+        passed: Called after each check with its name, and what was found; "": nothing.
+
+    Returns:
+        What was found, at most one thing of each check: the first one. [] if all is well.
+
+    Raises:
+        What make_vec raises.
+    """
+    game, found = _Game(resolve(scenario), worlds, steps, seed), list[Finding]()
+    for name, look in CHECKS.items():
+        text = look(game)
+        found += [Finding(name, text)] if text else []
+        passed(name, text)
+    return found
+
+
+class _Game:
+    """A scenario, and what it was like to play it for the first time."""
+
+    def __init__(self, scenario: Scenario, worlds: int, steps: int, seed: int) -> None:
+        self.scenario, self.worlds, self.steps, self.seed = scenario, worlds, steps, seed
+        self.env = self.make()
+        self.halfway: Any = None
+        self.first = [*self.played(self.env)]
+
+    def make(self, worlds: int = 0, first_world: int = 0, interpret: tuple[str, ...] = ()) -> SurvivalVectorEnv:
+        mode = AutoresetMode.NEXT_STEP
+        count = worlds or self.worlds
+        return make_vec(
+            self.scenario, count, seed=self.seed, first_world=first_world, autoreset_mode=mode, interpret=interpret
+        )
+
+    def played(self, env: SurvivalVectorEnv, steps: int = -1) -> Iterator[Moment]:
+        """What comes out of a reset and of each step; the state in the middle is kept."""
+        act, (seen, info) = random_policy(env, self.seed), env.reset(seed=self.seed)
+        yield _moment(seen, [info])
+        for step in range(self.steps if steps < 0 else steps):
+            if env is self.env and step == self.steps // 2 and self.halfway is None:
+                self.halfway = env.get_state()
+            seen, *results = env.step(act(seen))
+            yield _moment(seen, results)
+
+
+def _moment(observations: Mapping[str, Array], results: Sequence[Any]) -> Moment:
+    """results: what a step, or a reset, returns behind them."""
+    *signals, info = results
+    named = dict(zip(("reward", "terminated", "truncated"), signals, strict=False))
+    ended = {f"statistics {key}": values for key, values in info.get("statistics", {}).items()}
+    return {**observations, **named, **ended}
+
+
+def _bounds(game: _Game) -> str:
+    spaces: Any = game.env.single_observation_space
+    for step, moment in enumerate(game.first):
+        for key, space in spaces.items():
+            wrong = ~((moment[key] >= space.low) & (moment[key] <= space.high))
+            if wrong.any():
+                place = tuple(np.argwhere(wrong)[0].tolist())
+                low, high = space.low[place[1:]], space.high[place[1:]]
+                value = moment[key][place]
+                return f"{_named(game, key, place, step)} is {value:g}, and {low:g} to {high:g} is declared"
+    return ""
+
+
+def _finite(game: _Game) -> str:
+    for step, moment in enumerate(game.first):
+        for key, values in moment.items():
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                place = tuple(np.argwhere(~np.isfinite(values))[0].tolist())
+                return f"{_named(game, key, place, step)} is {values[place]:g}"
+    return ""
+
+
+def _again(game: _Game) -> str:
+    return _difference(game, game.played(game.env), "in the same environment, reset to the same seed,")
+
+
+def _alone(game: _Game) -> str:
+    last = game.worlds - 1
+    return _difference(game, game.played(game.make(1, last)), "alone in its environment", worlds=slice(last, None))
+
+
+def _state(game: _Game) -> str:
+    half, act = game.steps // 2, random_policy(game.env, game.seed)
+    seen, run = game.env.set_state(game.halfway), list[Moment]()
+    for _ in range(half):
+        act(seen)  # its actions go by how often it was asked
+    for _ in range(game.steps - half):
+        seen, *results = game.env.step(act(seen))
+        run.append(_moment(seen, results))
+    return _difference(game, iter(run), "played on from a saved state", start=half + 1)
+
+
+def _python(game: _Game) -> str:
+    own = tuple(system.label for system in game.env.worlds.schedule.systems if system.outside)
+    if not own:
+        return ""
+    steps = min(game.steps, AS_PYTHON)
+    interpreted = game.played(game.make(interpret=own), steps)
+    return _difference(game, interpreted, f"with {', '.join(own)} as Python", close=CLOSE)
+
+
+CHECKS: dict[str, Callable[[_Game], str]] = {
+    "bounds": _bounds,
+    "finite": _finite,
+    "again": _again,
+    "alone": _alone,
+    "state": _state,
+    "python": _python,
+}
+
+
+def _difference(
+    game: _Game,
+    other: Iterator[Moment],
+    how: str,
+    *,
+    start: int = 0,
+    worlds: slice = slice(None),
+    close: float = 0.0,
+) -> str:
+    """The first number that is another one than it was; "" if there is none. start: the first step of `other`."""
+    for step, (was, now) in enumerate(zip(game.first[start:], other, strict=False), start):
+        for key, values in now.items():
+            if key not in was:
+                continue
+            before = was[key][worlds]
+            same = np.isclose(before, values, close, close, equal_nan=True) if close else _equal(before, values)
+            if not same.all():
+                place = tuple(np.argwhere(~same)[0].tolist())
+                where = _named(game, key, (place[0] + (worlds.start or 0), *place[1:]), step)
+                return f"{how} {where} is {values[place]:g}, not {before[place]:g}"
+    return ""
+
+
+def _equal(one: Array, other: Array) -> Array:
+    """Where two arrays have the same bits, or no numbers both."""
+    same: Array = (one == other) | ((one != one) & (other != other))
+    return same
+
+
+def _named(game: _Game, key: str, place: tuple[int, ...], step: int) -> str:
+    """A number of a step in words: "own.stamina of agent 1 in world 3, step 17"."""
+    world, *rest = place
+    name, fields = key, game.env.fields.get(key, {})
+    for field, found in fields.items():
+        if rest and found.columns.start <= rest[-1] < found.columns.stop:
+            name = f"{key}.{field}"
+    agent = f" of agent {rest[0]}" if rest and not key.startswith("statistics") else ""
+    row = f", row {rest[1]}" if len(rest) > 2 else ""
+    return f"{name}{agent}{row} in world {world}, step {step},"

@@ -1,0 +1,40 @@
+"""outlast check: play a game at random, and look for what its mechanics get wrong without an error."""
+
+import argparse
+from typing import Any
+
+from ..check import CHECKS, check
+from .options import PLAY, add_number, add_scenario, add_seed, scenario
+
+FOUND = 1  # the exit status if something was found
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    text = "play a game at random, and look for mistakes in its mechanics"
+    description = (
+        "Let random agents play, and compare what comes out with what mechanics declare, with the same worlds played "
+        "again, alone and from a saved state, and with mechanics of your own run as Python. The exit status is 1 if "
+        "something was found."
+    )
+    examples = [("check mygame.py:ARENA", "a game of your own, with all its mechanics")]
+    command = commands.add_parser("check", help=text, description=description, examples=examples)
+    add_scenario(command)
+    play = command.group(PLAY)
+    add_number(play, "--worlds", 8, "number of worlds")
+    add_number(play, "--steps", 300, "number of ticks")
+    add_seed(command)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print a line for each check, and what was found; the exit status."""
+    width = max(map(len, CHECKS))
+    found = check(
+        scenario(options),
+        worlds=options.worlds,
+        steps=options.steps,
+        seed=options.seed,
+        passed=lambda name, text: print(f"{name:<{width}}  {text or 'ok'}", flush=True),
+    )
+    return FOUND if found else 0

@@ -1,0 +1,313 @@
+"""Code that would give a silent wrong number is refused: variables without a value, and one random number for two."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core.compiler import run_frontend
+
+from outlast.components import Body, Hit, Phase, Side
+from outlast.ecs import (
+    Archetype,
+    Array,
+    Clock,
+    Component,
+    DeclarationError,
+    Entity,
+    Module,
+    Observation,
+    Random,
+    RangeError,
+    Read,
+    Rows,
+    Write,
+    column,
+)
+from outlast.ecs import random as draws
+from outlast.ecs.assignment_check import first_unassigned
+from outlast.ecs.random import integer, normal, uniform
+from outlast.ecs.random_check import repeated_draw
+from outlast.envs.core.make import make_vec
+from outlast.envs.scenarios.variants import variant
+
+# ---- variables
+
+
+def last_found(n: int) -> int:
+    for k in range(n):
+        if k > 3:
+            found = k
+    return found
+
+
+def earlier_round(n: int) -> int:
+    total = 0
+    for k in range(n):
+        if k > 3:
+            found = k
+        total += found
+    return total
+
+
+def one_branch(n: int) -> int:
+    if n > 3:
+        found = n
+    elif n > 1:
+        found = 2 * n
+    return found
+
+
+def skipped(n: int) -> int:
+    while n > 3:
+        n -= 1
+        if n == 5:
+            continue
+        found = n
+    return found
+
+
+def always(n: int) -> int:
+    while True:
+        found = n
+        n -= 1
+        if found < 3:
+            break
+    return found
+
+
+def or_raised(n: int) -> int:
+    if n > 3:
+        found = n
+    else:
+        raise ValueError("too few")
+    return found
+
+
+def or_left(n: int) -> int:
+    for k in range(n):
+        if k > 3:
+            found = k
+            break
+    else:
+        return 0
+    return found
+
+
+def both_branches(n: int) -> int:
+    total, found = 0, -1
+    for k in range(n):
+        step = k if k % 2 else 2 * k
+        if n > 3 and k > 1:
+            found = step
+        else:
+            found, total = -k, total + step
+    return found + total
+
+
+@pytest.mark.parametrize("function", [last_found, earlier_round, one_branch, skipped])
+def test_a_variable_that_may_have_no_value_is_found(function: Callable[[int], int]) -> None:
+    """Python says the same of some number."""
+    name, line = first_unassigned(run_frontend(function)) or ("", 0)
+    assert name == "found"
+    assert function.__code__.co_firstlineno < line <= function.__code__.co_firstlineno + 9
+    with pytest.raises(UnboundLocalError):
+        any(function(n) < 0 for n in range(9))
+
+
+@pytest.mark.parametrize("function", [always, or_raised, or_left, both_branches])
+def test_a_variable_with_a_value_on_every_path_is_not(function: Callable[[int], int]) -> None:
+    assert first_unassigned(run_frontend(function)) is None
+    for n in range(9):
+        try:
+            function(n)
+        except ValueError:
+            assert function is or_raised
+
+
+class Prey(Component):
+    prey: Array = column("i4", fill=-1, unit="entity")
+    x: Array = column("f4")
+    y: Array = column("f4")
+    drawn: Array = column("i4")
+
+
+def played(function: Callable[..., Any], phase: Phase = Phase.LOOK, **order: Any) -> Any:
+    """Worlds with a mechanic of that one system, after a reset."""
+    members = {"archetypes": lambda self: [Archetype("agent", (Prey(),))]}
+    mechanic = type("Hunt", (Module,), members)
+    mechanic.system(phase, **order)(function)
+    env = make_vec(variant("ffa_1").with_(mechanic()), 2, seed=0)
+    env.reset()
+    return env
+
+
+def nearest(body: Read[Body], agents: Rows[Side]) -> int:
+    for e in agents:
+        if body.x[e] > 1e6:
+            best = e
+    return best
+
+
+def test_a_system_is_refused_also_for_what_it_calls() -> None:
+    def choose(prey: Write[Prey], body: Read[Body], agents: Rows[Prey]) -> None:
+        for e in agents:
+            for o in agents:
+                if body.x[o] > 1e6:
+                    best = o
+            prey.prey[e] = best
+
+    def ask(prey: Write[Prey], body: Read[Body], agents: Rows[Prey]) -> None:
+        for e in agents:
+            prey.prey[e] = helper(e)
+
+    with pytest.raises(DeclarationError, match=r"hunt\.choose .*on some path 'best' has no value here.*best = -1"):
+        played(choose)
+    with pytest.raises(
+        DeclarationError, match=r"hunt\.ask \(test_code_checks.py, line \d+\): on some path 'found' has"
+    ):
+        played(ask)
+
+
+def helper(e: int) -> int:
+    if e > 100:
+        found = e
+    return found
+
+
+# ---- random numbers
+
+
+def twice(key: Any, e: int) -> float:
+    return float(uniform(key, e) + uniform(key, e))
+
+
+def two_kinds(key: Any, ids: Any, e: int) -> float:
+    one = draws.normal(key, 2 * ids[e])
+    return float(one) + float(integer(key, 2 * ids[e], 4))
+
+
+def two_indices(key: Any, ids: Any, e: int) -> float:
+    return float(uniform(key, 2 * ids[e]) + uniform(key, 2 * ids[e] + 1))
+
+
+def counted(key: Any, ids: Any, e: int) -> float:
+    one = uniform(key, ids[e])
+    ids[e] += 1
+    return float(one + uniform(key, ids[e]))
+
+
+def counted_in_a_variable(key: Any, e: int) -> float:
+    one = uniform(key, e)
+    e = e + 1
+    return float(one + normal(key, e))
+
+
+def either(key: Any, e: int) -> float:
+    if e > 3:
+        return float(uniform(key, e))
+    return float(uniform(key, e)) / 2
+
+
+@pytest.mark.parametrize("function", [twice, two_kinds])
+def test_two_draws_at_one_index_are_found(function: Any) -> None:
+    assert repeated_draw(run_frontend(function)) > function.__code__.co_firstlineno
+
+
+@pytest.mark.parametrize("function", [two_indices, counted, counted_in_a_variable, either])
+def test_draws_at_other_indices_are_not(function: Any) -> None:
+    assert repeated_draw(run_frontend(function)) is None
+
+
+def test_draws_that_are_one_number_are_refused() -> None:
+    def scatter(prey: Write[Prey], entities: Read[Entity], agents: Rows[Prey], key: Random) -> None:
+        for e in agents:
+            prey.x[e] = uniform(key, entities.identity[e])
+            prey.y[e] = uniform(key, entities.identity[e])
+
+    def cut(prey: Write[Prey], agents: Rows[Prey], key: Random) -> None:
+        for e in agents:
+            prey.x[e] = uniform(key, 0.5 * e)
+
+    def none(prey: Write[Prey], agents: Rows[Prey], key: Random) -> None:
+        for e in agents:
+            prey.drawn[e] = integer(key, e, 0)
+
+    def part(prey: Write[Prey], agents: Rows[Prey], key: Random) -> None:
+        for e in agents:
+            prey.drawn[e] = integer(key, e, 2.5)
+
+    for function, message in (
+        (scatter, r"hunt\.scatter \(.*\) draws at an index at which it has drawn already"),
+        (cut, r"hunt\.cut \(.*\): draws with a float as index, which cuts it off"),
+        (none, r"hunt\.none \(.*\): draws an integer below 0: the bound is 1 or more"),
+        (part, r"hunt\.part \(.*\): draws with a float as bound"),
+    ):
+        with pytest.raises(DeclarationError, match=message):
+            played(function)
+
+
+# ---- events
+
+
+def test_the_count_of_an_event_stays_in_its_list() -> None:
+    def cancel(hits: Write[Hit], agents: Rows[Prey]) -> None:
+        hits.count[0] -= 1
+
+    env = played(cancel, Phase.MELEE, before="melee.strike")
+    with pytest.raises(
+        RangeError, match=r"Hit\.count after hunt\.cancel: an integer is out of the range .*: 0 to 4 is"
+    ):
+        env.step(np.zeros((2, 2, len(env.action_sizes)), int))
+
+
+# ---- what a scenario has
+
+
+def test_a_kind_is_in_the_world_after_reset_or_not() -> None:
+    class Here(Module):
+        def archetypes(self) -> Any:
+            return [Archetype("agent", (Prey(),), alive=False)]
+
+    with pytest.raises(
+        DeclarationError, match=r"one module has 'agent' in the world right after reset, and another one"
+    ):
+        make_vec(variant("ffa_1").with_(Here()), 1)
+
+
+def test_a_kind_of_entities_that_there_is_nowhere_is_refused() -> None:
+    worlds = make_vec("ffa_1", 1).worlds
+    assert worlds.span("box") == slice(0, 0)  # another mechanic's
+    with pytest.raises(
+        DeclarationError, match=r"there are no entities of the kind 'agents'; did you mean 'agent'\? known"
+    ):
+        worlds.span("agents")
+
+
+def test_a_column_is_not_called_as_what_components_have() -> None:
+    with pytest.raises(DeclarationError, match=r"Wrong\.columns: no column can be called so"):
+        type("Wrong", (Component,), {"columns": column("i4")})
+
+
+class Flash(Observation):
+    flash: Array = column("f4", "agents", 1)
+
+
+class Flashes(Module):
+    def singletons(self) -> Any:
+        return [Flash()]
+
+
+@Flashes.system(Phase.OBSERVE)
+def flash_once(view: Write[Flash], clock: Read[Clock], agents: Rows[Side]) -> None:
+    for i in range(agents.size):
+        if clock.tick[0] == 3:
+            view.flash[i, 0] = 1
+
+
+def test_an_observation_that_is_not_always_written_is_not_of_the_last_episode() -> None:
+    env = make_vec(variant("ffa_1").with_(Flashes()), 1, seed=0)
+    noop = np.broadcast_to(env.noop, (1, 2, len(env.action_sizes)))
+    for _ in range(2):
+        seen = [env.reset(seed=0)[0]["flash"].max(), *(env.step(noop)[0]["flash"].max() for _ in range(4))]
+        assert seen == [0, 0, 0, 1, 1]
