@@ -7,7 +7,6 @@ read or overwritten.
 """
 
 import builtins
-import difflib
 import inspect
 import operator
 from collections.abc import Callable, Iterable
@@ -29,6 +28,7 @@ from .abstract_values import (
     Constant,
     Definitions,
     PerAgent,
+    Place,
     Shared,
     Slice,
     Sum,
@@ -37,10 +37,12 @@ from .abstract_values import (
     added,
     component_name,
     floating,
+    moved,
     parts_of,
     tracked,
 )
 from .cache_key import FOREIGN
+from .compile_errors import hint
 from .component import Component
 from .errors import DeclarationError, EngineError, ScheduleError
 from .references import is_outside
@@ -139,7 +141,7 @@ class Activation:
             case ir.Global() | ir.FreeVar() | ir.Const():
                 if value.value is ir.UNDEFINED:
                     known = [*self.arguments, *self.function.__globals__, *dir(builtins)]
-                    self._refuse(f"the name '{value.name}' is not defined{_hint(value.name, known)}")
+                    self._refuse(f"the name '{value.name}' is not defined{hint(value.name, known)}")
                 return frozenset([FLOATING if isinstance(value.value, FLOATS) else Constant(value.value)])
             case ir.Expr():
                 return self._expression(value)
@@ -181,6 +183,8 @@ class Activation:
 
     def _number(self, variables: list[Any], function: Any) -> Values:
         self._refuse_per_agent(variables)
+        if places := moved(function, [self._of(each) for each in variables]):
+            return places
         float_ = function is operator.truediv or any(floating(self._of(each)) for each in variables)
         return frozenset([FLOATING]) if float_ and function not in TRUTHS else ANYTHING
 
@@ -198,7 +202,7 @@ class Activation:
             if name in columns:
                 return frozenset([Column(value.component, value.access, name)])
             if self.certain:
-                known = f"it has: {', '.join(columns)}{_hint(name, columns)}"
+                known = f"it has: {', '.join(columns)}{hint(name, columns)}"
                 self._refuse(f"{component_name(value)} has no column '{name}'; {known}")
         elif isinstance(value, Column):
             if value.access == "add" and name not in SIZES:
@@ -212,7 +216,7 @@ class Activation:
                 found = getattr(value.value, name)
                 return frozenset([FLOATING if isinstance(found, FLOATS) else Constant(found)])
             if self.certain:
-                self._refuse(f"{value.value.__name__} has no '{name}'{_hint(name, dir(value.value))}")
+                self._refuse(f"{value.value.__name__} has no '{name}'{hint(name, dir(value.value))}")
         return ANYTHING
 
     def _item(self, value: Any, index: Any) -> Values:
@@ -313,6 +317,8 @@ class Activation:
         """Refuse whole rows and literal columns: a system with Offsets touches their fields only, as its order says."""
         names = self.calls.offsets.get((target.component, target.name))
         count, last, _ = parts_of(index)
+        if isinstance(last, Place) and last.beyond():
+            self._refuse(f"writes {target} beside the {last.size} of {last.name}; take an Offset for each field")
         literal = isinstance(last.start if isinstance(last, Slice) else last, Constant)
         if names and target.axes < FIELD and (literal or target.axes + count < target.ndim):
             own = ", ".join(sorted(names))
@@ -389,8 +395,3 @@ def _can_follow(called: Any) -> bool:
 def place(function: FunctionType, line: int) -> str:
     """A line of a function, as messages name it: "mine.py, line 12"."""
     return f"{PurePath(function.__code__.co_filename).name}, line {line}"
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=2)
-    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""

@@ -1,5 +1,6 @@
 """The values of the abstract interpreter: what a variable of a kernel may hold, and where numba's code defines it."""
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,6 +9,11 @@ import numpy as np
 from numba.core import ir
 
 from .component import Component
+
+FIELD = 1 << 16  # of Column.axes
+UNKNOWN, FLOATING = "unknown", "floating"  # anything; a float that is no column's
+Values = frozenset[Any]  # of a variable; a tuple's value is a tuple of them
+ANYTHING: Values = frozenset([UNKNOWN])
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,42 @@ class PerAgent:
 
 
 @dataclass(frozen=True)
+class Place:
+    """A column of a row of an observation, computed of an Offset.
+
+    Attributes:
+        name: Of the parameter.
+        size: Columns of the field.
+        shift: Columns from its first one; None: by what is no literal.
+    """
+
+    name: str
+    size: int
+    shift: int | None = 0
+
+    def beyond(self) -> bool:
+        """Whether it is surely, or where the field has one column most likely, one of another field."""
+        return self.size == 1 if self.shift is None else not 0 <= self.shift < self.size
+
+    def moved(self, by: Any, sign: int) -> "Place":
+        """The place farther on, or back. by: a value."""
+        known = isinstance(by, Constant) and isinstance(by.value, int) and self.shift is not None
+        return replace(self, shift=self.shift + sign * by.value if known else None)
+
+
+def moved(function: Any, operands: list[Values]) -> Values:
+    """The sum or difference of a Place and something else; nothing if it is none."""
+    alone = [next(iter(values)) if len(values) == 1 else UNKNOWN for values in operands]
+    if len(alone) == 2 and function in (operator.add, operator.sub):
+        one, other = alone
+        if isinstance(one, Place):
+            return frozenset([one.moved(other, 1 if function is operator.add else -1)])
+        if isinstance(other, Place) and function is operator.add:
+            return frozenset([other.moved(one, 1)])
+    return frozenset()
+
+
+@dataclass(frozen=True)
 class Sum:
     """An element of a column that is declared Add, and something that is added to it."""
 
@@ -99,12 +141,6 @@ class Constant:
 
     def __hash__(self) -> int:
         return id(self.value)
-
-
-FIELD = 1 << 16  # of Column.axes
-UNKNOWN, FLOATING = "unknown", "floating"  # anything; a float that is no column's
-Values = frozenset[Any]  # of a variable; a tuple's value is a tuple of them
-ANYTHING: Values = frozenset([UNKNOWN])
 
 
 def component_name(value: Any) -> str:

@@ -5,14 +5,14 @@ line it is in, also where it is in a kernel that the system calls. How: see abst
 may have no value where it is used, see assignment_check, and a random number that is drawn twice, see random_check.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from types import FunctionType
 from typing import Any
 
 from numba.core.compiler import run_frontend
 
 from .abstract_interpreter import Activation, place
-from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Shared, Table, Values, added, component_name
+from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Place, Shared, Table, Values, added, component_name
 from .access import SELECTIONS, Parameter
 from .assignment_check import first_unassigned
 from .cache_key import FOREIGN
@@ -24,12 +24,13 @@ from .references import is_outside, references
 from .system import System
 
 
-def check(system: System, per_agent: Collection[str] = ()) -> None:
+def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, int] | None = None) -> None:
     """Compare what a system does with what its parameter list declares.
 
     Args:
         system: Any system. Of one that stays Python, only what numba's front end understands is checked.
         per_agent: Names of its mechanic's numbers in which roles differ.
+        widths: Columns of the fields of observations, by the names of Offsets.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a
@@ -37,7 +38,9 @@ def check(system: System, per_agent: Collection[str] = ()) -> None:
         ScheduleError: It writes what it declares as Read, or does more than add integers to what it declares as Add.
     """
     function: Any = getattr(system.function, "py_func", system.function)
-    arguments = {parameter.name: frozenset([_value(parameter, per_agent)]) for parameter in system.parameters}
+    arguments = {
+        parameter.name: frozenset([_value(parameter, per_agent, widths or {})]) for parameter in system.parameters
+    }
     checked = _Check(system)
     checked.call(function, arguments, ())
     checked.check_code(function)
@@ -64,7 +67,9 @@ def _reachable(function: FunctionType) -> Iterator[FunctionType]:
                 ahead.append(inner)
 
 
-def _value(parameter: Parameter, per_agent: Collection[str]) -> Any:
+def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str, int]) -> Any:
+    if parameter.kind == "offset" and parameter.name in widths:
+        return Place(parameter.name, widths[parameter.name])
     if parameter.kind == "number" and parameter.name in per_agent:
         return PerAgent(parameter.name)
     if parameter.kind in ("read", "write", "add"):

@@ -88,9 +88,10 @@ def _made(wanted: Wanted) -> Plan:
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
     _check_labels(wanted.interpret, schedule)
+    widths = {f"{key}_{name}": field.size for key, fields in layout.fields.items() for name, field in fields.items()}
     for system in schedule.systems:
         if system.outside:
-            check(system, differing_numbers(layout, system.module))
+            check(system, differing_numbers(layout, system.module), widths)
         if system.label in wanted.interpret:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)

@@ -47,6 +47,11 @@ class Ending(Module):
         return [Score(), End(), Death()]
 
 
+def outliving_wins(layout: Layout) -> bool:
+    """Whether the side that lives longest has won: not where episodes end at their limit alone, whoever dies."""
+    return layout.numbers("ending").get("rule") != "never"
+
+
 @kernel
 def _known(side: int, score: Array) -> int:
     """The side, if it is one: what systems of others set is an index here."""

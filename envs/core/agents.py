@@ -58,11 +58,6 @@ def counted(worlds: Worlds) -> dict[str, Array]:
     return {key: by_dims[dims] for key, (_, dims) in reported_statistics(worlds).items() if dims in by_dims}
 
 
-def outliving_wins(worlds: Worlds) -> bool:
-    """Whether the side that lives longest has won: not where episodes end at their limit alone, whoever dies."""
-    return worlds.layout.numbers("ending").get("rule") != "never"
-
-
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()

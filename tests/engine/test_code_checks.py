@@ -1,13 +1,14 @@
 """Code that would give a silent wrong number is refused: variables without a value, and one random number for two."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from numba.core.compiler import run_frontend
 
-from outlast.components import Body, Hit, Phase, Side
+from outlast.components import Body, Hit, Phase, SelfView, Side
 from outlast.ecs import (
     Archetype,
     Array,
@@ -15,14 +16,17 @@ from outlast.ecs import (
     Component,
     DeclarationError,
     Entity,
+    Field,
     Module,
     Observation,
+    Offset,
     Random,
     RangeError,
     Read,
     Rows,
     Write,
     column,
+    number,
 )
 from outlast.ecs import random as draws
 from outlast.ecs.assignment_check import first_unassigned
@@ -287,6 +291,53 @@ def test_a_kind_of_entities_that_there_is_nowhere_is_refused() -> None:
 def test_a_column_is_not_called_as_what_components_have() -> None:
     with pytest.raises(DeclarationError, match=r"Wrong\.columns: no column can be called so"):
         type("Wrong", (Component,), {"columns": column("i4")})
+
+
+@dataclass(frozen=True)
+class Spoken(Module):
+    size: int = number(1, low=1, high=9, about="columns of the field")
+
+    def fields(self) -> Any:
+        return {"own": (Field("said", size=self.size),)}
+
+
+def say_one_before(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, own_said - 1] = 1
+
+
+def say_some(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -> None:
+    for i in range(agents.size):
+        for k in range(2):
+            view.own[i, own_said + k] = 1
+
+
+def say_the_third(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, 2 + own_said] = 1
+
+
+@pytest.mark.parametrize(
+    ("function", "size", "fits"),
+    [
+        (say_one_before, 1, False),
+        (say_one_before, 3, False),
+        (say_some, 1, False),
+        (say_some, 3, True),
+        (say_the_third, 2, False),
+        (say_the_third, 3, True),
+    ],
+)
+def test_a_system_writes_no_columns_beside_its_field(function: Any, size: int, fits: bool) -> None:
+    mechanic = type("Speech", (Spoken,), {})
+    mechanic.system(Phase.OBSERVE)(function)
+    game = variant("ffa_1").with_(mechanic(size=size))
+    if fits:
+        env = make_vec(game, 1, seed=0)
+        assert env.reset()[0]["own"][..., env.fields["own"]["said"].columns].max() == 1
+    else:
+        with pytest.raises(DeclarationError, match=rf"writes SelfView\.own beside the {size} of own_said; take an Off"):
+            make_vec(game, 1)
 
 
 class Flash(Observation):

@@ -131,6 +131,7 @@ def test_the_source_of_a_tick() -> None:
     worlds = make()
     source = worlds.source()
     labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay"
+    assert labels.pop(1) == "zero tests.helpers.toy_game.Line.line"  # an observation of one's own, when episodes begin
     checks = [f"outlast.ecs.component.Entity.{column} after food.grow" for column in ("alive", "identity")]
     assert [label for label in labels if label not in (zero, *checks)] == [
         "clock",
@@ -560,7 +561,7 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     assert not worlds.compiled
     run(worlds, STEP)
     assert worlds.compiled
-    more = 4 + 2  # the clock, what sets Pay to 0, what runs units, and calls that; checks of what `grow` writes
+    more = 5 + 2  # the clock, what sets Pay and Line to 0, what runs units, calls that; checks of what `grow` writes
     assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + more
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from outlast.components import End, Health, Score, Side
 from outlast.ecs import Clock
+from outlast.systems.ending import outliving_wins
 
-from ...core.agents import outliving_wins
 from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, PAPER, Color, of_side
@@ -69,7 +69,7 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
 def _rivals(scene: Scene) -> bool:
     """Whether there is more than one side that could win by living longest; of those that nobody is on, none can."""
     sides = {scene[Side].side[e] for e in scene.rows(Side)} - {-1} if Side in scene else set()
-    return Score in scene and len(sides) > 1 and outliving_wins(scene.worlds)
+    return Score in scene and len(sides) > 1 and outliving_wins(scene.worlds.layout)
 
 
 def _reason(scene: Scene) -> str:

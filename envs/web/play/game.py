@@ -12,10 +12,11 @@ import numpy as np
 from outlast.components import Respawned
 from outlast.components.score import End, Episode
 from outlast.ecs import Action, Clock
+from outlast.systems.ending import outliving_wins
 
 from ... import recording
 from ...adapters.opponents import Opponents, Others
-from ...core.agents import alive, fewest_agents, outliving_wins, side
+from ...core.agents import alive, fewest_agents, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
@@ -179,7 +180,7 @@ class Game:
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
         others = [tick for other, tick in self._last.items() if other != mine]
         best, own, paid = max(others, default=-1), self._last[mine], float(episode.returns[0, self.agent])
-        contested = others and outliving_wins(self.worlds)
+        contested = others and outliving_wins(self.worlds.layout)
         return {
             "verdict": "over" if not contested else "won" if own > best else "drawn" if own == best else "lost",
             "truncated": bool(self.worlds[End].truncated[0, 0]),
