@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -77,12 +78,44 @@ def test_the_interval_of_single_runs_is_of_games_alone() -> None:
     assert (found.wins.low[0, 1], found.wins.high[0, 1]) == pytest.approx((0.75 - half, 0.75 + half), abs=0.006)
 
 
-def test_who_wins_every_game_may_lose_others() -> None:
-    wins = np.array([[0.0, 20], [0, 0]])
-    found = rate_groups([PolicyGroup("a", (0,), True), PolicyGroup("b", (1,), False)], wins, np.zeros((2, 2)), 0)
+def pair(wins: float, losses: float, seed: int = 0, reps: int = 2000) -> Any:
+    """Ratings of two single runs, of which the first has won and lost so many games against the second."""
+    groups = [PolicyGroup("a", (0,), True), PolicyGroup("b", (1,), False)]
+    return rate_groups(groups, np.array([[0, wins], [losses, 0]]), np.zeros((2, 2)), seed, reps)
+
+
+def test_who_wins_every_game_may_lose_others_and_may_be_any_better() -> None:
+    found = pair(20, 0)
     assert found.wins.value[0, 1] == found.wins.high[0, 1] == 1
+    assert found.wins.value[1, 0] == found.wins.low[1, 0] == 0
     assert 0.8 < found.wins.low[0, 1] < 0.95
-    assert found.ratings.low[0] + 50 < found.ratings.value[0] == pytest.approx(found.ratings.high[0])
+    found = pair(1000, 0)
+    chance = 5.0239 / 2 / 1001  # of a loss, by Jeffreys: of a beta (1/2, 1000.5), as good as a chi square of 1 degree
+    assert found.ratings.low[0] == pytest.approx(1000 + 200 * math.log10((1 - chance) / chance), abs=10)
+    assert found.ratings.low[0] + 100 < found.ratings.value[0] == pytest.approx(1000 + 200 * math.log10(1000.5 / 0.5))
+    assert found.ratings.high[0] == np.inf
+    assert found.ratings.low[1] == -np.inf
+
+
+def test_a_chain_of_losses_bounds_a_rating_and_who_is_between_is_bounded_on_no_side() -> None:
+    groups = [PolicyGroup(name, (k,), True) for k, name in enumerate("abc")]
+    wins = np.array([[0.0, 50, 40], [0, 0, 30], [10, 20, 0]])  # a loses to c, who loses to b
+    found = rate_groups(groups, wins, np.zeros((3, 3)), 0)
+    assert np.isfinite(found.ratings).all()
+    assert ((found.ratings.low < found.ratings.value) & (found.ratings.value < found.ratings.high)).all()
+    found = rate_groups(groups, np.triu(np.full((3, 3), 50.0), 1), np.zeros((3, 3)), 0)
+    assert np.isinf(found.ratings.low).tolist() == [False, True, True]
+    assert np.isinf(found.ratings.high).tolist() == [True, True, False]
+
+
+def test_intervals_cover_what_is_true_where_losses_are_rare() -> None:
+    chance, rng = 0.9995, np.random.default_rng(0)
+    truth, inside = 1000 + 200 * math.log10(chance / (1 - chance)), 0
+    for seed in range(60):
+        lost = rng.binomial(300, 1 - chance)
+        _, (low, _), (high, _) = pair(300 - lost, lost, seed, 200).ratings
+        inside += low <= truth <= high
+    assert inside >= 56
 
 
 def test_intervals_cover_what_other_seeds_achieve() -> None:
@@ -134,3 +167,13 @@ def test_without_seeds_there_are_no_groups_and_of_one_run_twice_the_report_says_
     assert reason.startswith("no groups of training seeds: a.zip and b.zip are the same run, or both of seed 0")
     played.chosen = [Contender("random", "random"), Contender("noop", "noop")]
     assert list(report._groups(played)) == []  # type: ignore[arg-type]
+
+
+def test_the_report_says_what_no_bound_is_and_json_has_none() -> None:
+    played = SimpleNamespace(chosen=[policy("a", PLAN), policy("b", PLAN)], groups=lambda: pair(20, 0))
+    text = report._group_ratings(played, pair(20, 0))  # type: ignore[arg-type]
+    assert re.search(r"a  .* \[\d+, inf\]\nb  .* \[-inf, \d+\]\n.*; inf: no game bounds the rating on that side", text)
+    assert "inf:" not in report._group_ratings(played, pair(15, 5))  # type: ignore[arg-type]
+    (row, *_) = report._json(report._group_rows(played))  # type: ignore[arg-type]
+    assert row[-1] is None
+    assert 1000 < row[-2] < row[-3]

@@ -12,7 +12,7 @@ from ..plots.groups import group_runs
 from ..plots.runs import Run, run_of
 from ..statistics import Estimate, percentile_interval
 from .contenders import Contender
-from .ratings import elo
+from .ratings import chained, elo
 
 Array = np.ndarray[Any, Any]
 
@@ -41,7 +41,8 @@ class Groups:
 
     Attributes:
         groups: In order of their first policies.
-        ratings: Elo, of mean 1000 over groups: value, low and high are float64 (groups,).
+        ratings: Elo, of mean 1000 over groups: value, low and high are float64 (groups,); an end is infinite where no
+            game bounds the rating, as of who won every one.
         wins: Share of games that the first wins against the second, a draw counting half: float64 (groups, groups)
             each; NaN of a group against itself.
     """
@@ -77,6 +78,9 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh no more. Of
     a group of one run, nothing but games is drawn anew: its interval says nothing of other seeds.
 
+    Who won every game would win every resampled one, too: an end of a share that is 1 or 0 is there, and a rating that
+    no game bounds has an infinite end, see `ratings.chained`.
+
     Args:
         groups: At least two, which hold all policies.
         wins: Games that each policy won against each, (policies, policies).
@@ -88,10 +92,14 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     for g, group in enumerate(groups):
         own[0, g, group.members] = 1 / len(group.members)
     drawn = np.concatenate([_drawn(group, len(wins), generator, reps) for group in groups], 1)
-    found = _of_groups(own, wins[None], draws[None])
-    again = _of_groups(drawn, *_replayed(wins, draws, generator, reps))
-    ratings, shares = (Estimate(one[0], *percentile_interval(many)) for one, many in zip(found, again, strict=True))
-    return Groups(list(groups), ratings, shares)
+    won, tied = _mixed(own, wins[None], draws[None])
+    chain = chained(won[0] + tied[0])
+    value, shares = elo(won, tied)[0][0], _shares(won, tied)[0]
+    won, tied = _mixed(drawn, *_replayed(wins, draws, generator, reps))
+    low, high = percentile_interval(elo(won, tied, added=0)[0])  # which the games have already
+    ratings = Estimate(value, np.where(chain.all(1), low, -np.inf), np.where(chain.all(0), high, np.inf))
+    low, high = percentile_interval(_shares(won, tied))
+    return Groups(list(groups), ratings, Estimate(shares, np.where(shares, low, 0), np.where(shares == 1, 1, high)))
 
 
 def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, reps: int) -> Array:
@@ -105,26 +113,30 @@ def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, re
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
     """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
 
-    They are drawn from those that were played and, as in `elo`, half a game won and half a game lost: else who won all
-    of 20 games would win all others for certain.
+    A Bayesian bootstrap: each game counts as much as a draw from an exponential distribution says. As in `elo`, half a
+    game won and half a game lost are among them: chances are drawn as if by Jeffreys' prior, and none is 0 or 1.
     """
     won, drawn = np.zeros((2, reps, *wins.shape))
     for i, j in np.argwhere(np.triu(wins + wins.T + draws, 1) > 0):
-        results = np.array([wins[i, j], draws[i, j], wins[j, i]])
-        chances = (results + np.array([0.5, 0, 0.5])) / (results.sum() + 1)
-        won[:, i, j], drawn[:, i, j], won[:, j, i] = generator.multinomial(int(results.sum()), chances, reps).T
+        results = np.array([wins[i, j] + 0.5, draws[i, j], wins[j, i] + 0.5])
+        counts = generator.standard_gamma(results, (reps, 3))
+        won[:, i, j], drawn[:, i, j], won[:, j, i] = (counts * (results.sum() / counts.sum(1, keepdims=True))).T
         drawn[:, j, i] = drawn[:, i, j]
     return won, drawn
 
 
-def _of_groups(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
-    """Ratings (reps, groups) and shares of wins (reps, groups, groups) of groups that are mixtures of policies.
+def _mixed(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
+    """Wins and draws, (reps, groups, groups) each, of groups that are mixtures of policies.
 
     weights: (reps, groups, policies), 1 in total of each group.
     """
     across = weights.transpose(0, 2, 1)
-    won, drawn = weights @ wins @ across, weights @ draws @ across
+    return weights @ wins @ across, weights @ draws @ across
+
+
+def _shares(won: Array, drawn: Array) -> Array:
+    """The shares of games that groups win, (reps, groups, groups): a draw counts half."""
     games = won + won.transpose(0, 2, 1) + drawn
     games[:, np.eye(games.shape[1], dtype=bool)] = np.nan
-    shares = (won + drawn / 2) / games
-    return elo(won, drawn)[0], shares
+    shares: Array = (won + drawn / 2) / games
+    return shares

@@ -14,23 +14,35 @@ MEAN = 1000.0  # of all ratings, as only differences mean anything
 SURE, MOST = 1e-8, 1000  # log odds: a step of Newton's method that is shorter is the last one; and most steps
 
 
+def chained(scores: Array) -> Array:
+    """Whether a chain of scores leads from i to j: i has scored against one who has scored against ... j.
+
+    scores: (..., players, players), those of i against j. Where none leads from i to j, the likelihood grows for ever
+    as j is rated higher above i.
+    """
+    count = scores.shape[-1]
+    chain: Array = (scores > 0) | np.eye(count, dtype=bool)
+    for _ in range(count.bit_length()):  # each time chains twice as long
+        chain = chain @ chain
+    return chain
+
+
 def linked(games: Array) -> bool:
     """Whether a chain of games joins any two players; games: (..., players, players), how many they had."""
-    count = games.shape[-1]
-    return bool((np.linalg.matrix_power((games > 0) + np.eye(count), count) > 0).all())
+    return bool(chained(games).all())
 
 
-def elo(wins: Array, draws: Array) -> tuple[Array, Array]:
+def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
     """Ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
     wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. Where they met, half a game
-    that i won and half a game that j won are added, so that ratings stay finite where one always wins. Errors are the
+    that i won and half a game that j won are `added`, so that ratings stay finite where one always wins. Errors are the
     sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that draws, which
     scatter less, count as such. Leading axes are of other tables. Raises ValueError if no chain of games joins all
     players.
     """
     met = (wins + wins.swapaxes(-1, -2) + draws > 0) & ~np.eye(wins.shape[-1], dtype=bool)
-    won, drawn = np.where(met, wins + 0.5, 0.0), np.where(met, draws, 0.0)
+    won, drawn = np.where(met, wins + added, 0.0), np.where(met, draws, 0.0)
     games, score = won + won.swapaxes(-1, -2) + drawn, won + drawn / 2
     if not linked(games):
         raise ValueError("ratings: no chain of games joins all players")

@@ -23,6 +23,7 @@ FIRST = ("policy", "against")
 INTERVAL = ("value", "low", "high")
 OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
 OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
+UNBOUNDED = "; inf: no game bounds the rating on that side"
 
 
 class Played(Protocol):
@@ -130,7 +131,7 @@ def _group_ratings(evaluation: Played, found: Groups) -> str:
     several = [group for group in found.groups if len(group.members) > 1]
     who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
     table = _table(("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), rows)
-    return "\n".join([table, *who, OVER_SEEDS])
+    return "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
 
 
 def _group_wins(found: Groups) -> str:
@@ -242,12 +243,12 @@ def _pairing(evaluation: Played, pairing: Pairing) -> dict[str, Any]:
 
 
 def _json(value: Any) -> Any:
-    """The value with null in place of NaN, which JSON does not have."""
+    """The value with null in place of NaN and infinity, which JSON does not have."""
     if isinstance(value, dict):
         return {key: _json(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [_json(entry) for entry in value]
-    return None if isinstance(value, float) and np.isnan(value) else value
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
