@@ -326,6 +326,9 @@ def test_a_ratio_is_a_mean_with_its_error() -> None:
     assert all(math.isnan(value) for value in ratio(np.zeros((5, 2))))
     mean, error = ratio(np.array([[3.0, 4.0], [0.0, 0.0]]))  # of one case nobody knows how far others are
     assert (mean, math.isnan(error)) == (0.75, True)
+    few = np.zeros((200, 2))  # a column that three episodes have
+    few[[5, 70, 150]] = [[1, 1], [2, 1], [5.5, 1]]
+    assert ratio(few) == pytest.approx((8.5 / 3, np.std([1, 2, 5.5], ddof=1) / math.sqrt(3)))
     found = []
     for _ in range(1000):  # of numbers that go together
         counts = rng.integers(0, 10, 100)

@@ -35,11 +35,12 @@ def ratio(pairs: Array) -> tuple[float, float]:
     the error, too, where all but one are.
     """
     total, count = pairs.sum(0)
+    there = np.count_nonzero(pairs[:, 1])
     if not count:
         return float("nan"), float("nan")
     mean = total / count
     rest = pairs[:, 0] - mean * pairs[:, 1]
-    if np.count_nonzero(pairs[:, 1]) < 2:
+    if there < 2:
         return float(mean), float("nan")
-    spread = (rest * rest).sum() * len(pairs) / (len(pairs) - 1)
+    spread = (rest * rest).sum() * there / (there - 1)
     return float(mean), float(np.sqrt(spread) / count)
