@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from .statistics import interval
 
 ENDS = "ends.csv"  # the file of end values, beside a figure
+NONE = "–"  # of what there cannot be, as a distance to mates in a game without them
 
 
 def number(value: float) -> str:

@@ -20,6 +20,7 @@ from outlast.training.paper.report import side_by_side
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from outlast.training.plots.plot import compare
 from outlast.training.reproduction.experiments import Experiment, experiments
+from outlast.training.tables import NONE
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
@@ -153,7 +154,7 @@ def mended(begins: str) -> str:
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows if row[0].startswith(begins)]
     first, *others = zip(heads, *columns, strict=True)
-    numbers = ([float(cell.split()[0].replace(",", "")) for cell in row[1:]] for row in others)
+    numbers = ([float(cell.split()[0].replace(",", "")) for cell in row[1:] if cell != NONE] for row in others)
     return grid(list(first), [list(row) for row, own in zip(others, numbers, strict=True) if any(own)])
 
 

@@ -92,6 +92,35 @@ def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch
     assert expected_seconds([as_written]) == ([123.0], [False])
 
 
+def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
+    """Two teams of two: means over a side's agents, and sums over its side, of both sides."""
+    roles = [
+        {"kills": 1.0, "damage_dealt": 30.0, "mate_distance": 4.0},
+        {"kills": 0.5, "damage_dealt": 10.0, "mate_distance": 6.0},
+    ]
+    for name, far in (("teams", 1), ("alone", 0)):
+        own = [
+            {key: {"mean": value * (far if key == "mate_distance" else 1)} for key, value in role.items()}
+            for role in roles
+        ]
+        others = [
+            {"policies": pair, "figures": [{"wins": {"mean": 0.25}}, {"wins": {"mean": 0.75}}]}
+            for pair in (["last", "half"], ["scripted", "last"])
+        ]
+        played = {
+            "scenario": {"numbers": {"agents_count": 4}},
+            "pairings": [{"policies": ["last", "last"], "figures": own}, *others],
+        }
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "evaluation.json").write_text(json.dumps(played))
+    heads, _, *rows = mended.table({name: [tmp_path / name] for name in ("teams", "alone")}).splitlines()
+    cells = [[cell.strip() for cell in line.split("|")] for line in (heads, *rows)]
+    found = [dict(zip(cells[0], row, strict=True)) for row in cells[1:]]
+    assert [float(found[0][name]) for name in ("wins against scripted", "against itself at half time")] == [0.75, 0.25]
+    assert [float(found[0][name]) for name in ("kills", "damage", "m to a mate")] == [1 + 0.5, 2 * 30 + 2 * 10, 5]
+    assert found[1]["m to a mate"] == "–"
+
+
 @pytest.mark.nightly
 def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiments, "MENDED_STEPS", 8192)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Behaviour
@@ -15,12 +17,13 @@ from ..evaluation.contenders import contenders
 from ..evaluation.evaluation import Evaluation
 from ..evaluation.report import write_tables
 from ..files import read_text
-from ..tables import markdown_table, with_spread
+from ..tables import NONE, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
 TABLES = "evaluation.json"
-BY_SIDES, BY_AGENTS = 2, 0  # what to multiply a figure by for a sum over all agents: both roles; so many agents
+MATES = "mate_distance"  # 0 where nobody has a mate
+BY_SIDES, BY_AGENTS = 2, 0  # what to multiply the mean of both roles by for a sum over all agents: 2; so many agents
 SELF_PLAY = {
     "length": ("ticks", 1),
     "kills": ("kills", BY_SIDES),
@@ -30,7 +33,7 @@ SELF_PLAY = {
     "heals_in_need": ("in need", BY_AGENTS),
     "heals_given": ("given", BY_SIDES),
     "boxes_between": ("boxes between", BY_AGENTS),
-    "mate_distance": ("m to a mate", 1),
+    MATES: ("m to a mate", 1),
     "enemy_distance": ("m to an enemy", 1),
 }  # of an episode in which a policy plays itself, by figure: what it is called, and how it is summed
 HEADS = (
@@ -72,6 +75,8 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
 def table(measured: Mapping[str, Sequence[Path]]) -> str:
     """What was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
 
+    Of games in which a policy plays itself, both of its roles count.
+
     Args:
         measured: Folders of `measure` by game, one for each seed.
     """
@@ -82,21 +87,28 @@ def table(measured: Mapping[str, Sequence[Path]]) -> str:
 
 def _row(game: str, seeds: Sequence[dict[str, Any]]) -> list[str]:
     cells = [game, str(len(seeds))]
-    cells += [with_spread([_figures(one, LAST, other)["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)]
+    cells += [
+        with_spread([_figures(one, LAST, other)[0]["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)
+    ]
+    own = [_figures(one, LAST, LAST) for one in seeds]
+    agents = [one["scenario"]["numbers"]["agents_count"] for one in seeds]
     for name, (_, times) in SELF_PLAY.items():
-        own = [_figures(one, LAST, LAST) for one in seeds]
-        agents = [one["scenario"]["numbers"]["agents_count"] for one in seeds]
-        there = [(times or count) * each[name]["mean"] for each, count in zip(own, agents, strict=True) if name in each]
-        cells.append(with_spread(there) if there else "")
+        there = [
+            (times or count) * float(np.mean([role[name]["mean"] for role in roles]))
+            for roles, count in zip(own, agents, strict=True)
+            if name in roles[0]
+        ]
+        lacking = name == MATES and not any(there)
+        cells.append(NONE if lacking else with_spread(there) if there else "")
     return cells
 
 
-def _figures(evaluation: dict[str, Any], policy: str, against: str) -> Figures:
-    """Of a policy against another one, or itself."""
+def _figures(evaluation: dict[str, Any], policy: str, against: str) -> list[Figures]:
+    """Of a policy against another one: of its role; against itself: of both."""
     for pairing in evaluation["pairings"]:
         if sorted(pairing["policies"]) == sorted((policy, against)):
-            found: Figures = pairing["figures"][pairing["policies"].index(policy)]
-            return found
+            roles: list[Figures] = pairing["figures"]
+            return roles if policy == against else [roles[pairing["policies"].index(policy)]]
     raise TrainingError(f"{policy} has not played against {against}")
 
 
