@@ -200,6 +200,19 @@ def test_what_was_0_before_has_grown_without_bound() -> None:
     assert (over(1.0, 0.0), math.isnan(over(0.0, 0.0)), over(1.0, 4.0)) == (math.inf, True, 0.25)
 
 
+def test_a_claim_whose_divisor_is_0_has_no_interval_and_others_have_theirs(tmp_path: Path) -> None:
+    """Boxes placed in teams_4, in the last third over the first: none in the first third of one of three seeds."""
+    runs = list(group(*(keep(tmp_path, "teams_4", seed) for seed in range(3))).runs)
+    curves = runs[1].curves
+    late = np.where(np.arange(len(curves.steps)) < len(curves.steps) / 2, 0, 1).astype(np.float32)
+    boxes = {tag: late for tag in curves.values if tag.startswith("rollout/boxes_placed")}
+    runs[1] = replace(runs[1], curves=Curves(curves.steps, curves.values | boxes))
+    found = {each.claim.text: each.cells for each in findings([RunGroup(tuple(runs))])}
+    *_, mean, within, holds = found["Boxes placed increase slowly."]
+    assert (mean, within, holds) == ("inf", "", "yes, 3 of 3 seeds")
+    assert " to " in found["Heals stabilise at around 2 million steps."][-2]
+
+
 def test_claims_say_nothing_of_other_games(tmp_path: Path) -> None:
     assert not list(findings([group(keep(tmp_path, "ffa_2", variant="ffa_2+bounty"))]))
 

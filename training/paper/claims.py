@@ -76,7 +76,8 @@ class Finding:
         claim, seeds = self.claim, sum(map(self.claim.holds, self.ours))
         verdict = ("yes" if self.holds else "no") + f", {seeds} of {len(self.ours)} seeds" * (len(self.ours) > 1)
         theirs = "" if np.isnan(self.paper) else number(self.paper)
-        numbers = [claim.asked, theirs, number(self.mean), spread(self.ours)]
+        within = spread(self.ours) if np.isfinite(self.ours).all() else ""  # what was 0 may have grown without bound
+        numbers = [claim.asked, theirs, number(self.mean), within]
         return [claim.text, _listed(claim.variants), claim.what, *numbers, verdict]
 
 
