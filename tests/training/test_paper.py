@@ -57,12 +57,45 @@ def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: py
     assert re.search(message, capsys.readouterr().err)
 
 
-def test_what_films_need_is_missed_before_anything_is_trained(
+def test_the_plan_ends_when_its_last_run_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    """Of 1, 1, 1 and 3 hours on two cores, that of 3 begins after 1 hour and a half of it is left."""
+    hours = {"ffa_1": 1, "ffa_2": 1, "ffa_3": 1, "ffa_4": 3}
+    rows = [f"original,{game},original,{3600 * each}" for game, each in hours.items()]
+    (tmp_path / experiments.SECONDS).write_text("\n".join(["part,game,preset,seconds", *rows, ""]))
+    monkeypatch.setattr(experiments, "files", lambda package: tmp_path)
+    words = ("original", "--only", *hours, "--seeds", 1, "--plan", "--out", tmp_path)
+    for jobs, most in ((1, 6), (2, 4), (64, 3)):
+        assert outlast_paper(*words, "--jobs", jobs) == 0
+        assert f"4 runs, {jobs} at a time: about {most}.0 hours, as timed" in capsys.readouterr().out
+    for game, share in (("ffa_1", 1), ("ffa_4", 0.5)):
+        folder = tmp_path / f"runs/original/{game}-original-0"
+        folder.mkdir(parents=True)
+        (folder / "log.csv").write_text(f"tag,step,value\ntime/fps,{round(share * experiments.PAPER_STEPS)},1\n")
+    assert outlast_paper(*words, "--jobs", 64) == 0
+    about, *lines = capsys.readouterr().out.splitlines()
+    assert about.startswith("3 runs, 64 at a time: about 1.5 hours, as timed")
+    assert about.endswith("; 1 of 4 runs are finished")
+    assert [line.split()[2] for line in lines] == ["ffa_2", "ffa_3", "ffa_4"]
+    assert lines[-1].endswith("# 1.5 h left")
+    assert outlast_paper("original", "--only", "ffa_1", *words[6:]) == 0
+    assert capsys.readouterr().out == "1 of 1 runs are finished: figures and tables are made anew\n"
+
+
+@pytest.mark.parametrize(
+    ("library", "message"),
+    [
+        ("imageio_ffmpeg", "the films need FFmpeg: pip install 'outlast[train,plot,video]'"),
+        ("matplotlib", "this needs matplotlib: pip install 'outlast[train,plot,video]'"),
+    ],
+)
+def test_what_films_and_figures_need_is_missed_before_anything_is_trained(
+    library: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
     assert outlast_paper("original", "--only", "ffa_1", "--out", tmp_path / "out") == 2
-    assert "the films need FFmpeg: pip install 'outlast[train,plot,video]'" in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

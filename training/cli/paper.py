@@ -1,6 +1,8 @@
 """outlast paper: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
 
 import argparse
+import heapq
+import importlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +19,7 @@ from ..live_view import LiveView
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
 
 Plan = list[tuple[Experiment, int]]  # with a seed
+TIMED_ON = "as timed on one core of an AMD EPYC (Zen 3)"
 
 
 def add(commands: Any) -> None:
@@ -63,22 +66,16 @@ def run(options: argparse.Namespace) -> int:
     plan = _plan(chosen, options)
     seconds, timed = expected_seconds([experiment for experiment, _ in plan])
     jobs = options.jobs or os.cpu_count() or 1
-    hours = sum(seconds) / jobs / 3600
-    guessed = f"{timed.count(False)} of them never timed, so this is a guess"
-    source = "as timed on one core of an AMD EPYC (Zen 3)" if all(timed) else guessed
-    about = f"{len(plan)} runs, {jobs} at a time: about {hours:.1f} hours, {source}"
+    about, lines = _said(plan, seconds, timed, options.out, jobs)
     if options.plan:
-        print(about)
-        for (experiment, seed), each, known in zip(plan, seconds, timed, strict=True):
-            print(
-                f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h{'' if known else ', a guess'}"
-            )
+        print("\n".join([about, *lines]))
         return 0
     try:  # ahead of hours of training
         from outlast.envs.rendering.video.codecs import find_ffmpeg
 
         from ..reproduction.output import write_part
 
+        importlib.import_module("matplotlib")
         find_ffmpeg(".gif")
     except ModuleNotFoundError as error:
         raise TrainingError(f"this needs {error.name}: {install('train,plot,video')}") from error
@@ -112,6 +109,34 @@ def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:
     counts = [options.seeds or each.seeds for each in chosen]
     rounds = range(options.first, options.first + max(counts))
     return [(each, seed) for seed in rounds for each, count in zip(chosen, counts) if seed - options.first < count]
+
+
+def _said(plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path, jobs: int) -> tuple[str, list[str]]:
+    """What is left to train, and how long that takes; and a line for each such run."""
+    done = [min(1, each.steps_done(out, seed) / each.steps) for each, seed in plan]
+    rest = [each * (1 - share) for each, share in zip(seconds, done, strict=True)]
+    left = [k for k, share in enumerate(done) if share < 1]
+    finished = f"{len(plan) - len(left)} of {len(plan)} runs are finished"
+    if not left:
+        return f"{finished}: figures and tables are made anew", []
+    hours = _end([rest[k] for k in left], jobs) / 3600
+    guesses = sum(not timed[k] for k in left)
+    source = f"{guesses} of them never timed, so this is a guess" if guesses else TIMED_ON
+    about = f"{len(left)} runs, {jobs} at a time: about {hours:.1f} hours, {source}"
+    lines = []
+    for k in left:
+        experiment, seed = plan[k]
+        more = " left" * (done[k] > 0) + ", a guess" * (not timed[k])
+        lines.append(f"outlast train {' '.join(experiment.words(seed))}  # {rest[k] / 3600:.1f} h{more}")
+    return about + (f"; {finished}" if len(left) < len(plan) else ""), lines
+
+
+def _end(seconds: Sequence[float], jobs: int) -> float:
+    """When the last of these runs ends, of which so many go on at a time: each begins, in order, when one has ended."""
+    ends = [0.0] * jobs
+    for each in seconds:
+        heapq.heapreplace(ends, ends[0] + each)
+    return max(ends)
 
 
 def _train(plan: Plan, seconds: Sequence[float], options: argparse.Namespace, about: str, jobs: int) -> int:
