@@ -261,7 +261,7 @@ class TrainingRun:
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self, there: set[str]) -> None:
-        """Make the folder and lock it, remove temporary files of a killed process, and write run.json.
+        """Make the folder and lock it, remove temporary files of a killed process, and say in run.json what is asked.
 
         there: What was in it when the checkpoint was read.
         """
@@ -279,10 +279,14 @@ class TrainingRun:
             )
         for path in filter(is_temporary, list(self.folder.iterdir())):
             remove(path)
-        if not (self.folder / run_header.NAME).exists():
+        if (self.folder / run_header.NAME).exists():
+            header = run_header.read_run_folder(self.folder)
+        else:
             header = self.config.header() | {"scenario": fingerprint(self.trainer.env.scenario)}
+        if header.get(run_header.ASKED) != self.config.steps:
             with atomic_write(self.folder / run_header.NAME) as place:
-                place.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+                text = json.dumps(header | {run_header.ASKED: self.config.steps}, indent=1)
+                place.write_text(text + "\n", encoding="utf-8")
 
     @contextlib.contextmanager
     def _disk_errors(self) -> Iterator[None]:
@@ -304,7 +308,8 @@ class TrainingRun:
         usual = TrainingConfig(self.config.scenario, self.config.preset)
         plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
-        differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
+        free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
+        differ = [key for key in now if now[key] != then.get(key) and key not in free]
         if "settings" in differ and "preset" not in differ and self.config.numbers == self._numbers(then["settings"]):
             differ.remove("settings")  # some may be named that are as the preset has them
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):

@@ -18,6 +18,7 @@ NAME = "run.json"
 VERSION = 1
 MOST, FEW = 2**16, 256  # numbers of an agent's observations, values of its actions; actions
 LONGEST = 2**20  # bytes
+ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out where it may go on for longer
 TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files
 Header = dict[str, Any]
 
@@ -131,8 +132,13 @@ def _is_team(given: Any) -> bool:
     return isinstance(given, list) and 0 < len(given) <= MOST and all(map(_is_size, given))
 
 
+def _is_count(given: Any) -> bool:
+    return type(given) is int and 0 <= given < 2**62
+
+
 VALIDATORS: dict[str, Callable[[Any], bool]] = {
-    "steps": lambda given: type(given) is int and 0 <= given < 2**62,
+    "steps": _is_count,
+    ASKED: _is_count,
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
     "scenario": is_fingerprint,
     "modules": lambda given: isinstance(given, list) and all(map(is_word, given)),

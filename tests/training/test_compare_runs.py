@@ -315,6 +315,18 @@ def test_unfinished_runs_are_drawn_and_said(tmp_path: Path) -> None:
     assert "Unfinished: b (5,000 agent-steps)" in str(found)
 
 
+def test_a_run_is_unfinished_by_what_it_was_last_asked_for_where_its_plan_may_go_on(tmp_path: Path) -> None:
+    """As with presets original, paper and scaled; runs of before do not say what they were asked for."""
+    for seed, asked in enumerate((20_000, 200_000, None)):
+        place = run(tmp_path / f"seed {seed}", seed=seed, preset="original")
+        header = json.loads((place / "run.json").read_text())
+        del header["plan"]["steps"]
+        (place / "run.json").write_text(json.dumps(header | ({} if asked is None else {"asked": asked})))
+    (group,) = groups(tmp_path)
+    assert [each.seed for each in group.unfinished] == [1]
+    assert "Unfinished: seed 1 (20,000 agent-steps)" in str(compare([tmp_path]))
+
+
 def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run(tmp_path / "a")
     for words, reason in (

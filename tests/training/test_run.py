@@ -82,6 +82,8 @@ def test_a_resumed_run_logs_the_same_numbers(tmp_path: Path) -> None:
     for steps in (3 * EACH, 6 * EACH):
         TrainingRun(config(steps), tmp_path / "parts", resume=True).train()
     assert_same(tmp_path / "whole", tmp_path / "parts")
+    asked = [json.loads((tmp_path / name / "run.json").read_text())["asked"] for name in ("whole", "parts")]
+    assert asked == [6 * EACH, 6 * EACH]
     whole = points(tmp_path / "whole")
     assert len(whole["train/value_loss"]) == 6
     assert whole["rollout/reward0"][-1] != whole["rollout/reward0"][-2]
@@ -434,7 +436,7 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     TrainingRun(config(EACH), tmp_path).train()
     header = json.loads((tmp_path / "run.json").read_text())
     saved = checkpoint.header_of(checkpoint.read_checkpoint(newest(tmp_path)))
-    assert header == {key: saved[key] for key in ("plan", "scenario", "modules")}
+    assert header == {key: saved[key] for key in ("plan", "scenario", "modules")} | {"asked": EACH}
     (tmp_path / "run.json").write_text("{")
     (tmp_path / CHECKPOINT.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
@@ -512,6 +514,8 @@ def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> Non
         TrainingRun(config(EACH), folder)
     with pytest.raises(TrainingError, match="was begun with worlds = 8, not 4"):
         TrainingRun(config(EACH, worlds=4), folder, resume=True)
+    with pytest.raises(TrainingError, match="was begun with preset = original, not fast$"):
+        TrainingRun(config(EACH, preset="fast"), folder, resume=True)
     with pytest.raises(TrainingError, match="preset = original, not paper"):
         TrainingRun(config(EACH, preset="paper"), folder, resume=True)
     with pytest.raises(StateError, match=r"another scenario .*: agents_health is 10 there and 11 here"):

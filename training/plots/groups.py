@@ -42,9 +42,9 @@ class Group:
 
     @property
     def unfinished(self) -> tuple[Run, ...]:
-        """Runs that ended before the steps of their plan; where it does not say, before 9/10 of the longest one."""
+        """Runs that ended before the steps they were to have; where nothing says these, before 9/10 of the longest."""
         longest = max(run.steps for run in self.runs)
-        return tuple(run for run in self.runs if run.steps < run.plan.get("steps", 0.9 * longest))
+        return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
 
 
 def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:

@@ -37,6 +37,7 @@ class Run(Logged):
         plan: That of run.json.
         curves: Everything that was logged, by tag; of kept files, the paper's quantities.
         label: What it is called by, with what was changed: "ffa_2-melee_damage=50"; "" where that is the name.
+        asked: Agent-steps that it was to have; None where nothing says so.
     """
 
     origin: Path
@@ -45,6 +46,7 @@ class Run(Logged):
     plan: dict[str, Any]
     curves: Curves
     label: str = ""
+    asked: int | None = None
 
     @cached_property
     def settings(self) -> dict[str, Any]:
@@ -81,7 +83,8 @@ def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
         preset(plan.get(PRESET))
     except ScenarioError as error:
         raise TrainingError(f"{origin} does not hold a run: {error}") from error
-    return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""))
+    asked = plan.get("steps", header.get(run_header.ASKED))
+    return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""), asked)
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
@@ -111,4 +114,4 @@ def _of_kept(path: Path) -> Run:
     kept = results.read_kept(path)
     usual = fingerprint(preset(kept.plan[PRESET]).scenario(variant(base(kept.variant))))["numbers"]
     numbers = {name: value for name, value in (usual | kept.changed).items() if value != results.MISSING}
-    return Run(path, kept.variant, numbers, kept.plan, kept.curves)
+    return Run(path, kept.variant, numbers, kept.plan, kept.curves, asked=kept.plan.get("steps"))
