@@ -135,6 +135,17 @@ def test_variants_and_presets_are_named_by_their_names(tmp_path: Path) -> None:
     assert labels(tmp_path / "a") == ["ffa_2"]
 
 
+def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> None:
+    """ffa_1 and ffa_2 differ in few numbers; a preset that tells the runs apart does not stand for the game."""
+    run(tmp_path / "a", "ffa_1", preset="original", numbers={"cameras_mode": "revealed"})  # as this preset has it
+    run(tmp_path / "b", "ffa_2", preset="paper")
+    assert labels(tmp_path) == ["ffa_1, original", "ffa_2, paper"]
+    assert "| ffa_1 | original |" in str(compare([tmp_path]))
+    assert compare([tmp_path]).csv().splitlines()[1].startswith("ffa_1,original,")
+    run(tmp_path / "c/d"), run(tmp_path / "c/e", numbers={"melee_damage": 20}, preset="original")
+    assert labels(tmp_path / "c") == ["melee_damage=5, fast", "melee_damage=20, original"]
+
+
 def test_what_earlier_versions_did_not_write_is_as_usual(tmp_path: Path) -> None:
     assert labels(run(tmp_path / "a"), run(tmp_path / "b", seed=1, opponents="self:1", memory=0)) == ["ffa_2"]
 

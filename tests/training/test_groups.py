@@ -47,6 +47,10 @@ def test_groups_are_runs_that_differ_by_seeds() -> None:
         PolicyGroup("kept", (5,), False),  # it does not say how it was trained
     ]
     assert group_policies(fast) == [PolicyGroup("ffa_2", (0, 1, 2), True)]
+    games = [*fast[:2], *seeds("other", PLAN | {"preset": "paper"}, 2)]
+    for each in games[2:]:
+        each.player.header["scenario"]["name"] = "ffa_1"
+    assert [group.label for group in group_policies(games)] == ["ffa_2, fast", "ffa_1, paper"]
     other = [*fast, *seeds("o", PLAN, 1, melee_damage=20), *seeds("older", PLAN, 1, steps=200)]
     assert [group.members for group in group_policies(other)] == [(0, 1, 2), (3,), (4,)]
     with pytest.raises(TrainingError, match=r"f0.zip and again.zip are the same run, or both of seed 0"):

@@ -11,7 +11,7 @@ from .runs import PRESET, SCENARIO, Run, shown
 
 SEED = "seed"
 ABSENT = "not there"
-FEW = 3  # numbers of a scenario that stand for it in a name; of more, its own name does
+OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # what comes with a preset
 
 
 @dataclass(frozen=True)
@@ -84,20 +84,17 @@ def differing(runs: Sequence[Run]) -> list[str]:
 
 
 def telling(runs: Sequence[Run]) -> list[str]:
-    """Settings that tell all runs apart that differ in any: as few as a greedy choice finds.
+    """Settings that tell all runs apart that differ in any.
 
-    A few numbers of the scenario stand for it; where it differs by more, or by mechanics, its name does, with numbers
-    behind it if two games have one name.
+    The game comes first: its name and the preset are told wherever they differ, of its numbers and of everything else
+    as few as a greedy choice finds.
     """
     names = differing(runs)
-    numbers = [name for name in names if any(name in run.numbers for run in runs)]
-    absent = any(value_of(run, name) == ABSENT for name in numbers for run in runs)
-    named = len(numbers) > FEW or absent or not numbers
-    rest = [name for name in names if name not in (SCENARIO, PRESET, *numbers)]
-    ordered = [SCENARIO, PRESET, *numbers, *rest] if named else [PRESET, *numbers, *rest, SCENARIO]
+    numbers = [name for name in names if name not in OF_PRESET and any(name in run.numbers for run in runs)]
     chosen = list[str]()
-    for name in ordered:
-        if name in names and _kinds(runs, [*chosen, name]) > _kinds(runs, chosen):
+    for name in dict.fromkeys([SCENARIO, *numbers, PRESET, *names]):
+        always = name in (SCENARIO, PRESET)
+        if name in names and (always or _kinds(runs, [*chosen, name]) > _kinds(runs, chosen)):
             chosen.append(name)
     return chosen
 
@@ -105,7 +102,7 @@ def telling(runs: Sequence[Run]) -> list[str]:
 def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
     """Settings in which runs differ, but for those that are told and those that come with them.
 
-    With a game's name come its numbers, or the other way round; with a preset numbers of PPO and sizes.
+    With a game's name come its numbers, or the other way round; with a preset OF_PRESET.
     """
     names = [name for name in differing(runs) if name not in told]
     numbers = {name for name in names if any(name in run.numbers for run in runs)}
@@ -113,7 +110,7 @@ def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
     if SCENARIO in (*told, *names):
         follow |= numbers or {SCENARIO}
     if PRESET in (*told, *names):
-        follow |= {*asdict(Hyperparameters()), "rollout", "steps"}
+        follow |= OF_PRESET
     if {SCENARIO, PRESET, "agents_count"} & {*told, *names}:
         follow |= {"worlds"}  # of which a preset has the fewer, the more agents there are
     return [name for name in names if name not in follow]
