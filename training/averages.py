@@ -14,7 +14,7 @@ STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97
 
 @dataclass(frozen=True)
 class EndValue:
-    """Mean and standard deviation of the points of the last tenth of a curve."""
+    """Mean and standard deviation of the points of the last tenth of a curve; NaN where that is one point."""
 
     mean: float
     deviation: float
@@ -80,7 +80,7 @@ def end_value(values: Array) -> EndValue:
     """The end value of a curve with at least one number."""
     there = values[np.isfinite(values)].astype(np.float64)
     last = there[-max(1, round(END * len(there))) :]
-    return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else 0.0)
+    return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else float("nan"))
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:

@@ -1,9 +1,11 @@
 """outlast plot --paper: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
 
 import contextlib
+import csv
 import importlib
 import io
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -24,6 +26,7 @@ from outlast.training.curves import Curves, format_curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
+from outlast.training.paper.end_values import csv_table, markdown
 from outlast.training.paper.measures import over
 from outlast.training.paper.report import report
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
@@ -150,6 +153,15 @@ def test_it_is_too_early_for_unfinished_runs(tmp_path: Path) -> None:
     assert "| 1,049 ± 74 | 1,047 ± 74 | −0% | too early |" in text
     assert not list(findings([shown]))
     assert list(findings([group(keep(tmp_path, "ffa_2", points=306))]))
+
+
+def test_the_spread_of_one_point_is_not_said(tmp_path: Path) -> None:
+    """The last tenth of 14 points is one."""
+    shown = group(keep(tmp_path, "ffa_2", points=14))
+    (last,) = shown.runs[0].curves.values["rollout/steps"][-1:]
+    assert re.search(rf"\n\| episode length \| 1,049 ± 74 \| {last:.0f} \| ", markdown(shown))
+    (row,) = (row for row in csv.DictReader(io.StringIO(csv_table([shown]))) if row["quantity"] == "episode length")
+    assert (float(row["outlast"]), row["outlast between points"]) == (pytest.approx(last, rel=1e-5), "")
 
 
 def test_presets_stand_beside_each_other(tmp_path: Path) -> None:

@@ -112,8 +112,8 @@ def _peak(curve: MovingAverage | None) -> str:
 
 
 def with_deviation(mean: float, deviation: float) -> str:
-    """Mean ± deviation, with the same digits."""
-    return f"{number(mean)} ± {deviation:,.{decimals(mean)}f}"
+    """Mean ± deviation, with the same digits; the mean alone where nobody knows how far points scatter."""
+    return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
 
 
 def csv_table(groups: Iterable[RunGroup]) -> str:
@@ -152,4 +152,4 @@ def record(group: RunGroup, row: EndRow) -> dict[str, Any]:
 
 
 def _digits(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}"
+    return "" if value is None or np.isnan(value) else f"{value:.6g}"
