@@ -24,7 +24,7 @@ class EndValue:
 class MovingAverage:
     """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
 
-    Where some runs have ended, those of the others.
+    Where some runs have ended, those of the others; or none, see `average`.
     """
 
     steps: Array
@@ -39,12 +39,16 @@ class MovingAverage:
         return int(self.steps[top]), float(self.mean[top])
 
 
-def average(runs: Sequence[Curves], tag: str) -> MovingAverage:
-    """The moving average over the runs that have the tag: at least one. Between its points a run is interpolated."""
+def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
+    """The moving average over the runs that have the tag: at least one. Between its points a run is interpolated.
+
+    common: only from where all of them have begun to where the first ends, so that it never jumps as one goes; there
+    may be no such points.
+    """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))
     every = np.stack([_at(steps, one.steps, smooth(one.values[tag])) for one in curves])
-    there = np.isfinite(every).any(0)
+    there = np.isfinite(every).all(0) if common else np.isfinite(every).any(0)
     every = every[:, there]
     return MovingAverage(steps[there], np.nanmean(every, 0), np.nanmin(every, 0), np.nanmax(every, 0))
 

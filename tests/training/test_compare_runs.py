@@ -248,17 +248,22 @@ def test_the_axis_fits_the_data_and_the_legend_names_the_groups(tmp_path: Path) 
     assert axes[0].get_xlim() == pytest.approx((0, 40))
 
 
-def test_hours_go_on_where_a_slow_run_ends(tmp_path: Path) -> None:
-    """Over hours, runs are averaged at equal hours; the page says what becomes of the mean where one ends."""
-    run(tmp_path / "a"), run(tmp_path / "b", seed=1, height=3.0, points=10, steps=20000)
+def test_over_hours_a_mean_ends_where_the_first_run_does(tmp_path: Path) -> None:
+    """Over hours, runs are averaged at equal hours, and no mean falls because the faster one has ended."""
+    run(tmp_path / "a"), run(tmp_path / "b", seed=1, height=0.5, points=10, steps=20000)
     log = tmp_path / "b/log.csv"
     log.write_text(re.sub("time/fps,(.*),500", r"time/fps,\1,100", log.read_text()))  # 100 s for half of the steps
     made, axes = drawn_axes(tmp_path, curves=("length",), x="time")
     (line,) = axes[0].lines
-    places = np.asarray(line.get_xdata())
+    places, heights = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
     assert (np.diff(places) > -1e-9).all()
-    assert places[-1] == pytest.approx(100 / 60)  # minutes
-    assert line.get_ydata()[-1] == pytest.approx(30)  # of the slow run alone, at its end
+    assert (np.diff(heights) > 0).all()  # as both runs rise
+    assert places[[0, -1]] == pytest.approx([10, 40])  # seconds
+    assert axes[0].get_xlim() == pytest.approx((0, 40))
+    assert heights[-1] == pytest.approx((20 + 0.5 * 4) / 2)
+    assert any("means over runs, to where the first of them ends" in text.get_text() for text in made.texts)
+    made, axes = drawn_axes(tmp_path, curves=("length",))
+    assert axes[0].lines[0].get_ydata()[-1] == pytest.approx(20)  # over agent-steps, of the longer run alone
     assert any("means over the runs that have come so far" in text.get_text() for text in made.texts)
 
 

@@ -90,8 +90,10 @@ class Comparison:
         several = any(len(group.runs) > 1 for group in self.groups)
         single = any(len(group.runs) == 1 for group in self.groups)
         longer = any(len({run.steps for run in group.runs}) > 1 for group in self.groups)
-        over = "the runs that have come so far" if several and (longer or self.x == "time") else "runs"
-        parts = ["Lines: moving averages over 5 % of the points" + f", means over {over}" * several]
+        over = "means over the runs that have come so far" if longer else "means over runs"
+        if self.x == "time":
+            over = "means over runs, to where the first of them ends"
+        parts = ["Lines: moving averages over 5 % of the points" + f", {over}" * several]
         parts += ["bands: from the lowest to the highest run"] * several
         if single and self.faint:
             parts.append("faint: points of single runs" if several else "faint: all points")

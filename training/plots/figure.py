@@ -72,7 +72,9 @@ def _curve(axes: Axes, comparison: Comparison, group: Group, name: str, number: 
     curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if name in own]
     if not curves:
         return
-    line, (ink, dash) = average(curves, name), look(number)
+    line, (ink, dash) = average(curves, name, common=comparison.x == "time"), look(number)
+    if not len(line.steps):  # one has ended before another has begun
+        return
     marker = "o" if len(line.steps) == 1 else ""
     axes.plot(line.steps, line.mean, color=ink, linewidth=1.7, linestyle=dash, marker=marker, markersize=4, zorder=3)
     if len(curves) > 1:
@@ -95,7 +97,7 @@ def _axis(comparison: Comparison) -> tuple[float, float, str]:
         longest = float(max(run.steps for run in comparison.runs))
         units = STEPS
     else:
-        longest = max(float(elapsed[-1]) for run in comparison.runs if (elapsed := hours(run)) is not None)
+        longest = max(min(float(where[-1]) for where, _ in _curves(comparison, each)) for each in comparison.groups)
         units = HOURS
     scale, name = next((pair for pair in units if longest >= pair[0]), units[-1])
     return longest / scale, scale, name
