@@ -91,6 +91,8 @@ def test_the_title_says_what_is_played_and_where_in_it_one_is() -> None:
     start = f"teams_3, scripted policy, seed {seed}, world {world}"
     assert said(game.env.worlds, TitleStrip("teams_3, scripted policy")) == [start, f"episode {episode}, tick 3"]
     assert said(game.env.worlds, TitleStrip()) == [f"world {world}", f"episode {episode}, tick 3"]
+    long = "ffa_2-original-0 (side 0) against scripted (side 1)"  # who plays is there ahead of the episode's number
+    assert said(game.env.worlds, TitleStrip(f"{long}, teams_3"), 512) == [long, "tick 3"]
     assert said(game.env.worlds, TitleStrip("größer"))[0].startswith("gr??er")  # what fonts of pictures lack
 
 

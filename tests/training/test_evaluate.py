@@ -9,6 +9,7 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.envs.errors import UsageError
+from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training.errors import TrainingError
@@ -20,6 +21,7 @@ from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
 from outlast.training.evaluation.pairing import ratio  # noqa: E402
 from outlast.training.evaluation.ratings import anchored, elo  # noqa: E402
+from outlast.training.evaluation.showcase import film_players  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
@@ -336,6 +338,26 @@ def test_a_ratio_is_a_mean_with_its_error() -> None:
     means, errors = np.array(found).T
     assert means.mean() == pytest.approx(0.3, abs=4 * means.std() / math.sqrt(1000))
     assert errors.mean() == pytest.approx(means.std(), rel=0.1)
+
+
+def test_the_title_of_a_film_has_both_players_and_their_sides() -> None:
+    for names, sides in (
+        (("scripted", "random"), ("side 0", "side 1")),
+        (("ffa_2-original-0", "ffa_2-original-1"), ("side 0", "side 1")),
+        (("runs-a-folder-of-many-ffa_2-fast-0", "runs-a-folder-of-many-ffa_2-fast-17"), ("side 0", "side 1")),
+        (("ffa_2-original-0", "scripted"), ("sides 0 2 4", "sides 1 3")),
+    ):
+        text = film_players(names, sides)
+        strip = Canvas(512, 256, 22)
+        assert strip.length(text, 11) + strip.length("tick 1234", 11) < 512 - 4 * 11  # pixels, with the margins
+        first, second = text.split(" against ")
+        for shown, name, own in ((first, names[0], sides[0]), (second, names[1], sides[1])):
+            start, _, ending = shown.removesuffix(f" ({own})").partition("..")
+            assert shown.endswith(f" ({own})")
+            assert name.startswith(start)
+            assert name.endswith(ending)
+            assert len(shown) - len(own) > 8
+    assert film_players(("scripted", "random"), ("side 0", "side 1")) == "scripted (side 0) against random (side 1)"
 
 
 def test_two_policies_are_not_given_one_label() -> None:

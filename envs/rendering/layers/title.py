@@ -1,6 +1,6 @@
 """The title of a film: what is played, and where in it the picture is."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from outlast.ecs import Clock
@@ -41,28 +41,46 @@ class TitleStrip(Strip):
         write_ends(canvas, starts, ends)
 
 
-def write_ends(canvas: Canvas, starts: Iterable[str], ends: Iterable[str]) -> None:
+def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> None:
     """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
 
-    Ends but the first take at most half of it. The first start is cut if there is no room for it. Numbers are taken
-    for figures of four digits, so that nothing comes and goes while they grow.
+    Ends but the first take at most half of it, and no room that the first start needs; that is cut if there is none
+    beside the first end either. Numbers are taken for figures of four digits, so that nothing comes and goes while they
+    grow.
     """
-    height = edge = digit(canvas.size)
-    room = canvas.size - 2 * edge
-
-    def length(words: str) -> float:
-        figures = sum(map(str.isdigit, words.rpartition(" ")[2]))
-        return canvas.length(words, height) + FIGURE * height * max(0, 4 - figures)
-
-    fitting = (words for k, words in enumerate(ends) if length(words) <= (0.5 * room if k else room))
-    right = max(fitting, key=len, default="")
-    gap = 2 * height if right else 0
-    left, *longer = map(printable, starts)
-    left = max((words for words in longer if length(words) + gap + length(right) <= room), key=len, default=left)
-    while left and canvas.length(left, height) + gap + length(right) > room:
+    edge = height = digit(canvas.size)
+    first, *longer = map(printable, starts)
+    short, *more = ends or [""]
+    fitting = [
+        words
+        for words in more
+        if _length(canvas, words) <= _room(canvas) / 2 and canvas.length(first, height) <= _room(canvas, words)
+    ]
+    right = max(fitting, key=len, default=short if _length(canvas, short) <= _room(canvas) else "")
+    room = _room(canvas, right)
+    left = max((words for words in longer if _length(canvas, words) <= room), key=len, default=first)
+    while left and canvas.length(left, height) > room:
         left = left[:-1]
     canvas.text(-canvas.half + edge, 0, left, height, PAPER, anchor=0)
     canvas.text(canvas.half - edge, 0, right, height, PAPER, anchor=1)
+
+
+def fits(words: str, size: int) -> bool:
+    """Whether the words fit on the strip of a film of so many pixels, beside the tick."""
+    canvas = Canvas(size, size / 2, round(LINE * digit(size)))
+    return canvas.length(printable(words), digit(size)) <= _room(canvas, "tick 0")
+
+
+def _room(canvas: Canvas, right: str = "") -> float:
+    """For what begins to the left of these words."""
+    edge = digit(canvas.size)
+    return canvas.size - 2 * edge - (_length(canvas, right) + 2 * edge if right else 0)
+
+
+def _length(canvas: Canvas, words: str) -> float:
+    """Of words, with room for the figures at their end to grow to four digits."""
+    figures = sum(map(str.isdigit, words.rpartition(" ")[2]))
+    return canvas.length(words, digit(canvas.size)) + FIGURE * digit(canvas.size) * max(0, 4 - figures)
 
 
 def prefixes(words: str) -> list[str]:
