@@ -305,6 +305,27 @@ def test_evaluations_in_one_call(tmp_path: Path) -> None:
         found.estimates("nobody", "mine")
 
 
+def test_tables_of_another_evaluation_are_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of another game, or of other policies; the same one again, with more episodes, takes their place."""
+    numbers = {"safe_zone_damage": 50, "safe_zone_stand": 10, "safe_zone_shrink": 5}
+    small = {"worlds": 4, "quiet": True, "out": tmp_path}
+    outlast.evaluate("ffa_2", ["noop", "random"], episodes=4, **small, **numbers)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(TrainingError, match=r"holds another evaluation, of ffa_2 with noop, random: choose another"):
+        outlast.evaluate("ffa_2", ["noop", "scripted"], episodes=4, **small, **numbers)
+    with pytest.raises(TrainingError, match="holds another evaluation"):
+        outlast.evaluate("ffa_2", ["noop", "random"], episodes=4, **small, **numbers, melee_damage=20)
+    words = ["--episodes", "4", "--worlds", "4", "--quiet", "--out", str(tmp_path)]
+    assert cli.main(["evaluate", "ffa_3", "noop", "random", *words]) == 2
+    assert "holds another evaluation, of ffa_2 with noop, random" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    outlast.evaluate("ffa_2", ["noop", "random"], episodes=8, **small, **numbers)
+    assert json.loads((tmp_path / "evaluation.json").read_text())["episodes"] == 8
+    (tmp_path / "evaluation.json").write_text("[]")
+    with pytest.raises(TrainingError, match=r"evaluation\.json is no evaluation, and would be replaced: choose"):
+        outlast.evaluate("ffa_2", ["noop", "random"], episodes=4, **small, **numbers)
+
+
 @pytest.mark.parametrize(
     ("policies", "options", "words"),
     [

@@ -514,7 +514,7 @@ def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> Non
         TrainingRun(config(EACH), folder)
     with pytest.raises(TrainingError, match="was begun with worlds = 8, not 4"):
         TrainingRun(config(EACH, worlds=4), folder, resume=True)
-    with pytest.raises(TrainingError, match="was begun with preset = original, not fast$"):
+    with pytest.raises(TrainingError, match=r"was begun with preset = original, not fast$"):
         TrainingRun(config(EACH, preset="fast"), folder, resume=True)
     with pytest.raises(TrainingError, match="preset = original, not paper"):
         TrainingRun(config(EACH, preset="paper"), folder, resume=True)

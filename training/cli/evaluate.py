@@ -54,12 +54,15 @@ def run(options: argparse.Namespace) -> int:
         from ..evaluation.contenders import contenders
         from ..evaluation.evaluate import checked_folder
         from ..evaluation.evaluation import Evaluation
+        from ..evaluation.report import check_folder
     except ModuleNotFoundError as error:
         raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
     folder = checked_folder(options.out, options.film)
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
     evaluation = Evaluation(scenario(options), contenders(options.policies), **numbers)
     try:
+        if folder is not None:
+            check_folder(evaluation, folder)
         return _evaluate(evaluation, folder, options)
     finally:
         evaluation.close()

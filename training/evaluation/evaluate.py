@@ -58,7 +58,8 @@ def evaluate(
     Raises:
         ScenarioError: There is no such scenario.
         NumberError: The scenario has no such number; it may be meant for one of the arguments.
-        TrainingError: There is no such policy, it cannot play there, or `out` cannot be written.
+        TrainingError: There is no such policy, it cannot play there, or `out` cannot be written or holds another
+            evaluation.
         ValueError: `episodes` or `worlds` is no integer of at least 1.
         ActionError: A function returned actions that are none.
     """
@@ -66,6 +67,8 @@ def evaluate(
     folder = checked_folder(out, film)
     evaluation = Evaluation(game, contenders(policies), episodes=episodes, worlds=worlds, seed=seed, threads=threads)
     with contextlib.closing(evaluation), recordings(film) as hidden:
+        if folder is not None:
+            report.check_folder(evaluation, folder)
         play(evaluation, folder, hidden, quiet=quiet)
         if hidden is not None and folder is not None:
             list(films(evaluation, hidden, folder))

@@ -13,12 +13,13 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
-from ..files import write_files
+from ..files import read_text, write_files
 from .contenders import Contender
 from .groups import Groups, group_policies
 from .pairing import Array, Estimates, Pairing
 
 RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
+TABLES = "evaluation.json"
 FIRST = ("policy", "against")
 INTERVAL = ("value", "low", "high")
 OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
@@ -83,13 +84,30 @@ def write_tables(evaluation: Played, folder: Path) -> list[Path]:
     """
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
     contents = {
-        folder / "evaluation.json": json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
+        folder / TABLES: json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
         folder / "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
         folder / "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
         folder / "groups.csv": _csv(("group", "runs", "against", "figure", *INTERVAL), _group_rows(evaluation)),
     }
     write_files({path: content.encode() for path, content in contents.items()})
     return list(contents)
+
+
+def check_folder(evaluation: Played, folder: Path) -> None:
+    """TrainingError if there are tables of another evaluation, which these would replace: of a game, or of policies."""
+    path, now = folder / TABLES, json.loads(json.dumps(_json(_played(evaluation))))
+    if not path.exists():
+        return
+    cure = "choose another folder with --out, or remove what is there"
+    try:
+        found = json.loads(read_text(path))
+        there = {key: found[key] for key in now}
+        who = ", ".join(policy["policy"] for policy in there["policies"])
+        about = f"{there['scenario']['name']} with {who}"
+    except (ValueError, TypeError, LookupError):
+        raise TrainingError(f"{path} is no evaluation, and would be replaced: {cure}") from None
+    if there != now:
+        raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")
 
 
 def _ratings(evaluation: Played) -> str:
@@ -221,12 +239,11 @@ def _rows(evaluation: Played) -> list[tuple[tuple[str, str], Estimates]]:
 
 def _everything(evaluation: Played) -> dict[str, Any]:
     return {
-        "scenario": fingerprint(evaluation.scenario),
+        **_played(evaluation),
         "seed": evaluation.seed,
         "worlds": evaluation.worlds,
         "episodes": evaluation.episodes,
         "complete": evaluation.complete,
-        "policies": [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen],
         "ratings": [dict(zip(("policy", "elo", "error"), row, strict=True)) for row in _rated(evaluation)],
         "groups": [
             dict(zip(("group", "runs", "against", "figure", *INTERVAL), row, strict=True))
@@ -234,6 +251,12 @@ def _everything(evaluation: Played) -> dict[str, Any]:
         ],
         "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
     }
+
+
+def _played(evaluation: Played) -> dict[str, Any]:
+    """By which one evaluation is told from another."""
+    policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
+    return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
 
 
 def _pairing(evaluation: Played, pairing: Pairing) -> dict[str, Any]:

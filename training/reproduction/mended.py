@@ -15,13 +15,12 @@ from outlast.systems import Behaviour
 from ..errors import TrainingError
 from ..evaluation.contenders import contenders
 from ..evaluation.evaluation import Evaluation
-from ..evaluation.report import write_tables
+from ..evaluation.report import TABLES, write_tables
 from ..files import read_text
 from ..tables import NONE, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
-TABLES = "evaluation.json"
 MATES = "mate_distance"  # 0 where nobody has a mate
 BY_SIDES, BY_AGENTS = 2, 0  # what to multiply the mean of both roles by for a sum over all agents: 2; so many agents
 SELF_PLAY = {
