@@ -267,6 +267,18 @@ def test_over_hours_a_mean_ends_where_the_first_run_does(tmp_path: Path) -> None
     assert any("means over the runs that have come so far" in text.get_text() for text in made.texts)
 
 
+def test_tags_are_titles_as_they_are_and_ratings_fill_their_panel(tmp_path: Path) -> None:
+    place, tag = run(tmp_path / "a"), "wins/runs/ffa_2-fast-0/steps_0000262144.zip"
+    rows = [f"{tag},{1000 * k},0.5\nrating/self,{1000 * k},{1014 + 2 * k}\n" for k in range(1, 21)]
+    (place / "log.csv").write_text((place / "log.csv").read_text() + "".join(rows))
+    _, axes = drawn_axes(tmp_path, curves=(tag, "rating/self", "length"))
+    assert [each.get_title("left") for each in axes] == [tag, "rating/self", "length"]
+    low, high = axes[1].get_ylim()
+    assert 1000 < low < 1016
+    assert 1054 < high < 1070
+    assert [axes[k].get_ylim()[0] for k in (0, 2)] == [0, 0]
+
+
 def test_a_single_point_is_seen(tmp_path: Path) -> None:
     run(tmp_path / "a", points=1)
     _, axes = drawn_axes(tmp_path, curves=("length",))

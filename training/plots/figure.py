@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 
 from ..averages import average
 from ..curves import Array, Curves
+from ..headline import RATING
 from ..image import GREY, encoded, literal
 from .comparison import Comparison
 from .groups import Group
@@ -53,7 +54,7 @@ def draw(comparison: Comparison) -> Figure:
         axes.set_xlim(0, longest)
         for k, group in enumerate(comparison.groups):
             _curve(axes, comparison, group, panel.name, k, scale)
-        _finish(axes)
+        _finish(axes, from_0=not panel.name.startswith(RATING))
     for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
     for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
@@ -103,11 +104,11 @@ def _axis(comparison: Comparison) -> tuple[float, float, str]:
     return longest / scale, scale, name
 
 
-def _finish(axes: Axes) -> None:
-    """Heights from 0 where nothing is below it."""
+def _finish(axes: Axes, *, from_0: bool) -> None:
+    """Heights from 0 where nothing is below it; of ratings, of which only differences mean anything, where they are."""
     _, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
-    if lines and min(np.nanmin(line) for line in lines) >= 0:
+    if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
         top = max(high, 1.05 * max(np.nanmax(line) for line in lines))
         axes.set_ylim(0, top if top > 0 else 1)
     axes.grid(alpha=0.25, linewidth=0.6)

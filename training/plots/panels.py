@@ -33,7 +33,7 @@ class Panel:
     def title(self) -> str:
         """With how several become one."""
         how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
-        return self.name.replace("_", " ") + how
+        return (self.name if "/" in self.name else self.name.replace("_", " ")) + how  # a tag may name a file
 
 
 def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
