@@ -245,6 +245,12 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
         assert re.match(f"response.zip was trained {words}", wrong(first)[0])
 
 
+def test_a_response_may_be_trained_by_any_number_of_threads(first: Result, tmp_path: Path) -> None:
+    """As `--threads` says."""
+    _change(first.folder / "response.zip", tmp_path / "response.zip", {"threads": 3}, {})
+    assert described.wrong_with_response(tmp_path / "response.zip", tasks.task_of(NAME), 0, BUDGET) == ""
+
+
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
     first.content["matches"].remove(first.against["strong blows", "scripted"])
     assert checks(first)[0]().missing == "it has not played scripted in the game 'strong blows'"

@@ -77,6 +77,7 @@ def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
     if [Path(name).name for name in _opponents(plan)] != [POLICY]:
         return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"
+    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # these are the machine's
     given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
     given |= {"game": not preset(header["preset"]).difference(header["scenario"], task.scenario), "opponents": ""}
     for key, value in (wanted | {"game": True, "opponents": ""}).items():
