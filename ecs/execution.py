@@ -3,6 +3,7 @@
 import os
 from typing import Any
 
+import numba
 import numpy as np
 
 from .arguments import ArgumentBlock
@@ -118,7 +119,8 @@ def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
     """The exception that a unit raised, with its name, and a note on how to find the line."""
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
-    place = f" ({os.path.basename(file)}, {line})" if place and unit.system else ""
+    inside = file.startswith(os.path.dirname(numba.__file__))  # a line of numba's own says nothing
+    place = f" ({os.path.basename(file)}, {line})" if place and unit.system and not inside else ""
     text = " ".join(map(str, arguments)) if arguments else kind.__name__
     try:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")

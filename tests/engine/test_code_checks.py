@@ -24,6 +24,7 @@ from outlast.ecs import (
     RangeError,
     Read,
     Rows,
+    Singleton,
     Write,
     column,
     number,
@@ -263,6 +264,26 @@ def test_the_count_of_an_event_stays_in_its_list() -> None:
         RangeError, match=r"Hit\.count after hunt\.cancel: an integer is out of the range .*: 0 to 4 is"
     ):
         env.step(np.zeros((2, 2, len(env.action_sizes)), int))
+
+
+def test_an_error_that_numba_raises_names_no_line_of_its_own() -> None:
+    def compare(prey: Write[Wide], agents: Rows[Prey]) -> None:
+        if prey.wide > 0:
+            prey.wide[0] = 1
+
+    mechanic = type("Hunt", (Module,), {"archetypes": lambda self: [Archetype("agent", (Prey(),))]})
+    mechanic.singletons = lambda self: [Wide()]
+    mechanic.system(Phase.DRIVE)(compare)
+    env = make_vec(variant("ffa_1").with_(mechanic()), 1, seed=0)
+    env.reset()
+    with pytest.raises(
+        ValueError, match=r"^(hunt\.compare: )?The truth value of an array with more than one element is amb"
+    ):
+        env.step(np.zeros((1, 2, len(env.action_sizes)), int))
+
+
+class Wide(Singleton):
+    wide: Array = column("f4", 3)
 
 
 # ---- what a scenario has
