@@ -30,7 +30,7 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
     Args:
         system: Any system. Of one that stays Python, only what numba's front end understands is checked.
         per_agent: Names of its mechanic's numbers in which roles differ.
-        widths: Columns of the fields of observations, by the names of Offsets.
+        widths: Columns of its mechanic's fields of observations, by the names of Offsets.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a

@@ -88,16 +88,28 @@ def _made(wanted: Wanted) -> Plan:
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
     _check_labels(wanted.interpret, schedule)
-    widths = {f"{key}_{name}": field.size for key, fields in layout.fields.items() for name, field in fields.items()}
     for system in schedule.systems:
         if system.outside:
-            check(system, differing_numbers(layout, system.module), widths)
+            check(system, differing_numbers(layout, system.module), _widths(layout, system.module))
         if system.label in wanted.interpret:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
     functions, parts = {CALL: call, **dict(wanted.functions)}, {RUN: run_units, **dict(wanted.parts)}
     return Plan(layout, schedule, tick, CompiledUnits(units, functions, parts))
+
+
+def _widths(layout: Layout, module: str) -> dict[str, int]:
+    """Columns of the fields that a mechanic adds, by names of Offsets, with its own that lie right behind them."""
+    found = dict[str, int]()
+    for mechanic in layout.modules:
+        for key, added in mechanic.fields().items() if mechanic.name == module else ():
+            there, from_start = layout.fields.get(key, {}), dict[int, int]()
+            own = [there[field.name] for field in added if field.name in there]
+            for field in sorted(own, key=lambda field: -field.start):
+                width = field.size + from_start.get(field.start + field.size, 0)
+                from_start[field.start] = found[f"{key}_{field.name}"] = width
+    return found
 
 
 def _applies(system: System, layout: Layout) -> bool:
