@@ -156,14 +156,14 @@ def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiments, "MENDED_STEPS", 8192)
+    monkeypatch.setattr(experiments, "MENDED_STEPS", 32768)  # so many that episodes of all games end
     small = (
         "--worlds",
         "16",
         "--rollout",
         "1024",
         "--every",
-        "2048",
+        "8192",
         "--with",
         "Behaviour",
         "--opponents",
@@ -183,7 +183,7 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
         assert (tmp_path / "mended" / name).stat().st_size > 1000
     evaluation = tmp_path / "mended/measured/ffa_2+bounty-fast-0/evaluation.json"
     played: Any = json.loads(evaluation.read_text())
-    assert played["policies"][1]["policy"].endswith("steps_0000004096.zip")
+    assert played["policies"][1]["policy"].endswith("steps_0000016384.zip")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     before[evaluation] = evaluation.stat().st_mtime_ns
     assert outlast_paper(*words) == 0
