@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from outlast.ecs.whole import is_whole
+
 from .core.make import make_vec
 from .core.vector_env import SurvivalVectorEnv
 from .rollout.policies import random_policy
@@ -66,8 +68,10 @@ def check(
         What was found, at most one thing of each check: the first one. [] if all is well.
 
     Raises:
-        What make_vec raises.
+        ValueError: `steps` is no integer of at least 1. Else what make_vec raises.
     """
+    if not is_whole(steps, 1):
+        raise ValueError(f"steps = {steps!r}: an integer of at least 1 is needed")
     game, found = _Game(resolve(scenario), worlds, steps, seed), list[Finding]()
     for name, look in CHECKS.items():
         text = look(game)

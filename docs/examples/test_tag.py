@@ -199,3 +199,7 @@ def test_the_base_and_the_players_are_drawn():
     picture = outlast.draw(env.worlds, 0, 240, layers=TAG_LAYERS)
     assert picture[120, 120].tolist() == [150, 200, 150]
     assert (picture == [220, 50, 40]).all(-1).any()
+
+
+def test_what_no_step_looks_for():
+    assert outlast.check(TAG, worlds=4, steps=60) == []

@@ -110,6 +110,12 @@ def test_nothing_is_found_in_games_that_are_right(name: str, capsys: pytest.Capt
     assert capsys.readouterr().out.split() == [word for check in CHECKS for word in (check, "ok")]
 
 
+def test_a_check_of_no_steps_is_none() -> None:
+    with pytest.raises(ValueError, match="steps = 0: an integer of at least 1 is needed"):
+        outlast.check("ffa_1", steps=0)
+    assert outlast.check("ffa_1", worlds=1, steps=1) == []
+
+
 def test_the_command_fails_where_something_is_found(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "ffa_1", "--with", f"{__file__}:Unpaid", "--worlds", "2", "--steps", "40"]) == 1
     assert "finite  reward of agent 1 in world 0, step 3, is nan" in capsys.readouterr().out
