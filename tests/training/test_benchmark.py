@@ -245,6 +245,16 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
         assert re.match(f"response.zip was trained {words}", wrong(first)[0])
 
 
+@pytest.mark.parametrize(("share", "fine"), [(1, True), (0.71, True), (0.7, False), (1.01, False)])
+def test_errors_may_count_all_episodes_as_they_once_did(first: Result, share: float, fine: bool) -> None:
+    """Of two episodes of many, the error of before is that of now times the root of a half."""
+    figures = first.against["trained", "scripted"]["figures"][0]
+    mean, error = figures["life"]
+    figures["life"] = [mean, share * error]
+    assert error > 0
+    assert (wrong(first, ("trained", "scripted")) == []) == fine
+
+
 def test_a_response_may_be_trained_by_any_number_of_threads(first: Result, tmp_path: Path) -> None:
     """As `--threads` says."""
     _change(first.folder / "response.zip", tmp_path / "response.zip", {"threads": 3}, {})
