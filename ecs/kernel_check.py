@@ -5,7 +5,7 @@ line it is in, also where it is in a kernel that the system calls. How: see abst
 may have no value where it is used, see assignment_check, and a random number that is drawn twice, see random_check.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from types import FunctionType
 from typing import Any
 
@@ -20,7 +20,7 @@ from .compile_errors import AS_PYTHON, first_sentence
 from .errors import DeclarationError, ScheduleError
 from .jit import External, compiled
 from .random_check import repeated_draw
-from .references import is_outside, references
+from .references import is_outside, reachable, references
 from .system import System
 
 
@@ -49,22 +49,10 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
 def check_interpretable(system: System) -> None:
     """Raise DeclarationError if a system cannot run as Python in a compiled process, as it calls a C library."""
     kernel: Any = system.kernel
-    for function in _reachable(getattr(kernel, "py_func", kernel)):
+    for function in reachable(getattr(kernel, "py_func", kernel), lambda inner: True):
         for _, value in references(function):
             if isinstance(value, External):
                 raise DeclarationError(f"{system.label} cannot run as Python: {value.refusal}")
-
-
-def _reachable(function: FunctionType) -> Iterator[FunctionType]:
-    """A function and all Python functions that it, or one of them, refers to."""
-    ahead, seen = [function], {function}
-    while ahead:
-        yield (one := ahead.pop())
-        for _, value in references(one):
-            inner = getattr(value, "py_func", value)
-            if isinstance(inner, FunctionType) and inner not in seen:
-                seen.add(inner)
-                ahead.append(inner)
 
 
 def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str, int]) -> Any:
@@ -77,6 +65,11 @@ def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str
     if parameter.kind == "numbers" or parameter.kind in SELECTIONS.values():
         return Shared(parameter.name)
     return FLOATING if parameter.type is float else UNKNOWN
+
+
+def _is_own(function: FunctionType) -> bool:
+    """Whether it is part of a user's mechanic."""
+    return is_outside(function) and function.__module__.partition(".")[0] not in FOREIGN
 
 
 class _Check:
@@ -100,9 +93,8 @@ class _Check:
 
     def check_code(self, function: FunctionType) -> None:
         """Look at it, and at all functions of a user's that it refers to, whatever values they get."""
-        for each in _reachable(function):
-            own = is_outside(each) and each.__module__.partition(".")[0] not in FOREIGN
-            code = self._code(each, {}, ()) if own else None
+        for each in reachable(function, _is_own):
+            code = self._code(each, {}, ())
             if code and (again := repeated_draw(code)):
                 raise DeclarationError(
                     f"{self.label} ({place(each, again)}) draws at an index at which it has drawn already: both are "

@@ -62,17 +62,25 @@ def codes(code: CodeType) -> Iterator[CodeType]:
             yield from codes(constant)
 
 
-def check_random(function: Callable[..., Any], label: str) -> None:
-    """DeclarationError if the system `label` draws from a generator that has a state."""
-    root, seen = function.__module__.partition(".")[0], {function}
-    ahead = [function] if isinstance(function, FunctionType) else []
+def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) -> Iterator[FunctionType]:
+    """A function and all Python functions that it, or one of them, refers to. follow: which of these count."""
+    ahead, seen = [function], {function}
     while ahead:
-        for name, value in references(ahead.pop()):
-            refuse_random(label, name, value)
+        yield (one := ahead.pop())
+        for _, value in references(one):
             inner = getattr(value, "py_func", value)
-            if isinstance(inner, FunctionType) and inner not in seen and inner.__module__.partition(".")[0] == root:
+            if isinstance(inner, FunctionType) and inner not in seen and follow(inner):
                 seen.add(inner)
                 ahead.append(inner)
+
+
+def check_random(function: Callable[..., Any], label: str) -> None:
+    """DeclarationError if the system `label` draws from a generator that has a state."""
+    root = function.__module__.partition(".")[0]
+    if isinstance(function, FunctionType):
+        for each in reachable(function, lambda inner: inner.__module__.partition(".")[0] == root):
+            for name, value in references(each):
+                refuse_random(label, name, value)
 
 
 def refuse_random(label: str, name: str, value: Any) -> None:

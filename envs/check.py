@@ -191,18 +191,12 @@ def _difference(
             if key not in was:
                 continue
             before = was[key][worlds]
-            same = np.isclose(before, values, close, close, equal_nan=True) if close else _equal(before, values)
+            same = np.isclose(before, values, close, close, equal_nan=True)
             if not same.all():
                 place = tuple(np.argwhere(~same)[0].tolist())
                 where = _named(game, key, (place[0] + (worlds.start or 0), *place[1:]), step)
                 return f"{how} {where} is {values[place]:g}, not {before[place]:g}"
     return ""
-
-
-def _equal(one: Array, other: Array) -> Array:
-    """Where two arrays have the same bits, or no numbers both."""
-    same: Array = (one == other) | ((one != one) & (other != other))
-    return same
 
 
 def _named(game: _Game, key: str, place: tuple[int, ...], step: int) -> str:
