@@ -42,9 +42,8 @@ from .abstract_values import (
     tracked,
 )
 from .cache_key import FOREIGN
-from .compile_errors import hint
 from .component import Component
-from .errors import DeclarationError, EngineError, ScheduleError
+from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
@@ -141,7 +140,8 @@ class Activation:
             case ir.Global() | ir.FreeVar() | ir.Const():
                 if value.value is ir.UNDEFINED:
                     known = [*self.arguments, *self.function.__globals__, *dir(builtins)]
-                    self._refuse(f"the name '{value.name}' is not defined{hint(value.name, known)}")
+                    hint = did_you_mean(value.name, known, before="; ")
+                    self._refuse(f"the name '{value.name}' is not defined{hint}")
                 return frozenset([FLOATING if isinstance(value.value, FLOATS) else Constant(value.value)])
             case ir.Expr():
                 return self._expression(value)
@@ -202,7 +202,7 @@ class Activation:
             if name in columns:
                 return frozenset([Column(value.component, value.access, name)])
             if self.certain:
-                known = f"it has: {', '.join(columns)}{hint(name, columns)}"
+                known = f"it has: {', '.join(columns)}{did_you_mean(name, columns, before='; ')}"
                 self._refuse(f"{component_name(value)} has no column '{name}'; {known}")
         elif isinstance(value, Column):
             if value.access == "add" and name not in SIZES:
@@ -216,7 +216,8 @@ class Activation:
                 found = getattr(value.value, name)
                 return frozenset([FLOATING if isinstance(found, FLOATS) else Constant(found)])
             if self.certain:
-                self._refuse(f"{value.value.__name__} has no '{name}'{hint(name, dir(value.value))}")
+                hint = did_you_mean(name, dir(value.value), before="; ")
+                self._refuse(f"{value.value.__name__} has no '{name}'{hint}")
         return ANYTHING
 
     def _item(self, value: Any, index: Any) -> Values:

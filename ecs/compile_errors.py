@@ -1,9 +1,8 @@
 """What numba says when it cannot compile a system, in a line or two: where, what, and what to do about it."""
 
 import contextlib
-import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import PurePath
 
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
@@ -15,12 +14,6 @@ from .system import System
 AS_PYTHON = "interpret=(label,), or NUMBA_DISABLE_JIT=1 for all, runs systems as Python, where print and debuggers work"
 PLACE = re.compile(r'^(?:File "|During: lowering ".*" at )(.+?)(?:", line | \()(\d+)(?::|\)$)', re.MULTILINE)
 GENERATED = "<outlast unit "  # see ecs.tick.Unit
-
-
-def hint(name: str, known: Iterable[str]) -> str:
-    """What a misspelt name may have been meant to be, behind a message; "" if nothing is close."""
-    close = difflib.get_close_matches(name, list(known), n=2)
-    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
 @contextlib.contextmanager

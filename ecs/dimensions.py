@@ -1,11 +1,10 @@
 """The sizes of the named dimensions of columns, which modules declare and which may name each other."""
 
-import difflib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from .archetype import MOST
-from .errors import DeclarationError, NumberError
+from .errors import DeclarationError, NumberError, did_you_mean
 from .references import is_outside
 from .whole import is_whole
 
@@ -64,8 +63,7 @@ def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int
         for name, column in component.columns.items():
             for dim in (term.strip() for term in column.below.split("+") if column.below):
                 if not (dim.isdigit() or dim in dims or _has_a_mechanic(module, dim)):
-                    near = difflib.get_close_matches(dim, dims, 1)
-                    hint = f"did you mean {near[0]!r}?" if near else "take names and numbers, with + between them"
+                    hint = did_you_mean(dim, dims) or "take names and numbers, with + between them"
                     raise DeclarationError(
                         f"{component.__name__}.{name} is below {column.below!r}: no dimension is called {dim!r}; {hint}"
                     )
@@ -107,8 +105,7 @@ def _has_a_mechanic(module: Any, dim: str) -> bool:
 def _check_known(module: Any, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
     """DeclarationError if no mechanic that is imported has the dimension."""
     if not _has_a_mechanic(module, dim):
-        near = difflib.get_close_matches(dim, known)
-        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(sorted(known))}"
+        hint = did_you_mean(dim, known) or f"known: {', '.join(sorted(known))}"
         raise DeclarationError(
             f"the dimension '{trail[-1]}' is to be of the size of '{dim}', which no module has; {hint}"
         )

@@ -1,6 +1,5 @@
 """What the numbers of a mechanic can be drawn from, anew in every episode of every world."""
 
-import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import NumberError
+from .errors import NumberError, did_you_mean
 from .whole import is_whole
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
@@ -172,8 +171,7 @@ def from_plain(name: Any, *values: Any) -> Distribution:
     }
     made = makers.get(str(name))
     if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
-        near = difflib.get_close_matches(str(name), makers, 1, 0.75) if made is None else []
-        hint = f"did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(name, makers, after=" ", count=1, cutoff=0.75) if made is None else ""
         raise NumberError(
             f"{[name, *values]!r:.80} is no distribution: {hint}uniform(low, high), log_uniform(low, high), "
             "integers(low, high), choice(value, value, ...) or free(value) is needed"

@@ -1,12 +1,11 @@
 """One entity of one world, to look at while debugging."""
 
-import difflib
 from typing import Any
 
 import numpy as np
 
 from .component import Component, Entity
-from .errors import DeclarationError
+from .errors import DeclarationError, did_you_mean
 from .whole import is_whole
 
 
@@ -55,8 +54,7 @@ class EntityView:
             raise AttributeError(name)
         named = [component for component in self._tables if component.__name__ == name]
         if not named:
-            close = difflib.get_close_matches(name, self._names, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
+            hint = did_you_mean(name, self._names, before="; ")
             raise AttributeError(f"{self._name} has no {name}; it has: {', '.join(self._names)}{hint}")
         if len(named) > 1:
             raise AttributeError(f"{self._name} has {len(named)} components called {name}: take entity[its class]")

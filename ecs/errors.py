@@ -1,5 +1,28 @@
 """Errors of the engine: each message names the thing, what was expected and the cure."""
 
+import difflib
+from collections.abc import Iterable
+
+
+def did_you_mean(
+    name: object, known: Iterable[object], *, before: str = "", after: str = "", count: int = 2, cutoff: float = 0.6
+) -> str:
+    """What a misspelt name may have been meant to be: the part of a message that asks.
+
+    Args:
+        name: What was given.
+        known: What there is.
+        before: What stands before the question, as "; ", if there is one.
+        after: What stands behind it, as " ".
+        count: How many names are offered at most, the closest first.
+        cutoff: How alike the two are at least, from 0 to 1, see `difflib.get_close_matches`.
+
+    Returns:
+        The question, or "" if nothing is close.
+    """
+    close = difflib.get_close_matches(str(name), [str(each) for each in known], count, cutoff)
+    return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""
+
 
 class OutlastError(Exception):
     """Base of all errors that outlast raises; see outlast.errors."""

@@ -6,14 +6,13 @@ The row is as long as all fields of its key together. A mechanic adds some with 
 position by an Offset parameter (ecs.access), everybody else from Layout.fields.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .errors import DeclarationError
+from .errors import DeclarationError, did_you_mean
 from .whole import is_whole
 
 SMALLEST = 1e-9  # of scales: networks multiply by their inverse in float32
@@ -127,12 +126,11 @@ def offset(fields: Fields, name: str, label: str) -> int:
             f"{label}: the Offset '{name}' could be the field {owners}; rename one of them, or its observation"
         )
     names = [full for full, _, _ in known]
-    near = difflib.get_close_matches(name, names)
     keys = {key for _, key, _ in known if name.startswith(f"{key}_")}
     listed = [full for full, key, _ in known if key in keys] or names
     raise DeclarationError(
         f"{label}: there is no field for the Offset '{name}' (KEY_FIELD, as in own_health)"
-        + (f"; did you mean {' or '.join(near)}?" if near else ";")
+        + (did_you_mean(name, names, before="; ") or ";")
         + f" There are: {', '.join(listed) or 'none'}"
     )
 
@@ -213,8 +211,7 @@ def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> I
 def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: set[str]) -> str:
     """Why a module cannot add fields to a key."""
     if key not in observations:
-        near = difflib.get_close_matches(key, sorted(known))
-        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(sorted(known))}"
+        hint = did_you_mean(key, sorted(known)) or f"known are {', '.join(sorted(known))}"
         return f"{module} adds fields to the observation '{key}', which no mechanic declares; {hint}"
     owner, column = observations[key]
     if column.fields:

@@ -4,7 +4,6 @@ All packed columns of one world are contiguous, so a tick reads one stretch of m
 world is to copy bytes. Columns that environments return (actions, observations, signals) have buffers of their own.
 """
 
-import difflib
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -17,7 +16,7 @@ from .archetype import Archetype, listed, merge
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .dimensions import check_indices, check_owners, dimension_sizes
 from .distributions import Distribution
-from .errors import DeclarationError
+from .errors import DeclarationError, did_you_mean
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
@@ -267,13 +266,11 @@ class Layout:
             capacity = event.capacity
             if isinstance(capacity, type):
                 capacity = len(self.rows(capacity))
-            if isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity):
-                near = difflib.get_close_matches(capacity, self.dims, 1)
-                if near:  # others may be there with other numbers
-                    raise DeclarationError(
-                        f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; did "
-                        f"you mean '{near[0]}'?"
-                    )
+            unknown = isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity)
+            if unknown and (hint := did_you_mean(capacity, self.dims)):  # others may be there with other numbers
+                raise DeclarationError(
+                    f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; {hint}"
+                )
             self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
         return tuple(found.values())
 
@@ -306,8 +303,8 @@ class Layout:
                     raise DeclarationError(
                         f"{here[0]} declares 0 of the kind '{name}': at least 1 is needed; for none leave {here[0]} out"
                     )
-                near = difflib.get_close_matches(name, [name for name, kind in self.archetypes.items() if kind.count])
-                cure = f"did you mean {' or '.join(map(repr, near))}?" if near else "add a module that does"
+                declared = [name for name, kind in self.archetypes.items() if kind.count]
+                cure = did_you_mean(name, declared) or "add a module that does"
                 raise DeclarationError(
                     f"modules extend the archetype '{name}', but none declares how many there are; "
                     f"{f'add {self.modules[0].named(kinds)}' if kinds else cure}"

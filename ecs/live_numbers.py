@@ -4,14 +4,13 @@ Kernels read numbers from their argument blocks, so another value costs nothing 
 once, when the worlds are, stays: tables, what entities begin with, the schedule, scratch memory, bounds of spaces.
 """
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from .errors import NumberError
+from .errors import NumberError, did_you_mean
 from .layout import Layout
 from .made_once import reasons
 from .module import Module
@@ -37,8 +36,7 @@ def changed_modules(
     known, found = owners(present), list(present)
     for name, value in numbers.items():
         if name not in known:
-            near = difflib.get_close_matches(name, known, 3)
-            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            hint = did_you_mean(name, known, after=" ")
             raise NumberError(f"there is no number '{name}' here; {hint}known: {', '.join(known)}")
         k, own = known[name]
         found[k] = found[k].replace(**{own: value})

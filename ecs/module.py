@@ -16,7 +16,6 @@ random numbers are those of the stream "poison.sicken": a subclass draws what it
 
 import contextlib
 import dataclasses
-import difflib
 import functools
 import inspect
 import re
@@ -27,7 +26,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from .access import parameters
 from .archetype import Archetype
 from .component import Component, Singleton, snake_case
-from .errors import DeclarationError, NumberError
+from .errors import DeclarationError, NumberError, did_you_mean
 from .fields import Field
 from .jit import kernel
 from .layout import Layout
@@ -93,8 +92,7 @@ class Module:
         known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls)}
         for name, value in vars(cls).items():
             if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
-                near, kind = difflib.get_close_matches(name, numbers, 1), type(value).__name__
-                hint = f"did you mean {near[0]}? A" if near else "a"
+                kind, hint = type(value).__name__, did_you_mean(name, numbers, after=" A") or "a"
                 raise DeclarationError(
                     f"{cls.__name__}.{name} = {value!r:.60} is no other default of an inherited number; {hint} new "
                     f"number is declared as {name}: {kind} = number(...), a constant as {name}: ClassVar[{kind}] = ..."
@@ -107,9 +105,9 @@ class Module:
         hooks = [name for name, value in vars(Module).items() if callable(value) and not name.startswith("_")]
         for name, value in vars(cls).items():
             own = callable(value) and not isinstance(value, type) and not name.startswith("_") and name not in bases
-            if own and (near := difflib.get_close_matches(name, hooks, 1, NEAR)):
+            if own and (hint := did_you_mean(name, hooks, after=" ", count=1, cutoff=NEAR)):
                 raise DeclarationError(
-                    f"{cls.__name__}.{name}() is called by nothing; did you mean {near[0]}? If it is a method of "
+                    f"{cls.__name__}.{name}() is called by nothing; {hint}If it is a method of "
                     f"your own, give it a name less like it, or _{name}"
                 )
 
@@ -370,17 +368,15 @@ class Module:
         if name in known:
             value, choices = getattr(self, name), known[name]
             return choices.index(value) if choices else value
-        near = difflib.get_close_matches(name, known, 1)
         asking = [system.label for system in self.systems() if any(name == p.name for p in system.parameters)]
         raise DeclarationError(
             f"{self.name} has no number '{name}', which {' and '.join(asking) or 'one of its systems'} asks for; "
-            + (f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}")
+            + (did_you_mean(name, known) or f"it has: {', '.join(known) or 'none'}")
         )
 
 
 def check_kind(name: str, known: Iterable[str]) -> None:
     """DeclarationError if no mechanic that is imported has entities of that kind. known: those of a scenario."""
     if not Module.providing(lambda module: name in (archetype.name for archetype in module.archetypes())):
-        near = difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        hint = did_you_mean(name, known, after=" ")
         raise DeclarationError(f"there are no entities of the kind {name!r}; {hint}known: {', '.join(known)}")

@@ -1,6 +1,5 @@
 """Plans: what all batches of worlds of one game share. Nothing in a plan changes, so it is kept and used again."""
 
-import difflib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Any
 from .access import SELECTIONS
 from .cache import CompiledUnits
 from .distributions import Distribution
-from .errors import ScheduleError
+from .errors import ScheduleError, did_you_mean
 from .jit import compiled
 from .kernel_check import check, check_interpretable
 from .layout import Layout
@@ -122,6 +121,5 @@ def _check_labels(interpret: Sequence[str], schedule: Schedule) -> None:
     known = [system.label for system in schedule.systems]
     for label in interpret:
         if label not in known:
-            near = difflib.get_close_matches(label, known, 3)
-            hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+            hint = did_you_mean(label, known, after=" ")
             raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")

@@ -1,13 +1,12 @@
 """The schedule: phases in order of time, systems within a phase by what they declare; ambiguity is an error."""
 
-import difflib
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from .access import SELECTIONS
 from .component import Component, Singleton
-from .errors import ScheduleError
+from .errors import ScheduleError, did_you_mean
 from .event import Event
 from .module import Module
 from .phase import Phase, When
@@ -269,11 +268,10 @@ def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = N
     if meant:
         return meant
     names = {each for system in known for each in (system.label, system.module)}
-    close = difflib.get_close_matches(name, sorted(names), cutoff=0.5)
     here = sorted({system.label for system in known if system.phase is phase})
     raise ScheduleError(
         f"{who}, which no module registers"
-        + (f"; did you mean {' or '.join(map(repr, close))}?" if close else ";")
+        + (did_you_mean(name, sorted(names), before="; ", cutoff=0.5) or ";")
         + (f" In phase {phase.name} there are {', '.join(here)}." if phase else "")
         + " A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
     )

@@ -1,10 +1,11 @@
 """PPO's hyperparameters in the authors' runs, and what others may be."""
 
-import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
+
+from outlast.ecs.errors import did_you_mean
 
 from .errors import TrainingError
 
@@ -59,8 +60,7 @@ class Hyperparameters:
         """These with others in some places. Raises TrainingError for what there is not, or what cannot be."""
         for name in settings:
             if name not in KINDS:
-                near = difflib.get_close_matches(name, KINDS, 1)
-                hint = f"did you mean {near[0]}? " if near else ""
+                hint = did_you_mean(name, KINDS, after=" ")
                 raise TrainingError(f"PPO has no number '{name}'; {hint}it has: {', '.join(KINDS)}")
         return replace(self, **settings)
 

@@ -1,12 +1,13 @@
 """The grammar of the command line: help with groups and examples, mistakes in one line with a hint."""
 
 import argparse
-import difflib
 import re
 import shutil
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
+
+from outlast.ecs.errors import did_you_mean
 
 WIDEST = 110  # columns of help: longer lines are hard to read
 MINUS = re.compile(r"-[^-\d]")  # a value such as -ids, which is no option and no number
@@ -120,18 +121,12 @@ class Parser(argparse.ArgumentParser):
         name = word.partition("=")[0]
         if not name.startswith("-"):
             return f"{word} is one word too many; put what belongs together in a row, ahead of the options"
-        return f"there is no option {name}{did_you_mean(name, self._option_string_actions)}"
+        return f"there is no option {name}{did_you_mean(name, self._option_string_actions, before=': ', count=1)}"
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            known = ", ".join(map(str, action.choices))
-            raise argparse.ArgumentError(action, f"{value}{did_you_mean(str(value), action.choices)}; known: {known}")
-
-
-def did_you_mean(word: str, known: Iterable[Any]) -> str:
-    """A question behind a misspelt word, or nothing."""
-    near = difflib.get_close_matches(word, map(str, known), 1)
-    return f": did you mean {near[0]}?" if near else ""
+            hint, known = did_you_mean(value, action.choices, before=": ", count=1), ", ".join(map(str, action.choices))
+            raise argparse.ArgumentError(action, f"{value}{hint}; known: {known}")
 
 
 def _aligned(examples: Sequence[tuple[str, str]]) -> list[str]:

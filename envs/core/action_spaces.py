@@ -1,6 +1,5 @@
 """What agents choose from: an integer for each action, or one for all of them together; and what would do nothing."""
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -10,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Action, DeclarationError, Module, Worlds
+from outlast.ecs.errors import did_you_mean
 
 from ..errors import ActionError, UsageError
 from .spaces import published
@@ -222,8 +222,7 @@ def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Arr
     found = {key: np.asarray(idle) for key, idle in given.items()}
     for key, idle in found.items():
         if key not in known and not {key} & Action.keys():  # of those that a scenario lacks: only then looked for
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(sorted(known))}"
+            hint = did_you_mean(key, known) or f"there are: {', '.join(sorted(known))}"
             raise DeclarationError(f"{module.name}.idle_actions() names the action {key!r}, which is none; {hint}")
         if idle.shape != shape:
             raise DeclarationError(

@@ -1,6 +1,5 @@
 """Spaces, built from what the scenario's components declare."""
 
-import difflib
 import itertools
 from collections.abc import Mapping
 from typing import Any
@@ -21,6 +20,7 @@ from outlast.ecs import (
     Statistic,
     Worlds,
 )
+from outlast.ecs.errors import did_you_mean
 from outlast.ecs.fields import column_names
 from outlast.ecs.references import is_outside
 from outlast.ecs.varied import NumbersView, extreme_layouts
@@ -151,11 +151,8 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
     stated = [(module.name, module.bounds(there)) for there in extremes for module in there.modules]
     for module, ends in stated:
         if unknown := sorted(ends.keys() - Observation.keys()):
-            near = difflib.get_close_matches(unknown[0], Observation.keys(), 1)
-            raise DeclarationError(
-                f"{module}.bounds() has the key '{unknown[0]}', which no observation has"
-                + (f"; did you mean '{near[0]}'?" if near else "; fields are in the bounds of their key")
-            )
+            hint = did_you_mean(unknown[0], Observation.keys()) or "fields are in the bounds of their key"
+            raise DeclarationError(f"{module}.bounds() has the key '{unknown[0]}', which no observation has; {hint}")
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}

@@ -1,6 +1,5 @@
 """Mixtures: policies with weights, one of which is drawn for each world and episode."""
 
-import difflib
 import math
 import os
 import weakref
@@ -11,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from outlast.ecs import Clock, Worlds
+from outlast.ecs.errors import did_you_mean
 
 from ..core.described import Actions, Arrays
 from ..core.validation import checked_actions
@@ -193,9 +193,7 @@ def _named(name: str, names: Collection[str]) -> str:
     name = policy_file(name, names)
     if name in names or (name.endswith(SAVED) and name != SAVED):
         return name
-    near = difflib.get_close_matches(name, names, 1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    raise UsageError(f"{name or 'nothing'}: {hint}{_needed(names)}")
+    raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, names, after=' ')}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:

@@ -1,6 +1,5 @@
 """Floor plans: walls and start areas as data, from lists, text, files and running worlds."""
 
-import difflib
 import json
 import math
 import os
@@ -11,6 +10,7 @@ from typing import Any
 
 from outlast.components import Body, Floor, Shape, Wall
 from outlast.ecs import Entity, Module, Worlds
+from outlast.ecs.errors import did_you_mean
 from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 
@@ -232,8 +232,7 @@ def named_layout(name: str) -> tuple[Module, ...]:
     try:
         plan = FloorPlan.load(name)
     except OSError as error:
-        near = difflib.get_close_matches(name, GENERATORS, 1)
-        hint = f"did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(name, GENERATORS, after=" ")
         raise ScenarioError(f"layout {name}: {error.strerror}; {hint}{LAYOUT} is needed") from None
     return (plan.room(), plan.mechanic()) if plan.width and plan.height else (plan.mechanic(),)
 

@@ -1,6 +1,5 @@
 """Scenarios and mechanics in files and modules that the user names: "mygame.py:arena", "package.module:Swamp"."""
 
-import difflib
 import importlib
 import importlib.util
 import sys
@@ -11,6 +10,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from outlast.ecs import Module
+from outlast.ecs.errors import did_you_mean
 from outlast.ecs.identity import LIBRARIES
 
 from ..errors import ScenarioError
@@ -78,8 +78,7 @@ def _member(module: ModuleType, name: str, place: str, wanted: Collection[str]) 
     """What has that name in a module. Raises ScenarioError, with the names that are `wanted` there."""
     if not hasattr(module, name):
         own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
-        near = difflib.get_close_matches(name, [*wanted, *own], 2)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        hint = did_you_mean(name, [*wanted, *own], after=" ")
         raise ScenarioError(f"{place} has no '{name}'; {hint}known: {', '.join(wanted) or 'none'}")
     return getattr(module, name)
 
@@ -103,8 +102,7 @@ def _import_file(text: str) -> ModuleType:
     """A file as a module. Raises ScenarioError."""
     path = Path(text)
     if not path.is_file():
-        near = difflib.get_close_matches(path.name, [file.name for file in path.parent.glob("*.py")], 1)
-        hint = f"; did you mean {path.with_name(near[0])}?" if near else ""
+        hint = did_you_mean(path.name, (file.name for file in path.parent.glob("*.py")), before="; ", count=1)
         raise ScenarioError(f"there is no file {text}{hint}")
     path = path.resolve()
     parts, folder = [path.stem], path.parent

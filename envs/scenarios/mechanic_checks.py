@@ -1,11 +1,11 @@
 """Whether mechanics can be those of one scenario."""
 
 import dataclasses
-import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 from outlast.ecs import Module
+from outlast.ecs.errors import did_you_mean
 
 from ..errors import ScenarioError
 from .changes import leaders
@@ -48,8 +48,7 @@ def check_together(scenario: str, modules: Sequence[Module]) -> None:
             owners[name] = module
     for name, leader in leaders(modules).items():
         if leader not in owners and leader not in _imported_numbers():
-            near = difflib.get_close_matches(leader, owners, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = did_you_mean(leader, owners, before="; ")
             raise ScenarioError(f"{scenario}: {name} scales with '{leader}', which no mechanic has{hint}")
 
 

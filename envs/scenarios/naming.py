@@ -2,13 +2,13 @@
 
 import ast
 import dataclasses
-import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from outlast.ecs import Distribution, Module
 from outlast.ecs.distributions import from_plain
+from outlast.ecs.errors import did_you_mean
 
 from ..errors import ScenarioError
 from .ablations import ablated
@@ -50,8 +50,7 @@ def named(text: str) -> Scenario:
         return variant(text)
     else:
         known = [*VARIANTS, *ALIASES, *installed()]
-        near = difflib.get_close_matches(place, known, 2)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        hint = did_you_mean(place, known, after=" ")
         raise ScenarioError(f"there is no variant '{place}'; {hint}known: {', '.join(known)}; {OWN}")
     return ablated(found, ablations) if ablations else found
 
@@ -134,8 +133,7 @@ def _known(name: str) -> type[Module]:
     """The mechanic of that class's name that this process has. Raises ScenarioError."""
     known = {kind.__name__: kind for kind in imported().values()}  # outlast's own come last, and so first
     if name not in known:
-        near = difflib.get_close_matches(name, known, 2)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        hint = did_you_mean(name, known, after=" ")
         raise ScenarioError(
             f"there is no mechanic {name}; {hint}known: {', '.join(sorted(known))}; one of your own is FILE.py:NAME"
         )

@@ -1,7 +1,6 @@
 """Scenarios: a list of mechanics with their numbers, and the ways to derive one from another."""
 
 import dataclasses
-import difflib
 import json
 import logging
 import os
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
+from outlast.ecs.errors import did_you_mean
 from outlast.ecs.per_agent import checked_roles
 from outlast.ecs.roles import NEVER
 from outlast.ecs.varied import place
@@ -369,8 +369,7 @@ class Scenario:
                 if name != key and any(item.name == name for item in dataclasses.fields(module)):
                     return module.name, name
         known = self.known_numbers()
-        near = difflib.get_close_matches(asked, [*options, *known], 3)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        hint = did_you_mean(asked, [*options, *known], after=" ")
         if asked == "max_episode_steps":
             hint = "the time limit of a scenario is its number ending_limit. "
         raise NumberError(f"{self.name} has no number '{asked}'; {hint}known: {', '.join(known)}")

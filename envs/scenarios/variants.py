@@ -4,8 +4,7 @@ Where the paper's text and the runs behind its figures differ, a mechanic's defa
 says what the runs had.
 """
 
-import difflib
-
+from outlast.ecs.errors import did_you_mean
 from outlast.systems import (
     Agents,
     Boxes,
@@ -96,8 +95,7 @@ def variant(name: str) -> Scenario:
     plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))
     if found is None:
-        near = difflib.get_close_matches(plain, [*VARIANTS, *ALIASES], 2)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        hint = did_you_mean(plain, [*VARIANTS, *ALIASES], after=" ")
         known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
         raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
     return ablated(found, ablations) if ablations else found

@@ -304,7 +304,7 @@ def test_a_kind_of_entities_that_there_is_nowhere_is_refused() -> None:
     worlds = make_vec("ffa_1", 1).worlds
     assert worlds.span("box") == slice(0, 0)  # another mechanic's
     with pytest.raises(
-        DeclarationError, match=r"there are no entities of the kind 'agents'; did you mean 'agent'\? known"
+        DeclarationError, match=r"there are no entities of the kind 'agents'; did you mean agent\? known"
     ):
         worlds.span("agents")
 

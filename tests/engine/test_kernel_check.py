@@ -124,13 +124,13 @@ def writes_a_table(place: Write[Place]) -> None:
 @pytest.mark.parametrize(
     ("function", "line", "message"),
     [
-        (unknown_column, 2, "Place has no column 'tral'; it has: x, trail; did you mean 'trail'?"),
+        (unknown_column, 2, "Place has no column 'tral'; it has: x, trail; did you mean trail?"),
         (unknown_column_in_a_kernel, 2, "; health.py, line N; health.py, line N): Place has no column 'immune_to'"),
         (unknown_column_in_a_closure, 2, "Energy has no column 'right'; it has: left"),
         (unknown_column_of_an_alias, 3, "Place has no column 'y'; it has: x, trail"),
-        (unknown_name, 2, "the name 'rowss' is not defined; did you mean 'rows' or 'Rows'?"),
+        (unknown_name, 2, "the name 'rowss' is not defined; did you mean rows or Rows?"),
         (unknown_name_in_a_kernel, 1, "the name 'amonut' is not defined"),
-        (unknown_member, 1, "numpy has no 'sqroot'; did you mean 'sqrt' or 'roots'?"),
+        (unknown_member, 1, "numpy has no 'sqroot'; did you mean sqrt or roots?"),
         (missing_argument, 1, "slow_down(): missing a required argument: 'factor'"),
         (replaces_a_column, 1, "a column cannot be replaced; write into it: Place.x[...] = ..."),
         (writes_a_table, 1, "Place is a table: write one of its columns, as in .x[...]"),

@@ -166,8 +166,8 @@ def test_the_name_of_a_mechanic_stands_for_what_takes_its_place() -> None:
     ("name", "words"),
     [
         ("zebra.snore", "'zebra.snore', which no module registers"),
-        ("weather.freez", "'weather.freez', which no module registers; did you mean 'weather.freeze'"),
-        ("walker", "'walker', which no module registers; did you mean 'walkers'"),
+        ("weather.freez", "'weather.freez', which no module registers; did you mean weather.freeze"),
+        ("walker", "'walker', which no module registers; did you mean walkers"),
         ("toy", "'toy', which no module registers"),  # the base of several mechanics, itself without systems
         ("weather.blow", "phase FEED is to run after or before 'weather.blow', which is in MOVE: "),
         ("walkers", "phase FEED is to run after or before 'walkers', which is in BEGIN and MOVE and SHOW: "),

@@ -84,7 +84,7 @@ def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
     [
         (("ffa_3", "--out", "film.avi"), ("film.avi", ".mp4, .webm, .gif, .apng")),
         (("ffa_3", "--out", "nowhere/film.webm"), ("there is no folder nowhere",)),
-        (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no layer 'vison'", "did you mean 'vision'")),
+        (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no layer 'vison'", "did you mean vision")),
         (("ffa_3", "--out", "f.webm", "--size", "32"), ("size = 32", "64 to 4096")),
         (("ffa_3", "--out", "f.webm", "--fps", "5000"), ("fps = 5000",)),
         (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),

@@ -114,7 +114,7 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "a keyword misspelt": ("ffa_1", {"wrlds": 3}, ValueError, "did you mean worlds"),
     "no worlds": ("ffa_1", {"worlds": 0}, FilmError, "worlds = 0"),
     "numbers of worlds": ("ffa_1", {"worlds": [1]}, FilmError, "numbers are for recordings"),
-    "views": ("ffa_1", {"views": "+visoin"}, FilmError, "did you mean 'vision'"),
+    "views": ("ffa_1", {"views": "+visoin"}, FilmError, "did you mean vision"),
     "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
     "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),
     "a number of a recording": ("run.rec", {"n_heals": 3}, FilmError, "n_heals: the recording has that already"),

@@ -3,7 +3,6 @@
 A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
 """
 
-import difflib
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs.distributions import Distribution, integers, uniform
+from outlast.ecs.errors import did_you_mean
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS, variant
 from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms
@@ -71,8 +71,7 @@ class Task:
 def task_of(name: str) -> Task:
     """The task of that name. Raises TrainingError, which lists all."""
     if name not in tasks():
-        near = difflib.get_close_matches(name, tasks(), 1)
-        hint = f"did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(name, tasks(), after=" ")
         raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(tasks())}")
     return tasks()[name]
 

@@ -1,9 +1,10 @@
 """Runs in groups that differ by seeds only, named by the settings in which the groups differ."""
 
-import difflib
 import itertools
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
+
+from outlast.ecs.errors import did_you_mean
 
 from ..errors import TrainingError
 from ..hyperparameters import Hyperparameters
@@ -137,8 +138,7 @@ def _check_names(runs: Sequence[Run], by: Iterable[str]) -> None:
     known = [*dict.fromkeys(name for run in runs for name in run.settings), SEED]
     for name in by:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 2)
-            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            hint = did_you_mean(name, known, after=" ")
             differ = ", ".join([*differing(runs), SEED])
             raise TrainingError(f"--by {name}: these runs have no such setting; {hint}they differ in {differ}")
 

@@ -1,12 +1,13 @@
 """Curves to choose from: what a run logged, under the names that one asks for."""
 
-import difflib
 import re
 import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from outlast.ecs.errors import did_you_mean
 
 from ..columns import SUMMED, combinable
 from ..curves import Array, Curves
@@ -55,8 +56,7 @@ def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
     panels = []
     for name in names:
         if name not in known and name not in tags:
-            near = difflib.get_close_matches(name, [*known, *tags], 2)
-            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            hint = did_you_mean(name, [*known, *tags], after=" ")
             raise TrainingError(f"these runs have no curve '{name}'; {hint}they have: {', '.join(known)}")
         panels.append(known.get(name) or Panel(name, (name,)))
     return panels

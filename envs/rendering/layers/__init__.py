@@ -11,7 +11,7 @@ class MarshLayer(Layer):
 image = draw(env.worlds, 0, layers=[*LAYERS, MarshLayer(), CamerasLayer()])
 """
 
-import difflib
+from outlast.ecs.errors import did_you_mean
 
 from ...errors import FilmError
 from ..scene import Scene
@@ -121,8 +121,7 @@ def select(changes: str) -> tuple[Layer, ...]:
     for change in filter(None, (part.strip() for part in changes.split(","))):
         name = change[1:] if change[0] in "+-" else change
         if name not in FILM_LAYERS_BY_NAME:
-            near = difflib.get_close_matches(name, FILM_LAYERS_BY_NAME, 1)
-            hint = f"did you mean '{near[0]}'? " if near else ""
+            hint = did_you_mean(name, FILM_LAYERS_BY_NAME, after=" ")
             raise FilmError(f"there is no layer '{name}'; {hint}known: {', '.join(FILM_LAYERS_BY_NAME)}")
         shown[name] = change[0] != "-"
     return tuple(layer for name, layer in FILM_LAYERS_BY_NAME.items() if shown[name])
