@@ -94,7 +94,7 @@ class CompiledExecution:
         if frame[FAILED] != NONE:
             unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
             frame[FAILED] = NONE
-            raise _exception(self._units[unit], first_world, exception)
+            raise _exception(self._units[unit], first_world, self._count, exception)
 
 
 class PythonExecution:
@@ -115,7 +115,7 @@ class PythonExecution:
                     raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
-def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
+def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseException:
     """The exception that a unit raised, with its name, and a note on how to find the line."""
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
@@ -126,7 +126,8 @@ def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
     except Exception:  # a class that is not made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
-    note = f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}."
+    last = min(first_world + CHUNK, count) - 1
+    note = f"Raised in {f'one of the worlds {first_world} to {last}' if last > first_world else f'world {last}'}."
     if unit.system:
         note += f' To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
     error.add_note(note)

@@ -126,9 +126,17 @@ def test_an_exception_in_one_thread_reaches_the_caller(world: int) -> None:
         run(worlds, STEP)
     (place,) = [note for note in raised.value.__notes__ if note.startswith("Raised in one of the worlds")]
     first, last = [int(word) for word in place.replace(".", " ").split() if word.isdigit()][:2]
-    assert first <= world <= last
+    assert first <= world <= last < MANY
     run(worlds, STEP)
     worlds.close()
+
+
+def test_an_exception_of_the_only_world_names_it() -> None:
+    worlds = make(Walkers(), Fragile(0), count=1)
+    run(worlds, STEP, STEP)
+    with pytest.raises(ValueError, match="this world") as raised:
+        run(worlds, STEP)
+    assert raised.value.__notes__[0].startswith("Raised in world 0. ")
 
 
 @pytest.mark.parametrize("threads", [1, 3])

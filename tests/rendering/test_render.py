@@ -12,6 +12,7 @@ import pytest
 from outlast import Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Died, Heal, Health, Strike, Zone
 from outlast.ecs import Clock, Entity, Module, Worlds
+from outlast.envs.errors import FilmError
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, OthersLayer, Scene, ZOrder
 from outlast.envs.rendering.rgb import draw, text
@@ -231,6 +232,12 @@ def test_new_layers_need_no_change_elsewhere() -> None:
     for scenario, fits in ((variant("ffa_3"), False), (tidal, True), (tidal.without(systems.Heals), False)):
         image = draw(Worlds(scenario.modules, 1), 0, 128, [*LAYERS, TideLayer()])
         assert ((image == TideLayer().color).all(-1).sum() > 500) == fits
+
+
+def test_what_opencv_refuses_is_said_of_the_layer() -> None:
+    blue: Any = TideLayer(color="blue")  # type: ignore[arg-type]
+    with pytest.raises(FilmError, match=r"TideLayer\.draw: OpenCV cannot draw this; colours are \(red, green, blue\)"):
+        draw(Worlds(variant("ffa_3").with_(Tide()).modules, 1), 0, 128, [*LAYERS, blue])
 
 
 # ---- maps

@@ -6,6 +6,8 @@ from typing import ClassVar
 
 from outlast.ecs import Component, Module
 
+from ...errors import FilmError
+from .. import opencv as cv2
 from ..canvas import Canvas, Image
 from ..scene import Scene
 from ..style import INK
@@ -68,7 +70,7 @@ def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:
     drawn = sorted(layers, key=lambda layer: (layer.zorder, type(layer).__name__))
     scene.shown = {component for layer in drawn for component in layer.shows}
     for layer in drawn:
-        layer.draw(canvas, scene)
+        _draw(layer, canvas, scene)
     return canvas.image
 
 
@@ -79,6 +81,17 @@ def paint_strips(size: int, strips: Iterable[Strip], scene: Scene) -> list[Image
         if pixels := strip.pixels(scene, size):
             canvas = Canvas(size, size / 2, pixels)
             canvas.clear(INK)
-            strip.draw(canvas, scene)
+            _draw(strip, canvas, scene)
             images.append(canvas.image)
     return images
+
+
+def _draw(layer: Layer, canvas: Canvas, scene: Scene) -> None:
+    try:
+        layer.draw(canvas, scene)
+    except cv2.error as error:
+        name, text = type(layer).__name__, " ".join(str(error).split()).rpartition("> - ")[2]
+        raise FilmError(
+            f"{name}.draw: OpenCV cannot draw this; colours are (red, green, blue), each from 0 to 255, all else "
+            f"numbers in metres. It says: {text}"
+        ) from error
