@@ -20,7 +20,7 @@ def did_you_mean(
     Returns:
         The question, or "" if nothing is close.
     """
-    close = difflib.get_close_matches(str(name), [str(each) for each in known], count, cutoff)
+    close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
     return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""
 
 

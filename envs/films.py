@@ -40,7 +40,7 @@ class Looks:
     Attributes:
         size: Pixels along a side of one world's picture.
         mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: Changes of what is shown, as "+vision,-scores": see envs.rendering.layers.FILM_LAYERS_BY_NAME.
+        views: Changes of what is shown, as "+vision,-scores,+mylayers.py:Marsh": see envs.rendering.layers.select.
         every: Every how many ticks are drawn.
         fps: Frames a second.
     """
@@ -94,7 +94,7 @@ def film(
         size: Pixels along a side of one world's picture, 64 to 4096. Frames are higher: a title, a scoreboard and
             the last deaths are beside it.
         mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: What else to show, and what not, as "+vision,-scores".
+        views: What else to show, and what not, as "+vision,-scores,+mylayers.py:Marsh".
         layers: Layers of your own that are shown, too; see docs/mechanic.md.
         every: Show every `every`-th tick, and the ends of episodes.
         fps: Frames a second; 30 is real time.

@@ -25,7 +25,7 @@ def add(command: Parser, required: bool) -> None:
     add_number(command, "--size", DEFAULTS["size"], "pixels along a side of one world's picture")
     text = "rows and columns of worlds in a frame (default: nearly a square)"
     command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)
-    text = "what else to draw, and what not: +vision,-ids (default: no change)"
+    text = "what else to draw, and what not: +vision,-ids,+FILE.py:LAYER (default: no change)"
     command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
     add_number(command, "--every", DEFAULTS["every"], "draw every Nth step only")
     add_number(command, "--fps", DEFAULTS["fps"], "frames a second of a film")

@@ -53,7 +53,7 @@ def scenario_in(place: str, name: str) -> Scenario:
             cure = f"name one, as in {place}:{next(iter(own))}" if own else f"name what makes one, {place}:FUNCTION"
             raise ScenarioError(f"{place} holds {', '.join(own) if own else 'no Scenario'}: {cure}")
         name = next(iter(own))
-    found = _member(module, name, place, own)
+    found = member_of(module, name, place, own)
     if callable(found):
         found = _guarded(f"{place}:{name}", found)
     if not isinstance(found, Scenario):
@@ -68,14 +68,18 @@ def mechanic_in(place: str, name: str) -> type[Module]:
     """The class of a mechanic in a file or module, which is imported. Raises ScenarioError as in `scenario_in`."""
     module = module_of(place)
     own = {key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Module)}
-    found = _member(module, name, place, own)
+    found = member_of(module, name, place, own)
     if name not in own:
         raise ScenarioError(f"{place}:{name} is {type(found).__name__} {found!r:.60}: a class of mechanics is needed")
     return own[name]
 
 
-def _member(module: ModuleType, name: str, place: str, wanted: Collection[str]) -> Any:
-    """What has that name in a module. Raises ScenarioError, with the names that are `wanted` there."""
+def member_of(module: ModuleType, name: str, place: str, wanted: Collection[str]) -> Any:
+    """What has that name in a module, which the user called `place`.
+
+    Raises:
+        ScenarioError: There is nothing of that name; the error lists the names that are `wanted` there.
+    """
     if not hasattr(module, name):
         own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
         hint = did_you_mean(name, [*wanted, *own], after=" ")

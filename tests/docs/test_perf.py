@@ -257,8 +257,8 @@ def test_two_checkouts_are_compared(
     for threads in (1, 2):
         times = compare.compared(*folders, "ffa_1", 2, threads, specialize=True)  # which these cannot
         assert times.shape == (6, 2)
-        assert 2.5 < times[:, 1].min() / times[:, 0].min() < 3.5
-        assert 900 < times[:, 0].min() < 1300  # microseconds of one of two worlds
+        assert 2 < times[:, 1].min() / times[:, 0].min() < 5  # other programs may take a part of the time of threads
+        assert 900 < times[:, 0].min() < 3000  # microseconds of one of two worlds
     monkeypatch.setattr(sys, "argv", ["perf.compare", str(tmp_path), str(folders[0])])
     with pytest.raises(SystemExit):
         compare.main()

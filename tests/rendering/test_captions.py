@@ -1,6 +1,9 @@
 """What is written beside the room, where blows land, and the names of layers."""
 
 import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -10,7 +13,7 @@ import pytest
 from outlast import make_vec, variant
 from outlast.components import Died
 from outlast.ecs import Clock, Entity
-from outlast.envs.errors import FilmError
+from outlast.envs.errors import FilmError, ScenarioError
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import (
@@ -201,3 +204,51 @@ def test_unknown_names_are_refused_with_those_that_there_are(asked: str, hint: s
     with pytest.raises(FilmError, match=r"there is no layer '.*known: title, room, zone") as refused:
         select(asked)
     assert hint in str(refused.value)
+
+
+OWN = """
+from outlast.envs.rendering.layers import LAYERS, Layer
+
+class Marsh(Layer):
+    pass
+
+class Deep(Layer):
+    def __init__(self, depth):
+        self.depth = depth
+
+marsh, everything, depth = Marsh(), [*LAYERS, Deep(2)], 3
+"""
+
+
+@pytest.fixture
+def own_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A file with layers, as a module that goes again."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "own_marsh.py").write_text(OWN)
+    yield tmp_path / "own_marsh.py"
+    sys.modules.pop("own_marsh", None)
+
+
+def test_layers_of_ones_own_are_added_by_file_and_name(own_file: Path) -> None:
+    *shown, marsh = select(f"-ids,+{own_file}:Marsh")
+    assert (set(shown), type(marsh).__name__) == (set(FILM_LAYERS) - {IdsLayer()}, "Marsh")
+    assert select("own_marsh:marsh")[-1] is sys.modules["own_marsh"].marsh
+    added = select("+own_marsh:everything")[len(FILM_LAYERS) :]
+    assert [type(layer).__name__ for layer in added] == ["StepCounterLayer", "KillFeedLayer", "Deep"]  # the others are
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ("+own_marsh:Mars", "has no 'Mars'; did you mean Marsh"),
+        ("+own_marsh:Layer", "a Layer is needed"),
+        ("own_marsh:depth", "own_marsh:depth is int 3: a Layer is needed, a class of layers"),
+        ("+own_marsh:Deep", "own_marsh:Deep is a class that needs arguments: .*'depth'; name a layer that it makes"),
+        ("-own_marsh:Marsh", "there is no layer 'own_marsh:Marsh'"),
+        ("+own_mars:Marsh", "there is no module own_mars"),
+    ],
+)
+def test_what_is_no_layer_of_ones_own(asked: str, message: str, own_file: Path) -> None:
+    select(f"{own_file}:marsh")
+    with pytest.raises((FilmError, ScenarioError), match=message):
+        select(asked)

@@ -11,9 +11,12 @@ class MarshLayer(Layer):
 image = draw(env.worlds, 0, layers=[*LAYERS, MarshLayer(), CamerasLayer()])
 """
 
+from collections.abc import Sequence
+
 from outlast.ecs.errors import did_you_mean
 
 from ...errors import FilmError
+from ...scenarios.imports import member_of, module_of
 from ..scene import Scene
 from .agents import AgentsLayer, IdsLayer
 from .boxes import BoxesLayer, BoxItemsLayer
@@ -114,14 +117,47 @@ FILM_LAYERS: tuple[Layer, ...] = tuple(
 def select(changes: str) -> tuple[Layer, ...]:
     """FILM_LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
 
+    Layers of one's own are added as FILE.py:NAME or package.module:NAME, where NAME is a layer, a class of layers that
+    needs no arguments, or a list of layers, of which those that are shown already are left out.
+
     Raises:
-        FilmError: For an unknown name.
+        FilmError: For an unknown name, or one that is no layer.
+        ScenarioError: A file or module of one's own that is not there or raises an exception.
     """
-    shown = {name: name not in FILM_OPTIONAL for name in FILM_LAYERS_BY_NAME}
+    shown, own = {name: name not in FILM_OPTIONAL for name in FILM_LAYERS_BY_NAME}, list[Layer]()
     for change in filter(None, (part.strip() for part in changes.split(","))):
         name = change[1:] if change[0] in "+-" else change
+        if ":" in name and change[0] != "-":
+            own += _own_layers(name)
+            continue
         if name not in FILM_LAYERS_BY_NAME:
             hint = did_you_mean(name, FILM_LAYERS_BY_NAME, after=" ")
-            raise FilmError(f"there is no layer '{name}'; {hint}known: {', '.join(FILM_LAYERS_BY_NAME)}")
+            known = f"known: {', '.join(FILM_LAYERS_BY_NAME)}; one of your own is added as FILE.py:NAME"
+            raise FilmError(f"there is no layer '{name}'; {hint}{known}")
         shown[name] = change[0] != "-"
-    return tuple(layer for name, layer in FILM_LAYERS_BY_NAME.items() if shown[name])
+    chosen = [layer for name, layer in FILM_LAYERS_BY_NAME.items() if shown[name]]
+    return (*chosen, *(layer for layer in own if layer not in chosen))
+
+
+def _own_layers(text: str) -> Sequence[Layer]:
+    """Layers in a file or module of the user's, by their name there."""
+    place, _, name = text.rpartition(":")
+    module = module_of(place)
+    found = member_of(module, name, place, [key for key, value in vars(module).items() if _are_layers(value)])
+    if not _are_layers(found):
+        raise FilmError(
+            f"{text} is {type(found).__name__} {found!r:.60}: a Layer is needed, a class of layers that needs no "
+            "arguments, or a list of layers"
+        )
+    if isinstance(found, type):
+        try:
+            found = found()
+        except TypeError as error:
+            raise FilmError(f"{text} is a class that needs arguments: {error}; name a layer that it makes") from error
+    return [found] if isinstance(found, Layer) else found
+
+
+def _are_layers(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return bool(value) and all(isinstance(each, Layer) for each in value)
+    return isinstance(value, Layer) or (isinstance(value, type) and issubclass(value, Layer) and value is not Layer)
