@@ -2,12 +2,15 @@
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
-from outlast import make_vec, variant
+from outlast import film, make_vec, record, variant
 from outlast.components import Body, End, Episode, Health, Score, Shape
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
@@ -94,6 +97,36 @@ def test_the_title_says_what_is_played_and_where_in_it_one_is() -> None:
     long = "ffa_2-original-0 (side 0) against scripted (side 1)"  # who plays is there ahead of the episode's number
     assert said(game.env.worlds, TitleStrip(f"{long}, teams_3"), 512) == [long, "tick 3"]
     assert said(game.env.worlds, TitleStrip("größer"))[0].startswith("gr??er")  # what fonts of pictures lack
+
+
+def test_a_title_that_has_no_room_is_cut_where_no_number_loses_figures() -> None:
+    game = ScenarioBuilder("ffa_2")
+    name = "ffa_2-agents_health=150-melee_damage=25"
+    strip = TitleStrip(f"{name}, scripted")
+    written = {words for size in range(64, 512, 8) for words in said(game.env.worlds, strip, size)}
+    titles = {words for words in written if not re.match("tick|episode", words)}
+    assert {words for words in titles if "=" in words} == {name, "ffa_2-agents_health=150..."}
+    assert all(name.startswith(words.removesuffix("...")) for words in titles)
+    assert said(game.env.worlds, TitleStrip("a_game_without_a_single_hyphen_in_its_long_name"), 200)[0].endswith("...")
+
+
+def test_a_mosaic_says_the_seed_of_all_worlds_or_each_its_own() -> None:
+    env = make_vec("ffa_2", 3, seed=5)
+    layers, drawn = [TitleStrip()], list[str]()
+
+    def titles() -> list[str]:
+        drawn.clear()
+        list(footage(env.worlds, iter([None]), [1, 2], size=512, layers=layers, title="ffa_2"))
+        return [words for words in drawn if "tick" not in words]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Canvas, "text", lambda canvas, x, y, words, *_, **__: drawn.append(words) if words else None)
+        env.reset()
+        assert titles() == ["world 1", "world 2", "ffa_2, seed 5"]
+        env.reset(seed=[11, 22, 33])
+        assert titles() == ["world 0, seed 22", "world 0, seed 33", "ffa_2"]
+        env.reset(seed=[11, 33, 33])
+        assert titles() == ["world 0", "world 0", "ffa_2, seed 33"]
 
 
 def test_the_scoreboard_has_hit_points_kills_and_deaths() -> None:
@@ -206,6 +239,24 @@ def test_a_single_world_stands_still_at_the_end_of_an_episode() -> None:
     assert seen == [0, 1, 2, 3, 4, 5, 5, 5, 5, 0, 1, 2, 3, 4, 5, 5, 5, 5, 0, 1]
     assert all(np.array_equal(frame, frames[5]) for frame in frames[5:9])
     assert shots(5, hold=3, layers=[TitleStrip()])[1] == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5, 0, 1]
+
+
+def test_ends_of_worlds_that_are_reset_with_the_same_seed_are_each_shown(tmp_path: Path) -> None:
+    env = make_vec(variant("ffa_1").replace(ending_limit=5), 1, autoreset_mode=AutoresetMode.DISABLED)
+    with record(env, tmp_path / "r.rec"):
+        for _ in range(3):
+            env.reset(seed=7)
+            for _ in range(5):
+                env.step(np.tile(env.noop, (1, 2, 1)))
+    hold = round(0.8 * 30)
+    assert _frames(film(tmp_path / "r.rec", tmp_path / "whole.apng", size=64)) == 18 + 3 * hold
+    assert _frames(film(tmp_path / "r.rec", tmp_path / "ends.apng", size=64, every=100)) == 1 + 3 * (1 + hold)
+
+
+def _frames(path: Path) -> int:
+    found, images = cv2.imreadmulti(str(path))
+    assert found
+    return len(images)
 
 
 def test_the_end_is_shown_where_only_every_nth_tick_is() -> None:

@@ -171,6 +171,24 @@ def test_a_stopped_command_leaves_no_partial_film(tmp_path: Path, suffix: str, h
     assert left == [] if how == signal.SIGINT else all(name.endswith(".tmp") for name in left)
 
 
+def test_a_folder_of_pictures_is_the_old_or_the_new_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C while pictures move to their place waits until they are there."""
+    write_film(tmp_path / "film", [frame(0)] * 5, 30)
+    old, replace = {file.name: file.read_bytes() for file in (tmp_path / "film").iterdir()}, os.replace
+
+    def interrupted(source: Any, target: Any) -> None:
+        replace(source, target)
+        if str(target).endswith("_000001.png"):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_film(tmp_path / "film", [frame(9)] * 3, 30)
+    new = {file.name: file.read_bytes() for file in (tmp_path / "film").iterdir()}
+    assert len(new) == 3
+    assert not set(new.values()) & set(old.values())
+
+
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".apng"])
 def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A writer that loses the end of the file is found out."""

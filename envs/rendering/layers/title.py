@@ -19,12 +19,17 @@ FIGURE = 0.75  # heights of a digit, its width
 class TitleStrip(Strip):
     """What is played, seed and world; episode and tick on the right. What has no room is left out.
 
-    text: the game and who plays; "" beside other worlds, where the mosaic has a title of its own.
+    Seed, world and episode are the key of the world's random numbers: an environment of that seed and world plays the
+    same episode again. In a world that was reset with a seed of its own, they count from there.
+
+    text: the game and who plays; "" beside other worlds, where the mosaic has a title of its own. seed: whether the
+    seed is said beside other worlds, too, as it is not that of all of them.
     """
 
     above = True
     zorder = ZOrder.WORDS
     text: str = ""
+    seed: bool = False
 
     def pixels(self, scene: Scene, size: int) -> int:
         """One line."""
@@ -35,18 +40,18 @@ class TitleStrip(Strip):
         clock = scene[Clock]
         seed, world, episode, tick = (column[0] for column in (clock.seed, clock.world, clock.episode, clock.tick))
         ends = [f"tick {tick}", f"episode {episode}, tick {tick}"]
-        starts = ["", f"world {world}"]
-        if self.text:
-            starts = prefixes(f"{self.text}, seed {seed}, world {world}")
+        starts = prefixes(f"{self.text}, seed {seed}, world {world}")
+        if not self.text:
+            starts = ["", f"world {world}", *([f"world {world}, seed {seed}"] if self.seed else [])]
         write_ends(canvas, starts, ends)
 
 
 def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> None:
     """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
 
-    Ends but the first take at most half of it, and no room that the first start needs; that is cut if there is none
-    beside the first end either. Numbers are taken for figures of four digits, so that nothing comes and goes while they
-    grow.
+    Ends but the first take at most half of it, and no room that the first start needs; that is cut, at a hyphen if it
+    can be, if there is none beside the first end either. Numbers are taken for figures of four digits, so that nothing
+    comes and goes while they grow.
     """
     edge = height = digit(canvas.size)
     first, *longer = map(printable, starts)
@@ -59,10 +64,17 @@ def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> No
     right = max(fitting, key=len, default=short if _length(canvas, short) <= _room(canvas) else "")
     room = _room(canvas, right)
     left = max((words for words in longer if _length(canvas, words) <= room), key=len, default=first)
-    while left and canvas.length(left, height) > room:
-        left = left[:-1]
+    if canvas.length(left, height) > room:
+        left = _cut(canvas, left, room)
     canvas.text(-canvas.half + edge, 0, left, height, PAPER, anchor=0)
     canvas.text(canvas.half - edge, 0, right, height, PAPER, anchor=1)
+
+
+def _cut(canvas: Canvas, words: str, room: float) -> str:
+    """Their beginning and three dots: up to a hyphen, so that no number loses figures, or else to wherever it fits."""
+    ends = [k for k, letter in enumerate(words) if letter == "-"][::-1] + list(range(len(words), 0, -1))
+    cuts = (f"{words[:end]}..." for end in ends)
+    return next((cut for cut in cuts if canvas.length(cut, digit(canvas.size)) <= room), "")
 
 
 def fits(words: str, size: int) -> bool:

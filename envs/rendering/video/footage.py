@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -81,12 +82,17 @@ class _Reel:
 
     def __init__(self, worlds: Worlds, chosen: list[int], size: int, layers: list[Layer], hold: int) -> None:
         self.worlds, self.chosen, self.size, self.layers, self.hold = worlds, chosen, size, layers, hold
+        self._keyed = [replace(layer, seed=True) if isinstance(layer, TitleStrip) else layer for layer in layers]
         self.marked = any(isinstance(layer, EndLayer) for layer in layers) and End in worlds
-        self.ends: list[tuple[int, int] | None] = [None] * len(chosen)  # episode and tick of the last one
+        self.ends: list[tuple[int, ...] | None] = [None] * len(chosen)  # when it was, of worlds that stand at their end
 
     def draw(self, k: int) -> Image:
         """The picture of the world that was chosen k-th."""
-        return draw(self.worlds, self.chosen[k], self.size, self.layers)
+        return draw(self.worlds, self.chosen[k], self.size, self.layers if len(self.seeds()) == 1 else self._keyed)
+
+    def seeds(self) -> Image:
+        """Those of the chosen worlds, each once."""
+        return np.unique(self.worlds[Clock].seed[self.chosen, 0])
 
     def just_ended(self) -> list[int]:
         """Which of the chosen have come to the end of an episode in the last tick, if ends are shown."""
@@ -94,10 +100,11 @@ class _Reel:
             return []
         end, clock, found = self.worlds[End], self.worlds[Clock], []
         for k, w in enumerate(self.chosen):
-            place = int(clock.episode[w, 0]), int(clock.tick[w, 0])
-            if (end.terminated[w, 0] or end.truncated[w, 0]) and self.ends[k] != place:
-                self.ends[k] = place
+            ended = end.terminated[w, 0] or end.truncated[w, 0]
+            place = tuple(int(column[w, 0]) for column in clock) if ended else None
+            if place is not None and self.ends[k] != place:
                 found.append(k)
+            self.ends[k] = place
         return found
 
     def single(self, ticks: Iterable[object], every: int) -> Iterator[Image]:
@@ -119,7 +126,7 @@ class _Reel:
                 pictures[k] = pictures[k] if left else self.draw(k)
                 held[k] = max(0, left - 1)
             image = _tiled(pictures, grid)
-            return np.vstack([_header(self.worlds, image.shape[1], title), image]) if title else image
+            return np.vstack([_header(image.shape[1], title, self.seeds()), image]) if title else image
 
         unseen = False
         for tick, _ in enumerate(ticks):
@@ -142,11 +149,11 @@ def _tiled(pictures: list[Image], grid: Grid) -> Image:
     return image
 
 
-def _header(worlds: Worlds, width: int, title: str) -> Image:
-    """The title of a mosaic."""
+def _header(width: int, title: str, seeds: Image) -> Image:
+    """The title of a mosaic: with the seed, if all of these worlds have the same one."""
     canvas = Canvas(width, width / 2, round(LINE * digit(width)))
     canvas.clear(INK)
-    write_ends(canvas, prefixes(f"{title}, seed {worlds[Clock].seed[0, 0]}"), [])
+    write_ends(canvas, prefixes(title if len(seeds) > 1 else f"{title}, seed {seeds[0]}"), [])
     return canvas.image
 
 

@@ -14,6 +14,7 @@ from outlast.ecs.whole import is_whole
 
 from ...errors import FilmError
 from ...storage import atomic_write
+from ...storage.interrupts import interrupts_held
 from ..canvas import Image
 from .codecs import CODECS, Codec, find_ffmpeg
 
@@ -141,13 +142,14 @@ def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -
 
 
 def _replace(temporary: Path, target: Path) -> None:
-    """Move it to its place; into a folder that was there, picture by picture."""
+    """Move it to its place; into a folder that was there, picture by picture, of all of which Ctrl-C waits."""
     if not target.is_dir():
         os.replace(temporary, target)
         return
     kept = {file.name for file in temporary.iterdir()}
-    for name in sorted(kept):
-        os.replace(temporary / name, target / name)
-    for file in target.iterdir():
-        if NUMBERED.fullmatch(file.name) and file.name not in kept:
-            file.unlink()
+    with interrupts_held():
+        for name in sorted(kept):
+            os.replace(temporary / name, target / name)
+        for file in target.iterdir():
+            if NUMBERED.fullmatch(file.name) and file.name not in kept:
+                file.unlink()
