@@ -15,8 +15,8 @@ from .adapters.opponents import Other, Others, checked_others
 from .core.validation import check_count
 from .errors import FilmError
 from .recording import Recording, Replay
-from .recording.selection import last_tick
-from .rendering.layers import Layer, select
+from .recording.selection import last_tick, rows_of
+from .rendering.layers import FILM_LAYERS, Layer, Scene, select
 from .rendering.video import footage, write_film
 from .rendering.video.footage import check_pictures
 from .rendering.video.writer import ending
@@ -29,6 +29,7 @@ LOGGER = logging.getLogger(__name__)
 STEPS, REPLAYED = 300, 16  # steps if nothing else is asked for; and at most so many worlds of a recording
 HOLD = 0.8  # seconds for which films show the end of an episode; folders have a picture for each tick
 SOURCES = (".py", ".json")  # what scenarios' files end in; all other files are taken for recordings
+RECORDINGS = ".rec"  # what the names of recordings end in, mostly
 
 Progress = Callable[[int], object]
 
@@ -88,8 +89,8 @@ def film(
         others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
             several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}.
         steps: Ticks after the first reset; without it 300, or all that were recorded.
-        worlds: How many, or of a recording the numbers of those to show. Without it, as many as the mosaic has room
-            for, or one; of a recording, at most the first 16.
+        worlds: How many, or of a recording the numbers of those to show, as in tables of its events. Without it, as
+            many as the mosaic has room for, or one; of a recording, at most the first 16.
         seed: Keys worlds and policies; the same seed gives the same film. Without it, 0.
         size: Pixels along a side of one world's picture, 64 to 4096. Frames are higher: a title, a scoreboard and
             the last deaths are beside it.
@@ -184,6 +185,11 @@ def write_film_of(
     hold = round(HOLD * int(rate)) if stands else 0
     settings["layers"] = [*select(looks.views), *layers]
     frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
+    scene = Scene(worlds, shown[0])
+    for layer in settings["layers"]:
+        if layer not in FILM_LAYERS and not layer.fits(scene):  # it was asked for
+            lacking = " and ".join(need.__name__ for need in layer.needs if need not in scene)
+            LOGGER.warning("%s shows nothing: the game has no %s", type(layer).__name__, lacking or "use for it")
     write_film(out, _counted(frames, progress), looks.fps)
     return Path(out)
 
@@ -220,8 +226,12 @@ def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording
     """The recording, also by the path of its file; None for what names a scenario."""
     if isinstance(game, Scenario | Recording):
         return game if isinstance(game, Recording) else None
-    named = os.fspath(game).endswith(SOURCES) or (isinstance(game, str) and not os.path.isfile(game))
-    return None if named else Recording.open(game)
+    name = os.fspath(game)
+    if os.path.isfile(name) and not name.endswith(SOURCES):
+        return Recording.open(name)
+    if name.endswith(RECORDINGS) or (os.sep in name and ":" not in name and not name.endswith(SOURCES)):
+        raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'there is no such file'}")
+    return None
 
 
 def _refuse(**given: object) -> None:
@@ -239,5 +249,9 @@ def _replayed(
     asked: Any = min(room, most) if worlds is None else worlds
     if not (is_whole(asked) or isinstance(asked, Iterable)):
         raise FilmError(f"worlds = {asked!r}: how many are to be shown, or their numbers, are needed")
-    shown: Sequence[int] = list(asked) if isinstance(asked, Iterable) else range(int(asked))
-    return shown, replay.ticks(last=last_tick(replay.recording, 0, steps, shown), worlds=shown)
+    if not isinstance(asked, Iterable) and not 1 <= asked <= most:
+        raise FilmError(
+            f"worlds = {asked}: the recording has {most}; how many of them, or their numbers in a list, are needed"
+        )
+    shown = rows_of(replay.recording, asked) if isinstance(asked, Iterable) else list(range(int(asked)))
+    return shown, replay.ticks(last=last_tick(replay.recording, 0, steps), worlds=shown)

@@ -26,6 +26,7 @@ from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
 from .scenarios.naming import resolve
 from .scenarios.scenario import Number, Scenario
+from .storage.interrupts import interrupts_held, one_interrupt
 
 Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
@@ -209,42 +210,55 @@ def prepared(
     """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile.
 
     Raises:
-        UsageError: `record_policy` without a recording, or a file that cannot be written.
+        UsageError: `record_policy` without a recording, a file that cannot be written, or one for two things.
+        KeyboardInterrupt: After Ctrl-C, when all files are whole; with the summary as its argument if it came behind
+            the last step.
     """
     if record_policy and record is None:
         raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
+    _check_distinct(record=record, events=events, csv=csv)
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     numbers = np.ones(env.num_worlds, np.int64)  # of the episode that each world is in
-    with contextlib.ExitStack() as stack:
-        if record is not None:
-            thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
-            stack.enter_context(record_env(env, record, **thought))
-        if events is not None:
-            table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
-            watchers.append(lambda where: table.add(with_episodes(env.events(), numbers), where))
-        ended: list[Ended[None]] = []
-        if csv is not None:
-            ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers, against)))
-        kept: list[dict[str, Array]] | None = [] if keep else None
-        if kept is not None:
-            rows, add = numbered(env, numbers, against), kept.append
-            ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
+    whole = list[Summary]()
+    try:
+        with one_interrupt(), contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
+            if record is not None:
+                thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
+                stack.enter_context(record_env(env, record, **thought))
+            if events is not None:
+                table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
+                watchers.append(lambda where: table.add(with_episodes(env.events(), numbers), where))
+            ended: list[Ended[None]] = []
+            if csv is not None:
+                ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers, against)))
+            kept: list[dict[str, Array]] | None = [] if keep else None
+            if kept is not None:
+                rows, add = numbered(env, numbers, against), kept.append
+                ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
 
-        def begin_next(info: Mapping[str, Any], where: Array) -> None:
-            numbers[where] += 1
+            def begin_next(info: Mapping[str, Any], where: Array) -> None:
+                numbers[where] += 1
 
-        ended.append(begin_next)
+            ended.append(begin_next)
 
-        def play(steps: int, episodes: int, progress: Progress) -> Summary:
-            def progressed(summary: Summary) -> None:
-                summary.outcomes, summary.kept = against.outcomes if against else {}, kept
-                progress(summary)
+            def play(steps: int, episodes: int, progress: Progress) -> Summary:
+                def progressed(summary: Summary) -> None:
+                    summary.outcomes, summary.kept = against.outcomes if against else {}, kept
+                    progress(summary)
 
-            look, note = (_all_of(each) if each else None for each in (watchers, ended))
-            return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note)
+                look, note = (_all_of(each) if each else None for each in (watchers, ended))
+                whole.append(local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note))
+                return whole[-1]
 
-        yield play
+            try:
+                yield play
+            finally:
+                last.enter_context(interrupts_held())  # until all files are closed, so that none is lost
+    except KeyboardInterrupt as stop:
+        if stop.args or not whole:
+            raise
+        raise KeyboardInterrupt(whole[-1]) from None
 
 
 def _titles(policies: Sequence[str | Policy]) -> list[str]:
@@ -269,6 +283,14 @@ def _check_counts(**counts: tuple[Any, int]) -> None:
     for name, (value, least) in counts.items():
         if value is not None:
             check_count(name, value, least)
+
+
+def _check_distinct(**files: File | None) -> None:
+    """UsageError if two of the files are one."""
+    found: dict[str, str] = {}
+    for name, path in files.items():
+        if path is not None and (other := found.setdefault(os.path.realpath(path), name)) != name:
+            raise UsageError(f"{other} and {name} are both {os.fspath(path)}: give another name for one")
 
 
 def _check_decided(**given: Any) -> None:

@@ -154,7 +154,11 @@ def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
 
 def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
     """Curves out of a table of texts."""
-    columns = list(zip(*rows, strict=True))
+    lines = list(rows)
+    for number, row in enumerate(lines, 3):
+        if len(row) != len(heads):
+            raise ValueError(f"line {number} has {len(row)} cells, and the heading {len(heads)}: was it cut off?")
+    columns = list(zip(*lines, strict=True))
     if heads[:1] != ["step"] or len(columns) != len(heads) or len(set(heads)) < len(heads):
         raise ValueError("its columns are not step and tags, or it has no rows")
     steps, *values = (np.array(list(_numbers(column)), np.float64) for column in columns)

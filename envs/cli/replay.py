@@ -15,8 +15,9 @@ from outlast.ecs import SKIP
 from ..errors import RecordingError, ReplayError
 from ..films import REPLAYED, Progress, write_film_of
 from ..recording import Recording, Replay
-from ..recording.selection import last_tick
+from ..recording.selection import last_tick, rows_of
 from ..rollout.event_file import event_file
+from ..rollout.table_file import checked_target
 from . import video_options
 from .options import OUTPUT, add_common, add_import, add_number, import_files, nonnegative, path, printable
 
@@ -49,7 +50,8 @@ def add(commands: Any) -> None:
     output.add_argument("--data", type=path, metavar="PATH", help=text)
     text = "write what happened into a new table, NAME.csv or NAME.parquet"
     output.add_argument("--events", type=path, metavar="FILE", help=text)
-    text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, else all)"
+    text = "numbers of the worlds to write, as in tables of events "
+    text += "(default: the first 16 for --out, the first for --html, else all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
     add_number(part, "--from", 0, "first tick to write", least=0, dest="first")
     add_number(part, "--to", "the last there is", "last tick to write", least=0, dest="last")
@@ -87,6 +89,12 @@ def _check(options: argparse.Namespace, products: bool) -> None:
         from ..web.replay.write import checked  # here, as the command loads the page only where it writes one
 
         checked(options.html)
+    if options.data is not None:
+        from ..datasets.export import check_new
+
+        check_new(options.data)
+    if options.events is not None:
+        checked_target(options.events, "events", (".csv", ".parquet"))
     if options.beside is not None and options.html is None:
         raise RecordingError("--beside is for pages: give --html PATH, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):
@@ -99,7 +107,9 @@ def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick, `to` is as asked for."""
     import_files(options)
     recording = _recording(options.file, options.trust)
-    options.to, options.last = options.last, last_tick(recording, options.first, options.last, options.worlds)
+    options.to, options.last = options.last, last_tick(recording, options.first, options.last)
+    if options.worlds is not None:
+        rows_of(recording, options.worlds)  # which refuses those that there are not
     return recording
 
 
@@ -174,5 +184,6 @@ PRODUCTS = {"out": _film, "html": _page, "data": _data, "events": _events}
 
 def _selected(options: argparse.Namespace, replay: Replay, most: int) -> tuple[Sequence[int], Iterator[int]]:
     """The worlds that are asked for, or the first `most`; and the ticks that are asked for, if they take part."""
-    worlds = list(range(min(most, replay.worlds.count))) if options.worlds is None else options.worlds
+    asked, count = options.worlds, min(most, replay.worlds.count)
+    worlds = list(range(count)) if asked is None else rows_of(replay.recording, asked)
     return worlds, replay.ticks(options.verify, first=options.first, last=options.last, worlds=worlds)

@@ -229,7 +229,9 @@ def _as_json(options: argparse.Namespace, asked: Scenario, summary: Summary, sec
 
 def _write(path: str, text: str) -> None:
     try:
-        with atomic_write(Path(path)) as place:
+        with atomic_write(Path(path), new=True) as place:
             place.write_text(text, encoding="utf-8")
+    except FileExistsError as error:
+        raise UsageError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; there is no summary") from error

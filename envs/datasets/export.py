@@ -1,7 +1,9 @@
 """Datasets: the samples of a recording in files for other programs. A folder of .npz files is written here."""
 
+import contextlib
 import json
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +23,48 @@ def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
     path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. Nothing of that name may be there,
     and nothing is there before all is written. Raises RecordingError, ReplayError.
     """
-    try:
+    check_new(path)
+    target = Path(path)
+    with _said_of(path):
         if path.startswith(MINARI):
             from .minari import export_minari  # each where it is needed, as their libraries are optional
 
             return export_minari(path.removeprefix(MINARI), replay, selection)
-        target = Path(path)
-        if target.exists():
-            raise RecordingError(f"{path} exists; a dataset overwrites nothing: give another name, or delete it")
         if target.suffix == ".parquet":
             from .parquet import export_parquet
 
             return export_parquet(target, replay, selection)
-        if target.suffix:
+        return _export_npz(target, replay, selection)
+
+
+def check_new(path: str) -> None:
+    """Refuse a dataset that cannot be written, as far as this is known before anything is replayed.
+
+    Raises:
+        RecordingError: There is one of that name, none of that name can be, or a library is missing.
+    """
+    target = Path(path)
+    with _said_of(path):
+        if path.startswith(MINARI):
+            from .minari import new_place
+
+            new_place(path.removeprefix(MINARI))
+        elif target.exists():
+            raise RecordingError(f"{path} exists; a dataset overwrites nothing: give another name, or delete it")
+        elif target.suffix not in ("", ".parquet"):
             raise RecordingError(
                 f"{path}: there is no export to {target.suffix}; give a folder without an ending for .npz files, "
                 "NAME.parquet or minari:NAME-v0"
             )
-        return _export_npz(target, replay, selection)
+        elif not target.absolute().parent.is_dir():
+            raise RecordingError(f"{path}: there is no folder {target.parent}; no dataset was written")
+
+
+@contextlib.contextmanager
+def _said_of(path: str) -> Iterator[None]:
+    """RecordingErrors for what disks and missing libraries raise meanwhile."""
+    try:
+        yield
     except OSError as error:
         place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
         raise RecordingError(f"{place}: {error.strerror or error}; no dataset was written") from error

@@ -38,6 +38,21 @@ except ModuleNotFoundError as error:
 ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for datasets
 
 
+def new_place(name: str) -> Path:
+    """The folder of a new dataset. Raises RecordingError if there is one of that name, or none can be."""
+    try:
+        parse_dataset_id(name)
+    except (ValueError, TypeError):
+        raise RecordingError(
+            f"{name!r} is no name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0 with two letters or more in "
+            "SPACE"
+        ) from None
+    place = Path(get_dataset_path(name))
+    if place.exists():
+        raise RecordingError(f"there is a Minari dataset {name}; give another name, or `minari delete {name}`")
+    return place
+
+
 def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     """Write the local dataset `name`, in Minari's format "arrow"; returns the number of agent-steps.
 
@@ -45,14 +60,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     the recording, counts as truncated. The options in their metadata hold world, episode and agent. The dataset's
     `recover_environment` makes the game again: one agent of it acts, the others by a policy (see `recovered`).
     """
-    try:
-        parse_dataset_id(name)
-    except (ValueError, TypeError):
-        raise RecordingError(f"{name!r} is no name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0") from None
-    place = Path(get_dataset_path(name))
-    if place.exists():
-        raise RecordingError(f"there is a Minari dataset {name}; give another name, or `minari delete {name}`")
-    count = [0]
+    place, count = new_place(name), [0]
     observations, actions = _spaces(replay.worlds)
     about = manifest(replay)
     own = EnvSpec(

@@ -37,7 +37,7 @@ def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
         raise RecordingError(
             f"the action {taken[0]!r} has the name of another column of .parquet; rename it, or write a folder of .npz"
         )
-    with atomic_write(target) as path, contextlib.ExitStack() as files:
+    with atomic_write(target, new=True) as path, contextlib.ExitStack() as files:
         writer = None
         for batch in read_shards(replay, selection):
             table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})

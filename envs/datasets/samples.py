@@ -29,7 +29,7 @@ COLUMNS = {
     "tick": "steps of this episode before this one",
     "present": "whether the episode has the agent; only where the number of agents varies",
     "alive": "whether the agent lives, with the observation",
-    "actions": "what the agent does, as env.step takes it",
+    "actions": "what the agent does: an integer for each of the game's actions, whatever form env.step took",
     "rewards": "of this step",
     "terminated": "the episode of the world ends with this step, by its rule",
     "truncated": "the episode of the world ends with this step, by the time limit",

@@ -121,7 +121,7 @@ def damaged(path: str, offset: int) -> RecordingError:
     """The error for a chunk whose bytes are not those that were written."""
     return RecordingError(
         f"{path} is damaged at byte {offset}: a checksum does not fit. What lies before that byte is whole: "
-        "a copy that ends there can be replayed"
+        "a copy that ends there can be replayed, if there are ticks before it"
     )
 
 

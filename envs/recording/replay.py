@@ -1,5 +1,6 @@
 """Replaying: the recorded ticks once more, each compared with the digest of what it was."""
 
+import os
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import Any
@@ -9,17 +10,20 @@ import numpy as np
 from outlast.components import End
 from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.given import GIVEN_DIM, Given, wrongly_given
+from outlast.ecs.whole import is_whole
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
 from ..core.spaces import statistics
+from ..core.validation import check_count
 from ..errors import RecordingError, ReplayError, ScenarioError
 from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
 from ..scenarios import renamed
 from .digests import Digests
 from .reader import Recording
+from .selection import last_tick
 from .tick_records import KEY_SIZE, JointActions, TickRecord
 
 Array = np.ndarray[Any, Any]
@@ -38,14 +42,17 @@ class Replay:
             worlds that took no step; None if no policy was recorded.
 
     Args:
-        recording: What `Recording.open` returned.
+        recording: What `Recording.open` returned, or the path of a file.
         threads: How many threads share the worlds.
 
     Raises:
         RecordingError: The worlds cannot be made, or have other actions or components here than there.
     """
 
-    def __init__(self, recording: Recording, threads: int = 1) -> None:
+    def __init__(self, recording: Recording | str | os.PathLike[str], threads: int = 1) -> None:
+        recording = recording if isinstance(recording, Recording) else Recording.open(recording)
+        check_count("threads", threads, 1)
+        self._going: object = None  # the newest of the iterators of `ticks`
         self.recording, self.summary, scenario = recording, Summary(), recording.scenario
         self.policy: Array | None = None
         try:
@@ -87,18 +94,29 @@ class Replay:
             verify: Compare digests.
             first: Yield nothing before the tick of this number.
             last: Stop after the tick of this number; None: after all.
-            worlds: Of the ticks after `first`, yield only those in which one of these worlds took part.
+            worlds: Of the ticks after `first`, yield only those in which one of these rows of the tables took part.
 
-        Yields:
-            Numbers of ticks.
+        Returns:
+            What yields the numbers of ticks. As there is one set of worlds, it ends the iterators of earlier calls.
 
         Raises:
-            ReplayError: The state after a tick is not what it was.
-            RecordingError: The file is damaged.
+            RecordingError: There are no such ticks or rows; or, when ticks are asked for, the file is damaged, or a
+                later call of `ticks` has begun anew.
+            ReplayError: When ticks are asked for: the state after a tick is not what it was.
         """
+        if first or last is not None:
+            last_tick(self.recording, first, last)
+        if wrong := [row for row in worlds or () if not (is_whole(row) and 0 <= row < self.worlds.count)]:
+            raise RecordingError(f"worlds: there is no row {wrong[0]!r}; they are 0 to {self.worlds.count - 1}")
+        return self._ticks(verify, first, last, worlds)
+
+    def _ticks(self, verify: bool, first: int, last: int | None, worlds: Sequence[int] | None) -> Iterator[int]:
+        self._going = mine = object()
         self.summary = Summary()
         self.episodes[:] = 0
         for number, record in enumerate(self.recording.tick_records()):
+            if self._going is not mine:
+                raise RecordingError("ticks() was called again, and has begun anew; make a second Replay for both")
             self._run(record)
             if verify:
                 self._compare(number, record.digest)

@@ -9,14 +9,13 @@ from ..errors import RecordingError
 from .reader import Recording
 
 
-def last_tick(recording: Recording, first: int, last: int | None, worlds: Any) -> int:
-    """The number of the last tick that is asked for. Raises RecordingError if there are no such ticks or worlds.
+def last_tick(recording: Recording, first: int, last: int | None) -> int:
+    """The number of the last tick that is asked for. Raises RecordingError if there are no such ticks.
 
     Args:
         recording: Of which.
         first: Number of the first tick, from 0 on.
         last: Number of the last one; None: the last there is.
-        worlds: Numbers of worlds, in a sequence; None: all.
     """
     given: list[Any] = [first, 0 if last is None else last]
     if strange := [tick for tick in given if not is_whole(tick)]:
@@ -29,12 +28,21 @@ def last_tick(recording: Recording, first: int, last: int | None, worlds: Any) -
         raise RecordingError(
             f"ticks {first} to {end}: 0 <= from <= to <= {most} is needed, the last tick of {recording.path}"
         )
-    if worlds is not None and not isinstance(worlds, Iterable):
-        raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
-    if odd := [w for w in worlds or () if not is_whole(w)]:
-        raise RecordingError(f"world {odd[0]!r}: whole numbers are needed, counted from 0")
-    if worlds is not None and (unknown := [w for w in worlds if not 0 <= w < recording.num_worlds]):
-        raise RecordingError(
-            f"{recording.path}: there is no world {unknown[0]}; they are 0 to {recording.num_worlds - 1}"
-        )
     return end
+
+
+def rows_of(recording: Recording, worlds: Any) -> list[int]:
+    """The rows of these worlds in the tables. Raises RecordingError if there are no such worlds.
+
+    Args:
+        recording: Of which.
+        worlds: Their numbers as tables of events and samples have them: from `first_world` on.
+    """
+    if not isinstance(worlds, Iterable):
+        raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
+    asked, first, last = list(worlds), recording.first_world, recording.first_world + recording.num_worlds - 1
+    if odd := [w for w in asked if not is_whole(w)]:
+        raise RecordingError(f"world {odd[0]!r}: whole numbers are needed")
+    if unknown := [w for w in asked if not first <= w <= last]:
+        raise RecordingError(f"{recording.path}: there is no world {unknown[0]}; they are {first} to {last}")
+    return [w - first for w in asked]

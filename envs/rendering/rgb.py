@@ -22,7 +22,9 @@ NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None = None) -> Image:
-    """Draw a world. The same state gives the same bits, and the world is not changed.
+    """Draw a world as its tables are, which say nothing of the game before the first reset.
+
+    The same state gives the same bits, and the world is not changed.
 
     Args:
         worlds: All worlds.

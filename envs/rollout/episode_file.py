@@ -9,7 +9,7 @@ import numpy as np
 from ..core.spaces import statistics
 from ..core.vector_env import SurvivalVectorEnv
 from .against import PLAYED, Against
-from .summary import column_names
+from .summary import MOMENTS, column_names
 from .table_file import table_file
 
 Array = np.ndarray[Any, Any]
@@ -52,7 +52,8 @@ def episode_file(
 
     Columns are `world`, `episode` (of the world, from 1), with others those of Against.played, and the statistics in
     alphabetical order; what has an entry an agent or side has a column for each, return_0, return_1, which is empty
-    where the episode had no such agent or side. Rows are in the order in which episodes end.
+    where the episode had no such agent or side. That of a moment, first_death, is empty where it did not come. Rows are
+    in the order in which episodes end.
 
     Args:
         path: NAME.csv.
@@ -76,6 +77,7 @@ def episode_file(
         def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
                 own = rows(info, where)
+                own |= {key: np.ma.masked_equal(own[key], 0) for key in keys if key in MOMENTS}
                 columns = [column for key in keys for column in _cells(own[key]).reshape(where.sum(), -1).T]
                 table.add({name: own[name] for name in firsts} | dict(zip(names, columns, strict=True)))
 

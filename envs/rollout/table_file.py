@@ -63,17 +63,21 @@ def table_file(
         types: Arrow's names of the types in a .parquet file, by column; the others hold text.
 
     Raises:
-        UsageError: Another ending, a file that is there, no folder, a full disk, or no pyarrow for .parquet.
+        UsageError: Another ending, a file that is there, no folder, a full disk, or no pyarrow for .parquet. If another
+            process has made the file meanwhile, the rows are in one with a number in its name, which the error says.
     """
     target = checked_target(path, what, (".csv",) if types is None else (".csv", ".parquet"))
+    held = contextlib.ExitStack()
     try:
-        with atomic_write(target) as place, place.open("wb") as file:
+        with held, atomic_write(target, new=True) as place, place.open("wb") as file:
             writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
             table = TableFile(writer)
             yield table
-            with interrupts_held():
-                table.flush()
-                writer.close()
+            held.enter_context(interrupts_held())  # until the file is in its place
+            table.flush()
+            writer.close()
+    except FileExistsError as error:
+        raise UsageError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; there are no {what}") from error
 

@@ -32,7 +32,7 @@ HEADER = "header"  # the entry of a file that says what the others are: JSON as 
 Array = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class State:
     """The state of some worlds of a scenario.
 
@@ -51,6 +51,12 @@ class State:
 
     def __repr__(self) -> str:
         return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is the same state of the same scenario, bit for bit."""
+        if not isinstance(other, State):
+            return NotImplemented
+        return (self.scenario, _checksum(self.arrays)) == (other.scenario, _checksum(other.arrays))
 
     def __getitem__(self, which: Any) -> "State":
         which = which.item() if isinstance(which, np.ndarray) and not which.ndim else which
@@ -101,6 +107,8 @@ def read(file: BinaryIO, name: str) -> State:
         arrays = {key.removesuffix(".npy"): safe_npz.array(content) for key, content in safe_npz.entries(file).items()}
         header = json.loads(arrays.pop(HEADER).tobytes())
         version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
+    except KeyError as error:
+        raise StateError(f"{name} is not a saved state: it has no {error}") from None
     except safe_npz.BROKEN as error:
         raise StateError(f"{name} is not a saved state: {str(error) or type(error).__name__}") from None
     if version != VERSION:

@@ -5,6 +5,8 @@ it, and it can be deleted.
 """
 
 import contextlib
+import errno
+import itertools
 import os
 import re
 import secrets
@@ -34,18 +36,50 @@ def remove(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def atomic_write(target: Path) -> Iterator[Path]:
+def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
     """A path beside the target, for a file or a folder that takes its place if all goes well, and else vanishes.
 
     Of a link, what it leads to is replaced. What is neither a file nor a folder, such as a device, is written to.
+
+    Args:
+        target: Where it goes.
+        new: Whether the file, which was not there, must not replace one that another process has written meanwhile.
+
+    Raises:
+        FileExistsError: One has, for something `new`; what was written is kept as NAME-2, which the error says.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         yield target
         return
-    target = Path(os.path.realpath(target))
+    given, target = target, Path(os.path.realpath(target))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(given.parent))
     path = temporary_path(target)
     try:
         yield path
-        os.replace(path, target)
+        if target.is_dir() and not path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(given))
+        if new:
+            _add(path, target)
+        else:
+            os.replace(path, target)
     finally:
         remove(path)
+
+
+def _add(path: Path, target: Path) -> None:
+    """Give a file the name of the target, or if there is one of that name, one with a number."""
+    for number in itertools.count(1):
+        place = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
+        try:
+            os.link(path, place)  # which replaces nothing, as renaming does
+        except FileExistsError:
+            continue
+        except OSError:  # a disk without links
+            if place.exists():
+                continue
+            os.replace(path, place)
+        if number > 1:
+            reason = f"as another process has written it meanwhile; this is in {place}"
+            raise FileExistsError(errno.EEXIST, reason, str(target))
+        return

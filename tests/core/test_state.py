@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -226,10 +227,35 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
         with pytest.raises(StateError, match="not a saved state"):
             State.load(tmp_path / name)
     np.savez_compressed(tmp_path / "d.npz", world=np.zeros((6, 64)))
+    np.savez(tmp_path / "e.npz", world=np.zeros(3))
+    with pytest.raises(StateError, match=r"e\.npz is not a saved state: it has no 'header'"):
+        State.load(tmp_path / "e.npz")
     with pytest.raises(StateError, match="is compressed"):
         State.load(tmp_path / "d.npz")
     with pytest.raises(FileNotFoundError):
         State.load(tmp_path / "nowhere.npz")
+
+
+def test_states_are_equal_if_they_are_the_same_bits() -> None:
+    env = make()
+    state = env.get_state()
+    assert state == env.get_state()
+    play(env, 0, 1)
+    assert state != env.get_state()
+    assert state[:2] != state[:3]
+    assert state != make(variant="teams_2").get_state()
+    assert state != 3
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(state)
+
+
+def test_where_a_state_cannot_be_saved_is_said(tmp_path: Path) -> None:
+    state = make().get_state()
+    with pytest.raises(FileNotFoundError, match=r"No such file or directory: .*nowhere"):
+        state.save(tmp_path / "nowhere" / "a.npz")
+    with pytest.raises(IsADirectoryError, match=f"Is a directory: .{re.escape(str(tmp_path))}"):
+        state.save(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:

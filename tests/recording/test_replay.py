@@ -165,6 +165,47 @@ def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
     assert list(replay.ticks(first=1, last=4, worlds=[0, 1])) == [1, 2, 4]
 
 
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"first": 3, "last": 2}, "ticks 3 to 2: 0 <= from <= to <= 4 is needed"),
+        ({"first": 5}, "ticks 5 to 4"),
+        ({"last": -1}, "ticks 0 to -1"),
+        ({"last": 5}, "ticks 0 to 5"),
+        ({"first": 1.5}, "tick 1.5: whole numbers are needed"),
+        ({"worlds": [0, 3]}, "there is no row 3; they are 0 to 2"),
+        ({"worlds": [-1]}, "there is no row -1"),
+    ],
+)
+def test_ticks_and_worlds_that_there_are_not_are_refused(tmp_path: Path, asked: dict[str, Any], message: str) -> None:
+    replay = Replay(_idle(tmp_path / "a.rec"))
+    with pytest.raises(RecordingError, match=message):
+        replay.ticks(**asked)
+
+
+def test_a_second_pass_ends_the_first(tmp_path: Path) -> None:
+    """There is one set of worlds: of two passes at once neither would be what was recorded."""
+    replay = Replay(_idle(tmp_path / "a.rec"))
+    one = replay.ticks()
+    assert [next(one), next(one)] == [0, 1]
+    two = replay.ticks()
+    assert next(one) == 2  # nothing of the second was asked for yet
+    assert next(two) == 0
+    with pytest.raises(RecordingError, match="was called again, and has begun anew; make a second Replay for both"):
+        next(one)
+    assert list(two) == [1, 2, 3, 4]
+
+
+def _idle(path: Path) -> Path:
+    """A recording of three worlds and four steps."""
+    env = make(worlds=3)
+    with outlast.record(env, path):
+        env.reset()
+        for _ in range(4):
+            env.step(np.broadcast_to(env.noop, (3, env.num_agents, *env.noop.shape[-1:])))
+    return path
+
+
 # ---- differences are named
 
 

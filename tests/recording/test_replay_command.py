@@ -6,13 +6,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import outlast
 from outlast.components import Health
+from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Replay
 from outlast.envs.recording.container import RECORDS
 from outlast.envs.rollout import random_policy, rollout
+from outlast.envs.web.replay.write import record_ticks
 from tests.conftest import run
 
 
@@ -84,6 +87,34 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
 def test_mistakes_are_one_line(capsys: Any, path: Path, options: tuple[str, ...], words: str) -> None:
     status, _, err = run(capsys, "replay", path, "--quiet", *options)
     assert (status, words in err, len(err.strip().splitlines())) == (2, True, 1)
+
+
+def test_nothing_is_replaced_where_something_else_cannot_be_written(capsys: Any, path: Path, tmp_path: Path) -> None:
+    """A film replaces what was there, data and events do not: they are looked at first."""
+    for name in ("old.apng", "data.parquet", "events.csv"):
+        (tmp_path / name).write_text("old")
+    for option, name in (("--data", "data.parquet"), ("--events", "events.csv")):
+        given = ("--out", tmp_path / "old.apng", "--size", "64", option, tmp_path / name)
+        status, _, err = run(capsys, "replay", path, "--quiet", *given)
+        assert (status, "exists" in err, (tmp_path / "old.apng").read_text()) == (2, True, "old")
+
+
+def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_path: Path) -> None:
+    """That of the recorded environment, whose worlds may begin at another one than 0."""
+    env = outlast.make_vec("ffa_1", 4, seed=0, first_world=10)
+    with outlast.record(env, tmp_path / "a.rec"):
+        outlast.rollout(env, "random", 5)
+    files = ("--data", tmp_path / "data", "--html", tmp_path / "page.html", "--worlds", "12,13", "--quiet")
+    assert run(capsys, "replay", tmp_path / "a.rec", *files)[0] == 0
+    assert set(np.load(tmp_path / "data" / "shard_000000.npz")["world"]) == {12, 13}
+    replay = Replay(tmp_path / "a.rec")
+    assert list(record_ticks(replay.worlds, replay.ticks(), [2, 3], replay)) == [12, 13]
+    status, _, err = run(
+        capsys, "replay", tmp_path / "a.rec", "--html", tmp_path / "b.html", "--worlds", "2", "--quiet"
+    )
+    assert (status, "there is no world 2; they are 10 to 13" in err) == (2, True)
+    with pytest.raises(RecordingError, match="there is no world 3; they are 10 to 13"):
+        outlast.film(tmp_path / "a.rec", tmp_path / "a.apng", worlds=[3], size=64)
 
 
 def test_files_that_are_no_recordings_are_one_line(capsys: Any, tmp_path: Path) -> None:

@@ -107,6 +107,11 @@ def test_a_recording_that_is_not_what_it_was_makes_no_film(recorded: Path, tmp_p
     assert os.listdir(tmp_path) == ["run.rec"]
 
 
+def test_a_layer_that_has_nothing_to_show_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    outlast.film("ffa_1", tmp_path / "film", steps=1, size=64, views="+lidar,+vision")
+    assert caplog.messages == ["LidarLayer shows nothing: the game has no Lidar and LidarView"]
+
+
 MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "no game": ("ffa_9", {}, ScenarioError, "did you mean"),
     "no policy": ("ffa_1", {"policy": "scriptd"}, UsageError, "scriptd"),
@@ -118,6 +123,11 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
     "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),
     "a number of a recording": ("run.rec", {"n_heals": 3}, FilmError, "n_heals: the recording has that already"),
+    "no recording": ("runs/run", {}, FilmError, "runs/run: there is no such file"),
+    "a recording elsewhere": ("other.rec", {}, FilmError, "other.rec: there is no such file"),
+    "a folder": (".." + os.sep, {}, FilmError, "it is a folder"),
+    "no world of a recording": ("run.rec", {"worlds": 0}, FilmError, "worlds = 0: the recording has 3"),
+    "more worlds than a recording has": ("run.rec", {"worlds": 4}, FilmError, "worlds = 4: the recording has 3"),
     "a world of a recording": ("run.rec", {"worlds": [3]}, RecordingError, "no world 3; they are 0 to 2"),
     "half a world of a recording": ("run.rec", {"worlds": [0.5]}, RecordingError, "world 0.5: whole numbers"),
     "text for worlds of a recording": ("run.rec", {"worlds": "0"}, RecordingError, "world '0': whole numbers"),

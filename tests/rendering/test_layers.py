@@ -11,6 +11,7 @@ import pytest
 from outlast import choice, make_vec, role, variant
 from outlast.components import Guard, Zone
 from outlast.ecs import Entity
+from outlast.envs.errors import FilmError
 from outlast.envs.inspect.trace import describe
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
@@ -269,3 +270,13 @@ def test_outlines_lie_on_the_rim() -> None:
     assert np.abs(np.hypot(xs - 63.5, ys - 63.5) - 40).max() < 3
     ys, xs = np.nonzero(canvas.image[..., 1])
     assert np.abs(np.maximum(abs(xs - 63.5), abs(ys - 63.5)) - 20).max() < 3
+
+
+def test_only_agents_that_there_are_can_be_asked_for() -> None:
+    for wrong in (0, [-1], [0.5], "0"):
+        with pytest.raises(FilmError, match="numbers of agents are needed, as in"):
+            CamerasLayer(agents=wrong)  # type: ignore[arg-type]
+    env = make_vec("ffa_1", 1, seed=0)
+    env.reset()
+    with pytest.raises(FilmError, match="there is no agent 7; they are 0 to 1"):
+        draw(env.worlds, 0, 64, [CamerasLayer(agents=[0, 7])])

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,58 @@ def test_what_a_full_disk_stops_is_reported_as_stopped(capsys: Any, tmp_path: Pa
     assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out
 
 
+def test_one_file_is_not_written_twice(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"events and csv are both .*a\.csv: give another name for one"):
+        outlast.rollout("ffa_2", worlds=2, csv=tmp_path / "a.csv", events=tmp_path / "." / "a.csv", **SHORT)
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_ctrl_c_while_files_are_closed_leaves_all_of_them_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes behind the last step, as often as somebody presses it, and the exception has the summary."""
+    write, files = table_file._Csv.write, {name: tmp_path / f"{name}.csv" for name in ("csv", "events")}
+
+    def interrupted(self: Any, table: Any) -> None:
+        write(self, table)
+        signal.raise_signal(signal.SIGINT)
+
+    whole = outlast.rollout("ffa_2", worlds=4, csv=tmp_path / "a.csv", events=tmp_path / "b.csv", **SHORT)
+    monkeypatch.setattr(table_file._Csv, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        outlast.rollout("ffa_2", worlds=4, **files, **SHORT)
+    assert stopped.value.args[0].as_dict() == whole.as_dict()
+    assert files["csv"].read_bytes() == (tmp_path / "a.csv").read_bytes()
+    assert files["events"].read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_a_second_ctrl_c_costs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first one stops the play, the second comes while its files are written."""
+    write, files = table_file._Csv.write, {name: tmp_path / f"{name}.csv" for name in ("csv", "events")}
+
+    def interrupted(self: Any, table: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write(self, table)
+
+    monkeypatch.setattr(table_file._Csv, "write", interrupted)
+    env = outlast.make_vec("ffa_2", 6, seed=0, **SHORT)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        outlast.rollout(env, interrupted_after(40)(env, 0), episodes=5, **files)
+    assert stopped.value.args[0].episodes == len(rows_of(files["csv"])) > 0
+    assert rows_of(files["events"])
+    env.close()
+
+
+def test_what_another_process_wrote_meanwhile_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    message = r"a\.csv exists, as another process has written it meanwhile; this is in .*a-2\.csv"
+    with pytest.raises(UsageError, match=message):
+        outlast.rollout("ffa_2", "noop", 20, lambda summary: path.write_text("theirs"), worlds=2, csv=path, **SHORT)
+    assert path.read_text() == "theirs"
+    assert len(rows_of(tmp_path / "a-2.csv")) > 0
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a-2.csv", "a.csv"]
+
+
 def test_ctrl_c_leaves_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     env = outlast.make_vec("ffa_2", 6, seed=0, **SHORT)
     with pytest.raises(KeyboardInterrupt) as stopped:
@@ -297,10 +350,10 @@ def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
     numbers = [(int(row["world"]), int(row["episode"])) for row in rows_of(files["csv"])]
     assert sorted(numbers) == [(w, e) for w in range(2) for e in (1, 2, 3)]
     assert found.arrays()["episode"].tolist() == [1, 2, 3] * 2
-    ended = {(int(row["world"]), int(row["episode"])): int(row["first_death"]) for row in rows_of(files["csv"])}
-    deaths = [row for row in rows_of(files["events"]) if row["event"] == "death"]
-    assert deaths
-    assert all(ended[int(row["world"]), int(row["episode"])] == int(row["tick"]) for row in deaths)
+    ended = {(row["world"], row["episode"]): row["first_death"] for row in rows_of(files["csv"])}
+    died = {(row["world"], row["episode"]): row["tick"] for row in rows_of(files["events"]) if row["event"] == "death"}
+    assert died
+    assert ended == {episode: died.get(episode, "") for episode in ended}  # nothing where nobody died
 
 
 def test_files_say_who_played_and_how_it_ended(tmp_path: Path) -> None:

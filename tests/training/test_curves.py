@@ -127,8 +127,8 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
     [
         (LINES, "its first line does not describe the curves"),
         ("# no json\nstep,a\n1,2\n", "Expecting value"),
-        ("# {}\nstep,a\n1,2,3\n", "its columns are not step and tags"),
-        ("# {}\nstep,a\n1,2\n2\n", "shorter"),
+        ("# {}\nstep,a\n1,2,3\n", "line 3 has 3 cells, and the heading 2"),
+        ("# {}\nsteps,a\n1,2\n", "its columns are not step and tags"),
         ("# {}\nstep,a\n", "it has no rows"),
         ("# {}\nstep,a\n2,2\n1,2\n", "its steps do not ascend"),
         ("# {}\nstep,a\n1,inf\n", "inf is not a finite number"),
@@ -137,6 +137,7 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
         ("# {}\nstep,a\n1,2\n", "does not hold the curves of a run: 'variant'"),
         ('# {"variant": "ffa_9", "plan": {}, "changed": {}}\nstep,a\n1,2\n', "there is no variant 'ffa_9'"),
         ("# []\nstep,a\n1,2\n", "does not hold the curves of a run"),
+        ("# {}\nstep,a\n1,2\n2\n", "line 4 has 1 cells, and the heading 2: was it cut off"),
     ],
 )
 def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: str, message: str) -> None:

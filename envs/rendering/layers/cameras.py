@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from outlast.components import Body, Shape, Side, Sight, Solid
 from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Clock
 from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.whole import is_whole
 
+from ...errors import FilmError
 from ..canvas import Canvas, Point
 from ..scene import Scene
 from ..style import SIZES, of_side
@@ -24,7 +27,11 @@ ARC = math.radians(5)  # of a sector's rim, drawn as a straight line
 
 @dataclass(frozen=True)
 class CamerasLayer(Layer):
-    """What living agents see, or only those with the numbers `agents`."""
+    """What living agents see, or only those with the numbers `agents`.
+
+    Raises:
+        FilmError: `agents` are no numbers of agents; of those that a game does not have, when it is drawn.
+    """
 
     zorder = ZOrder.SIGHT
     needs = (systems.Cameras, Sight, Side)
@@ -34,12 +41,19 @@ class CamerasLayer(Layer):
     opacity: float = SIZES.cone_opacity
     width: float = SIZES.sight_line
 
+    def __post_init__(self) -> None:
+        numbers: Any = [] if self.agents is None else self.agents
+        if not isinstance(numbers, Collection) or not all(is_whole(i, 0) for i in numbers):
+            raise FilmError(f"CamerasLayer: agents = {self.agents!r}: numbers of agents are needed, as in [0, 2]")
+
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """All cones first, then all lines; nothing where observations hold everything, as cameras are not used then."""
         if scene[Sight].mode[0] == OMNISCIENT:
             return
         alive = set(scene.living(Body, Side))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
+        if unknown := [i for i in wanted if i >= len(scene.rows(Side))]:
+            raise FilmError(f"CamerasLayer: there is no agent {unknown[0]}; they are 0 to {len(scene.rows(Side)) - 1}")
         watching = [(i, e) for i, e in enumerate(scene.rows(Side)) if e in alive and i in wanted]
         if self.cones:
             tick = scene[Clock].tick[0]

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from ...errors import PageError
 from ...recording import Recording, Replay
-from ...recording.selection import last_tick
+from ...recording.selection import last_tick, rows_of
 from .pack import Room
 from .write import checked, record_ticks, save
 
@@ -37,7 +37,7 @@ def replay_page(
         recording: A Recording, or the path of one; for a game of one's own, Recording.open(path, scenario).
         out: Of the page, an HTML file; one that is there is replaced.
         beside: Another recording, of the same scenario or of another, which plays beside it in step.
-        worlds: Numbers of the worlds to show, of both recordings; None: the first.
+        worlds: Numbers of the worlds to show, of both recordings, as in tables of their events; None: the first.
         first: First tick to show, counted from the beginning of the recording.
         last: Last tick to show; None: the last there is, of each recording.
         title: Of the page; None: names of scenario and file.
@@ -54,7 +54,6 @@ def replay_page(
         PageError: The page cannot be written.
         OSError: A recording cannot be read.
     """
-    shown = [0] if worlds is None else worlds
     if not isinstance(title, str | None):
         raise PageError(f"title = {title!r}: a text is needed")
     opened = [
@@ -63,9 +62,10 @@ def replay_page(
         if source is not None
     ]
     target = checked(out, *(Path(each.path) for each in opened))
-    ends = [last_tick(each, first, last, shown) for each in opened]
+    ends = [last_tick(each, first, last) for each in opened]
+    rows = [[0] if worlds is None else rows_of(each, worlds) for each in opened]
     rooms = []
-    for each, end in zip(opened, ends, strict=True):
+    for each, end, shown in zip(opened, ends, rows, strict=True):
         with contextlib.closing(Replay(each, threads)) as replay:
             ticks = replay.ticks(verify, first=first, last=end, worlds=shown)
             bar = tqdm(ticks, total=end - first + 1, unit="tick", disable=quiet)

@@ -22,7 +22,7 @@ def frame(recording: Recording) -> str:
     """
     if not len(recording):
         return f"<p>{html.escape(repr(recording))}</p>"
-    end = last_tick(recording, 0, None, [0])
+    end = last_tick(recording, 0, None)
     shown = min(end, MOST)
     with contextlib.closing(Replay(recording)) as replay:
         ticks = replay.ticks(last=shown, worlds=[0])

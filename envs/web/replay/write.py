@@ -64,7 +64,7 @@ def page_html(rooms: Sequence[Room], title: str) -> str:
 def record_ticks(
     worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], replay: Replay | None = None
 ) -> dict[int, list[EpisodeTrack]]:
-    """The episodes of each of the `chosen` worlds, as far as the ticks go.
+    """The episodes of each of the `chosen` worlds by its number, as far as the ticks go. chosen: rows of the tables.
 
     A world whose clock stands still was not run and is not recorded again; where the clock jumps, an episode starts.
     replay: what runs them, if it is a recording, which may have a policy to show. Its episodes are numbered from 1.
@@ -87,7 +87,8 @@ def record_ticks(
             clocks[w] = clock
             thoughts = None if replay is None or replay.policy is None else replay.policy[w]
             episodes[-1].add(snapshot(worlds, w), events(worlds, w), thoughts)
-    return recorded
+    first = 0 if replay is None else replay.recording.first_world
+    return {first + w: episodes for w, episodes in recorded.items()}
 
 
 def _entities(worlds: Worlds, replay: Replay | None) -> Json:
