@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, requires
 
 from gymnasium import error
 
-from outlast.ecs.errors import OutlastError
+from outlast.ecs.errors import NumberError, OutlastError
 
 
 def install(extra: str) -> str:
@@ -56,6 +56,13 @@ class EndlessError(OutlastError, RuntimeError):
 
 class ScenarioError(OutlastError, ValueError):
     """An unknown variant or mechanic, or mechanics that do not go together; the message lists the known ones."""
+
+
+class KeywordError(NumberError, TypeError):
+    """A keyword that is neither a function's own nor a number of the scenario.
+
+    Also a TypeError, in Python's words for one: TorchRL's GymEnv tries a keyword, and goes on without it after that.
+    """
 
 
 class StateError(OutlastError, ValueError):

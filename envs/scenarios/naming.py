@@ -6,11 +6,11 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from outlast.ecs import Distribution, Module
+from outlast.ecs import Distribution, Module, NumberError
 from outlast.ecs.distributions import from_plain
 from outlast.ecs.errors import did_you_mean
 
-from ..errors import ScenarioError
+from ..errors import KeywordError, ScenarioError
 from .ablations import ablated
 from .imports import mechanic_in, scenario_in
 from .mechanics import imported
@@ -67,7 +67,8 @@ def resolve(
 
     Raises:
         ScenarioError: `scenario` is neither, or there is no such scenario.
-        NumberError: A number that the scenario does not have, or a value that is out of its range.
+        KeywordError: A number that the scenario does not have.
+        NumberError: A value that is out of its range.
     """
     if isinstance(scenario, str):
         scenario = named(scenario)
@@ -76,7 +77,10 @@ def resolve(
     if not numbers:
         return scenario
     for name in numbers:
-        scenario.find_number(name, options)
+        try:
+            scenario.find_number(name, options)
+        except NumberError as error:
+            raise KeywordError(f"unexpected keyword argument {name!r}: {error}") from None
     return scenario.replace(**numbers)
 
 

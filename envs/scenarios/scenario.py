@@ -26,6 +26,10 @@ from .mechanic_checks import check_mechanics, check_together
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
 LOGGER = logging.getLogger("outlast")
+ELSEWHERE = {  # what is asked for as a number and is none
+    "max_episode_steps": "the time limit of a scenario is its number ending_limit. ",
+    "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else. ",
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -369,9 +373,7 @@ class Scenario:
                 if name != key and any(item.name == name for item in dataclasses.fields(module)):
                     return module.name, name
         known = self.known_numbers()
-        hint = did_you_mean(asked, [*options, *known], after=" ")
-        if asked == "max_episode_steps":
-            hint = "the time limit of a scenario is its number ending_limit. "
+        hint = ELSEWHERE.get(asked) or did_you_mean(asked, [*options, *known], after=" ")
         raise NumberError(f"{self.name} has no number '{asked}'; {hint}known: {', '.join(known)}")
 
     def known_numbers(self) -> list[str]:

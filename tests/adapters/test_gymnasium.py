@@ -111,6 +111,12 @@ def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead
     env.step(IDLE)
 
 
+@pytest.mark.parametrize("make_one", [gymnasium.make, gymnasium.make_vec])
+def test_a_seed_is_given_to_reset(make_one: Any) -> None:
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'seed'.*seeded by reset\(seed=\.\.\.\)"):
+        make_one("outlast/FreeForAll1-v1", seed=3)
+
+
 @pytest.mark.parametrize("name", ["teams_3", ALL])
 def test_death_ends_the_episode_or_does_not(name: str) -> None:
     """Somewhere among a few episodes the learner dies before its world ends; then, dead= makes the difference."""

@@ -16,7 +16,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
     import torch
-    from torchrl.envs import GymWrapper, SerialEnv
+    from torchrl.envs import GymEnv, GymWrapper, SerialEnv
     from torchrl.envs.libs.pettingzoo import PettingZooWrapper
     from torchrl.envs.utils import check_env_specs
 
@@ -124,3 +124,14 @@ def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
     assert rollout["next", "done"].any() or not COMPILED
     with pytest.raises(RuntimeError, match="NEXT_STEP"):
         GymWrapper(VECTORS[name]("NextStep"))
+
+
+def test_environments_are_made_by_id() -> None:
+    """GymEnv passes a keyword of Atari's games on trial; what the caller misspells stays an error with a hint."""
+    env = GymEnv("outlast/FreeForAll1-v1", observations="flat", max_episode_steps=20)
+    check_env_specs(env)
+    assert env.rollout(30).batch_size == (20,)
+    skipping = GymEnv("outlast/FreeForAll1-v1", frame_skip=4, observations="flat", max_episode_steps=20)
+    assert skipping.rollout(30).batch_size == (5,)
+    with pytest.raises(TypeError, match="ffa_1 has no number 'melee_damge'; did you mean melee_damage"):
+        GymEnv("outlast/FreeForAll1-v1", melee_damge=20)
