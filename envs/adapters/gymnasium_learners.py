@@ -11,6 +11,7 @@ from outlast.ecs.whole import is_whole
 from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count, renamed
+from ..errors import ActionError
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, checked_others
@@ -120,11 +121,14 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             return [int(seed) + w for w in range(self.num_worlds)]
         return super()._seeds(seed)
 
-    def _joint(self, rows: Array) -> Array:
+    def _play(self, rows: Array) -> Any:
         joint = np.empty((self.num_worlds, self.num_agents, rows.shape[1]), np.int64)
         joint[:, self.learner] = rows
         joint[:, self._opponents.agent_indices] = self._opponents.actions()
-        return joint
+        try:
+            return self.base_env.step(joint)
+        except ActionError as error:  # the learner's have been checked
+            raise ActionError(f"others: {error}") from None
 
     def _stops(self) -> tuple[Array, Array]:
         """Which worlds end with their learner, and which at the time limit; see SurvivalVectorEnv.stop_when."""

@@ -163,7 +163,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         shape, who = (self.num_envs,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
         try:
-            _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
+            _, reward, terminated, truncated, _ = self._play(rows)
         except FaultError:  # of one world; the others have taken the step
             if (ended := self.base_env._tracker.done).any():
                 self._begin_next(ended)
@@ -218,9 +218,9 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         """Which agents of a world are sub-environments."""
         return slice(0, None)
 
-    def _joint(self, rows: Array) -> Array:
-        """The actions of all agents, (worlds, agents, actions), given those of the sub-environments."""
-        return rows.reshape(self.num_worlds, self._each, -1)
+    def _play(self, rows: Array) -> Any:
+        """What the step of base_env returns, given the checked actions of the sub-environments."""
+        return self.base_env.step(rows.reshape(self.num_worlds, self._each, -1))
 
     def _seeds(self, seed: Any) -> Any:
         """What base_env is to be seeded with: one seed, or one for each world."""

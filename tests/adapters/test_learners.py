@@ -274,7 +274,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "its own, too": (lambda seen: np.ones((2, 4, 6), int), r"others: .*\(2, 4, 6\).* = \(2, 3, 6\)"),
     "floats": (lambda seen: np.ones((2, 3, 6)), "others: .*float64"),
     "nothing": (lambda seen: None, r"others: .*shape \(\)"),
-    "too high": (lambda seen: np.full((2, 3, 6), 2), r"action 3 \(attack\) of agent 0 in world 0 is 2"),
+    "too high": (lambda seen: np.full((2, 3, 6), 2), r"others: action 3 \(attack\) of agent 0 in world 0 is 2"),
 }
 
 
