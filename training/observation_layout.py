@@ -105,7 +105,9 @@ class ObservationLayout:
 
 def layout_of(env: Any) -> ObservationLayout:
     """The layout of a SurvivalVectorEnv's observations."""
-    return ObservationLayout({key: array.shape[2:] for key, array in env.observe().items()}, field_table(env.fields))
+    return ObservationLayout(
+        {key: box.shape[1:] for key, box in env.single_observation_space.items()}, field_table(env.fields)
+    )
 
 
 def field_table(fields: Fields) -> FieldTable:

@@ -14,7 +14,6 @@ from outlast.ecs import NumberError, Worlds
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics, alive, counts_vary, present
-from ..core.concurrency import check_callable
 from ..core.described import Actions, Arrays
 from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
@@ -197,8 +196,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def action_masks(self) -> Array:
         """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
-        check_callable(self.base_env)
-        return self._rows(self._actions.masks())
+        self.base_env._check_running("action_masks")
+        return self._masks()
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -241,7 +240,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         rows = self._spread(where)
         info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
         if self._masked:
-            info |= {"action_mask": (self.action_masks() & rows[:, None]).view(np.int8), "_action_mask": rows}
+            info |= {"action_mask": (self._masks() & rows[:, None]).view(np.int8), "_action_mask": rows}
         if counts_vary(self.base_env.worlds):
             info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
         return info
@@ -277,6 +276,9 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         own = agent_statistics(self.base_env.worlds, statistics, self._indices)
         return {key: values.reshape(self.num_envs, *values.shape[2:]) for key, values in own.items()}
 
+    def _masks(self) -> Array:
+        return self._rows(self._actions.masks())
+
     def _rows(self, values: Array) -> Array:
         """(worlds, agents, ...) as (num_envs, ...), sub-environments only; a view where that is possible."""
         return values[:, self._indices].reshape(self.num_envs, *values.shape[2:])
@@ -299,10 +301,8 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def _check_running(self) -> None:
         """ClosedError or NotResetError unless every world can take a step."""
-        check_callable(self.base_env)
-        tracker = self.base_env._tracker
-        tracker.check_running("step")
-        if self.autoreset_mode is AutoresetMode.DISABLED and (done := tracker.done).any():
+        self.base_env._check_running("step")
+        if self.autoreset_mode is AutoresetMode.DISABLED and (done := self.base_env._tracker.done).any():
             raise NotResetError(
                 f"sub-environments {np.flatnonzero(self._spread(done))[:8].tolist()} have ended and autoreset is "
                 'disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'

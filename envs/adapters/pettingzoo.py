@@ -191,13 +191,12 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     def state(self) -> Array:
         """The whole world, also what no agent sees, as a float32 vector; see core.global_state.GlobalState."""
-        self._check_running("state")
         state: Array = self.base_env.state()[0]
         return state
 
     def action_masks(self) -> dict[str, Array]:
         """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
-        self._check_open()
+        self.base_env._check_running("action_masks")
         masks = self._actions.masks()[0]
         return {agent: masks[self._index[agent]] for agent in self.agents}
 
@@ -216,7 +215,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     def render(self) -> Array | str | None:
         """uint8 (height, width, 3) RGB, or text, or None and a window (which reset and step draw by themselves)."""
-        self._check_running("render")
+        self.base_env._check_running("render")
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
         from ..rendering.rgb import draw, text  # here, as OpenCV takes a while to load
@@ -275,7 +274,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return [agent for agent in agents if self.dead == "keep" or living[self._index[agent]]]
 
     def _observe(self, agents: Iterable[str]) -> Observations:
-        fresh = each(self.base_env.observe(), lambda buffer: buffer[0].copy())
+        fresh = each(self.base_env._observe(), lambda buffer: buffer[0].copy())
         return {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
 
     def _infos(self, agents: Iterable[str]) -> Infos:
@@ -300,10 +299,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     def _check_open(self) -> None:
         check_callable(self.base_env)
-
-    def _check_running(self, call: str) -> None:
-        self._check_open()
-        self.base_env._tracker.check_running(call)
 
 
 def parallel_env(

@@ -6,7 +6,6 @@ import numpy as np
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import alive
-from ..core.concurrency import check_callable
 from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
@@ -154,7 +153,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
 
     def action_masks(self) -> Array:
         """Which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
-        check_callable(self.base_env)
+        self.base_env._check_running("action_masks")
         masks: Array = self._actions.masks().reshape(self.num_agents, -1)
         return masks
 
@@ -179,8 +178,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says. NotResetError before reset()."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
-        check_callable(self.base_env)
-        self.base_env._tracker.check_running("render")
+        self.base_env._check_running("render")
         return render_world(self.base_env.worlds, 0, self.render_mode)
 
     def close(self) -> None:

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ..core.concurrency import check_callable
 from ..core.described import Arrays
 from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
@@ -240,8 +239,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
 
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
-        check_callable(self.base_env)
-        self.base_env._tracker.check_running("render")
+        self.base_env._check_running("render")
         drawn: dict[int, Array] = {}
         return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]
 

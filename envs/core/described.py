@@ -1,4 +1,4 @@
-"""What a batch of worlds says of itself: its spaces, and the names of what is in its arrays."""
+"""What a batch of worlds says of itself: its spaces, the names of what is in its arrays, and what it is like now."""
 
 from functools import cached_property
 from typing import Any
@@ -15,8 +15,9 @@ from ..scenarios.scenario import Scenario
 from .action_spaces import ActionSpace
 from .agents import counted, present
 from .buffers import writable
-from .concurrency import exclusive
+from .concurrency import check_callable, exclusive
 from .global_state import GlobalState
+from .lifecycle import EpisodeTracker
 from .numbers import current_levels, current_numbers
 from .observations import Observations
 from .spaces import statistics
@@ -32,6 +33,8 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     scenario: Scenario
     worlds: Worlds
     num_worlds: int
+    copy: bool
+    _tracker: EpisodeTracker
     _reader: Observations
     _actions: ActionSpace
     _masked: bool
@@ -120,6 +123,27 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self._global_state.names
 
     @exclusive
+    def observe(self, out: Any = None) -> Arrays:
+        """The observations as they are now.
+
+        Args:
+            out: Where to write them, too: float32 arrays (worlds, agents, ...) by key, or one float32 array
+                (worlds, agents, flat_size) in which the keys lie one behind the other; of numpy, or tensors that share
+                their memory with it.
+
+        Returns:
+            As `step`: copies, or views if copy=False.
+
+        Raises:
+            NotResetError: Worlds that have not been reset.
+            ValueError: `out` has other keys, shapes or types; nothing was written.
+        """
+        self._tracker.check_running("observe")
+        if out is not None:
+            self._reader.write(self._reader.check(out))
+        return self._observe()
+
+    @exclusive
     def state(self, out: Any = None) -> Actions:
         """Each world as one vector, also what no agent sees, for centralised critics; see global_state.GlobalState.
 
@@ -130,8 +154,10 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             float32 (worlds, size), scaled if observations are: a new array, or `out` as one of numpy.
 
         Raises:
+            NotResetError: Worlds that have not been reset.
             ValueError: `out` has another shape or type.
         """
+        self._tracker.check_running("state")
         if out is None:
             return self._global_state(slice(None))
         array = writable("out", out, (self.num_worlds, *self.state_space.shape))
@@ -153,8 +179,10 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             actions="joint" all joint actions. A new array, or `out` as one of numpy.
 
         Raises:
+            NotResetError: Worlds that have not been reset.
             ValueError: `out` has another shape or type, or actions are continuous.
         """
+        self._tracker.check_running("action_masks")
         if out is None:
             return self._actions.masks()
         array = writable("out", out, (self.num_worlds, self.worlds.dims["agents"], self.action_mask_size), bool)
@@ -186,6 +214,15 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def levels(self, mask: Any = None) -> list[Level]:
         """What the episodes of worlds were made from, see outlast.levels. mask: bool (worlds,)."""
         return current_levels(self.worlds, mask)
+
+    def _observe(self) -> Arrays:
+        observed: Arrays = self._reader.read(self.copy)
+        return observed
+
+    def _check_running(self, call: str) -> None:
+        """ClosedError, PendingError or NotResetError unless `call` can look at all worlds; for adapters."""
+        check_callable(self)
+        self._tracker.check_running(call)
 
     def _info(self) -> dict[str, Any]:
         """What info has of the observations that are returned."""

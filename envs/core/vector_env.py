@@ -258,27 +258,11 @@ class SurvivalVectorEnv(Described):
         return render_worlds(self.worlds, self.render_mode)
 
     @exclusive
-    def observe(self, out: Any = None) -> Arrays:
-        """The observations as they are now.
-
-        Args:
-            out: Where to write them, too: float32 arrays (worlds, agents, ...) by key, or one float32 array
-                (worlds, agents, flat_size) in which the keys lie one behind the other; of numpy, or tensors that share
-                their memory with it.
-
-        Returns:
-            As `step`: copies, or views if copy=False.
-
-        Raises:
-            ValueError: `out` has other keys, shapes or types; nothing was written.
-        """
-        if out is not None:
-            self._reader.write(self._reader.check(out))
-        return self._observe()
-
-    @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
-        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
+        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not.
+
+        Of a world that has not been reset, it is the state of one that has to be reset.
+        """
         return snapshot(self.scenario, self.worlds, self._tracker.masks, where)
 
     @exclusive
@@ -386,10 +370,6 @@ class SurvivalVectorEnv(Described):
         self._tracker.stopped[where] = np.logical_or(*stops)[where]
         for mask, more in zip(reported, stops):
             mask |= more
-
-    def _observe(self) -> Arrays:
-        observed: Arrays = self._reader.read(self.copy)
-        return observed
 
     def _check_unrecorded(self, call: str) -> None:
         if self._recording:

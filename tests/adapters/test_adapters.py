@@ -20,7 +20,8 @@ from outlast.ecs import NumberError
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
-from tests.conftest import COMPILED, scaled
+from outlast.envs.errors import NotResetError
+from tests.conftest import COMPILED, digest, scaled
 from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
 
 WORLDS = 64
@@ -51,6 +52,35 @@ def make(name: str, scenario: Any = "ffa_1", worlds: int = 3, **options: Any) ->
 def base(env: Any) -> Any:
     """The worlds below."""
     return getattr(env, "base_env", env)
+
+
+# ---- worlds as they are
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_worlds_that_have_not_begun_show_nothing(name: str) -> None:
+    env = make(name)
+    for call in (env.state, env.action_masks):
+        with pytest.raises(NotResetError, match=rf"{call.__name__}\(\) before reset\(\).*reset them"):
+            call()
+    env.reset()
+    shape = (base(env).num_worlds, *base(env).state_space.shape)
+    assert env.state().shape == (shape[1:] if name in LONE else shape)
+    assert len(env.action_masks())
+    env.close()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_adapter_goes_on_from_a_state(name: str) -> None:
+    env = make(name, n_agents=2)
+    env.reset()
+    saved, before = env.get_state(), digest(base(env).worlds)
+    for _ in range(2):
+        env.step(actions(env))
+        assert digest(base(env).worlds) != before
+        env.set_state(saved)
+        assert digest(base(env).worlds) == before
+    env.close()
 
 
 # ---- keywords

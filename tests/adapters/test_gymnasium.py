@@ -529,8 +529,9 @@ def test_seeds_are_refused(seed: Any) -> None:
 
 def test_before_reset_and_after_close() -> None:
     env = make()
-    with pytest.raises(NotResetError, match="before reset"):
-        env.step(IDLE)
+    for call in (lambda: env.step(IDLE), env.state, env.action_masks):
+        with pytest.raises(NotResetError, match="before reset"):
+            call()
     env.reset()
     env.close()
     env.close()

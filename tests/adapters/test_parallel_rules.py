@@ -226,7 +226,7 @@ def test_reset_options_are_tolerated(options: dict[str, Any]) -> None:
 def test_calls_out_of_order() -> None:
     env = short(render_mode="ansi")
     assert (env.agents, env.num_agents, env.max_num_agents) == ([], 0, 4)
-    for call in (lambda: env.step({}), env.state, env.render):
+    for call in (lambda: env.step({}), env.state, env.action_masks, env.render):
         with pytest.raises(NotResetError, match=r"reset\(\)"):
             call()
     env.reset()

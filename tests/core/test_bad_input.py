@@ -164,7 +164,7 @@ def test_resets_are_refused(pair: tuple[Env, Env], name: str) -> None:
     refuses(pair, lambda env: env.reset(**keywords), ValueError, *words)
 
 
-def test_nothing_steps_or_is_drawn_before_reset() -> None:
+def test_nothing_steps_or_is_seen_before_reset() -> None:
     env = make_vec("teams_3", 2, seed=0, render_mode="ansi")
     actions = np.zeros((2, 4, 6), int)
     for started in range(2):
@@ -173,6 +173,9 @@ def test_nothing_steps_or_is_drawn_before_reset() -> None:
             env.step(actions)
         with pytest.raises(NotResetError, match=rf"render\(\) before reset\(\): {2 - started} worlds"):
             env.render()
+        for name in ("observe", "state", "action_masks"):
+            with pytest.raises(NotResetError, match=rf"{name}\(\) before reset\(\): {2 - started} worlds"):
+                getattr(env, name)()
         assert digest(env.worlds) == before
         env.reset(options={"reset_mask": np.arange(2) == started})
     env.step(actions)

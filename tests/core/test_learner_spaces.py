@@ -367,7 +367,8 @@ def test_a_step_writes_into_memory_of_the_callers() -> None:
             assert np.array_equal(given, values)
         assert np.array_equal(out["state"], plain.state())
         assert np.array_equal(out["action_mask"], plain.action_masks())
-    by_key = {key: torch.zeros(array.shape) for key, array in outlast.make_vec("teams_3", 4).observe().items()}
+    space = outlast.make_vec("teams_3", 4).observation_space
+    by_key = {key: torch.zeros(box.shape) for key, box in space.items()}
     seen = env.step(actions, out={"observations": by_key})[0]
     assert seen is by_key
     assert all(np.array_equal(by_key[key], array) for key, array in env._reader.views.items())
