@@ -8,8 +8,10 @@ from gymnasium import spaces
 
 from outlast.ecs import Clock
 
+from ..core.validation import Array
 from ..errors import install
 from ..rendering.notebook import Pictured
+from ..snapshots.state import State
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
 
 try:
@@ -49,6 +51,8 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
     Attributes:
         base_env: The SurvivalVectorEnv of one world below.
+        state_space: Of `state`: Box, float32 (size,).
+        state_names: What the numbers of `state` are, see SurvivalVectorEnv.state_names.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None) -> None:
@@ -58,6 +62,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._masked = bool((config or {}).get("action_masks"))
         self.observation_spaces = {agent: self._space(self._parallel.observation_space(agent)) for agent in self.agents}
         self.action_spaces = {agent: self._parallel.action_space(agent) for agent in self.agents}
+        self.state_space, self.state_names = self._parallel.state_space, self._parallel.state_names
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
         self._config, self.base_env = config, self._parallel.base_env
@@ -89,6 +94,24 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     def render(self) -> Any:
         """The picture, as config["render_mode"] says."""
         return self._parallel.render()
+
+    def state(self) -> Array:
+        """The whole world, also what no agent sees, float32 (size,), for critics; see SurvivalVectorEnv.state."""
+        return self._parallel.state()
+
+    def action_masks(self) -> dict[str, Array]:
+        """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        return self._parallel.action_masks()
+
+    def get_state(self) -> State:
+        """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        return self._parallel.get_state()
+
+    def set_state(self, state: State) -> Observations:
+        """Go on from `state`; returns the observations. Raises StateError if it is of another scenario."""
+        observations = self._parallel.set_state(state)
+        self.agents, self._cut = self._parallel.agents, bool(self.base_env._truncated[0])
+        return self._with_masks(observations, self._parallel._infos(self.agents))
 
     def close(self) -> None:
         """Close window and world; again does no harm."""

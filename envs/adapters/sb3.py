@@ -11,6 +11,7 @@ from ..errors import PendingError, install
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
+from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv
 from .per_agent import requested
 
@@ -210,6 +211,19 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     def state(self, out: Any = None) -> Array:
         """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
         return self._agents.state(out)
+
+    def get_state(self) -> State:
+        """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        return self._agents.get_state()
+
+    def set_state(self, state: State) -> Arrays:
+        """Go on from `state`, of as many worlds or of one for all; returns the observations. Raises StateError.
+
+        A step that was begun is dropped.
+        """
+        observations = self._agents.set_state(state)
+        self._actions = None
+        return observations
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Never: there are no single environments that could be."""
