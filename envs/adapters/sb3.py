@@ -88,11 +88,12 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays (dead="keep" of
     other adapters): it has the rewards and observations of the scenario, and its actions are ignored. Every info has
     "alive" (1 or 0) and "TimeLimit.truncated"; where the world ended, also "terminal_observation" and "statistics":
-    numbers of the episode, of agents and sides the agent's own entry. There, "alive" is of the terminal observation.
+    numbers of the episode, of agents and sides the agent's own entry; and each of these by its name, as "kills", where
+    VecMonitor's info_keywords look for it. There, "alive" is of the terminal observation.
 
     Where the number of agents varies, infos also have "present": 1, or 0 of agents that the episode does not have.
-    Those are not alive, observe and are paid 0, are done with their world, and have no "statistics". VecMonitor does
-    not know of them, and counts their episodes with a return of 0.
+    Those are not alive, observe and are paid 0, are done with their world, and have no "statistics", but 0 by name.
+    VecMonitor does not know of them, and counts their episodes with a return of 0.
 
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is NEXT_STEP.
@@ -165,9 +166,10 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
             infos = [ended if over else goes_on for ended, goes_on, over in zip(last, begun, done, strict=True)]
             own = {key: values.tolist() for key, values in info["statistics"].items()}
             for i in np.flatnonzero(done).tolist():
-                infos[i]["terminal_observation"] = info["final_obs"][i]
+                found = {key: values[i] for key, values in own.items()}
+                infos[i] = found | infos[i] | {"terminal_observation": info["final_obs"][i]}
                 if info["_statistics"][i]:
-                    infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
+                    infos[i]["statistics"] = found
                 self.reset_infos[i] = begun[i]
         for each, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             each["TimeLimit.truncated"] = cut

@@ -15,7 +15,7 @@ from outlast.envs.errors import ClosedError, NotResetError
 from outlast.systems import FineMotors
 from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, walk
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import equal
+from tests.helpers.execution_modes import COUNTS, equal, short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 torch = pytest.importorskip("torch", reason="needs torch: outlast[sb3]")
@@ -33,18 +33,31 @@ def pair() -> tuple[Any, Any]:
 
 
 def test_a_monitor_counts_what_the_statistics_say(tmp_path: Path) -> None:
-    env, rows = vec.VecMonitor(make_sb3(SHORT, WORLDS, seed=0), str(tmp_path / "log"), ("alive",)), []
+    kept = ("alive", "kills", "deaths_zone")
+    env, rows = vec.VecMonitor(make_sb3(SHORT, WORLDS, seed=0), str(tmp_path / "log"), kept), []
     for _, _, dones, infos in walk(env):
         assert [i for i, info in enumerate(infos) if "episode" in info] == np.flatnonzero(dones).tolist()
         for i in np.flatnonzero(dones):
             episode, statistics = infos[i]["episode"], infos[i]["statistics"]
             assert (episode["r"], episode["l"]) == (statistics["return"], statistics["length"])
+            assert [episode[key] for key in kept[1:]] == [statistics[key] for key in kept[1:]]
             rows.append([episode["r"], episode["l"], infos[i]["alive"]])
     env.close()
     with open(tmp_path / "log.monitor.csv") as file:
         next(file)  # a comment
         assert [[float(row["r"]), int(row["l"]), int(row["alive"])] for row in csv.DictReader(file)] == rows
     assert {row[2] for row in rows} == {0, 1}
+
+
+def test_a_monitor_keeps_statistics_also_of_agents_that_an_episode_does_not_have() -> None:
+    """Theirs are 0."""
+    env, absent = vec.VecMonitor(make_sb3(short(COUNTS), WORLDS, seed=0), info_keywords=("return", "length")), 0
+    for _, _, dones, infos in walk(env):
+        for info in [infos[i] for i in np.flatnonzero(dones) if not infos[i]["present"]]:
+            assert (info["episode"]["return"], info["episode"]["length"]) == (0, 0)
+            assert "statistics" not in info
+            absent += 1
+    assert absent
 
 
 def test_normalized_observations_are_the_normalized_ones() -> None:
