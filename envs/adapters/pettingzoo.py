@@ -78,6 +78,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             in a world that would go on.
         statistics_present: Where the number of agents varies, which agents and sides it had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
+        np_random: A generator for wrappers, such as SuperSuit's frame_skip_v0; reset(seed=...) seeds it, and so does
+            the constructor's seed. The worlds do not draw from it.
 
     Pickles, and copies by copy.copy, hold how an environment was made, not where it is: what comes out has not been
     reset. `get_state` and `set_state` are for the rest. copy.deepcopy makes one that goes on from where this one is.
@@ -112,6 +114,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             observations=observations,
             scaled=scaled,
         )
+        self.np_random = np.random.default_rng(seed)
         check_dead(dead, self.base_env.worlds)
         self._counts_vary = counts_vary(self.base_env.worlds)
         self.metadata = {**METADATA, "name": scenario.name}
@@ -147,6 +150,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         """
         self._check_open()
         self.base_env.reset(seed=seed)
+        if seed is not None:
+            self.np_random = np.random.default_rng(seed)
         self.agents = self._beginning()
         self._show()
         return self._observe(self.agents), self._infos(self.agents)
@@ -241,7 +246,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         other.set_state(self.get_state())
         other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
         other.statistics_present = copy.deepcopy(self.statistics_present)
-        other._action_spaces = copy.deepcopy(self._action_spaces)  # with what they draw next
+        drawing = self._action_spaces, self.np_random
+        other._action_spaces, other.np_random = copy.deepcopy(drawing)  # with what they draw next
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:

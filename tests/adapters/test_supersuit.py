@@ -1,5 +1,6 @@
 """SuperSuit: its vector environments and wrappers over PettingZoo environments, beside plain worlds stepped by hand."""
 
+import copy
 import warnings
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.ecs import Clock
 from tests.helpers.execution_modes import HUNT, LEVELS, short
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
@@ -63,9 +65,8 @@ def step(env: Any, rows: Any) -> Any:
 
 
 def test_frames_are_skipped() -> None:
-    """Rewards of the ticks between are added up."""
+    """Rewards of the ticks between are added up; SuperSuit draws their number from np_random, also a fixed one."""
     env, plain = world("ffa_3", seed=SEED), world("ffa_3", seed=SEED)
-    env.np_random = np.random.default_rng(0)  # SuperSuit draws the number of ticks from it, also a fixed one
     wrapped, rng = supersuit.frame_skip_v0(env, 4), np.random.default_rng(0)
     wrapped.reset()
     plain.reset()
@@ -76,6 +77,23 @@ def test_frames_are_skipped() -> None:
         assert rewards == {agent: sum(tick[1][agent] for tick in ticks) for agent in plain.possible_agents}
         for key in env.observation_space("agent_0"):
             assert stacked([observations], key) == stacked([ticks[-1][0]], key)
+
+
+def test_a_seed_repeats_how_many_frames_are_skipped() -> None:
+    """The reset's and the constructor's, in the generator that copies go on with; worlds draw nothing from it."""
+    env = world("ffa_3", seed=SEED)
+    first = copy.deepcopy(env).np_random.integers(0, 1000, 5).tolist()
+    env.reset()
+    assert env.np_random.integers(0, 1000, 5).tolist() == first
+    env.reset(seed=SEED)
+    assert env.np_random.integers(0, 1000, 5).tolist() == first
+    skipping = supersuit.frame_skip_v0(world("ffa_3"), (1, 6))
+    ticks = []
+    for _ in range(2):
+        skipping.reset(seed=SEED)
+        step(skipping, np.ones((2, 6), int))
+        ticks.append(skipping.unwrapped.base_env.worlds[Clock].tick[0, 0])
+    assert ticks[0] == ticks[1]
 
 
 def test_rewards_are_clipped() -> None:
