@@ -104,7 +104,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     truncated            the rewards of the scenario; their actions are ignored
     ==================== ========================================================================================
 
-    Worlds that are done are reset by TorchRL, each by itself ("_reset"); those that "_step" leaves out take no tick.
+    Worlds that are done are reset by TorchRL, each by itself ("_reset"). Until then they take no tick in a step, are
+    paid 0 and stay done, as inside a FrameSkipTransform; those that "_step" leaves out take none either.
     World w of seed s is world w of `outlast.make_vec` with that seed. Every step has tensors of its own, which the
     worlds write into.
 
@@ -191,7 +192,10 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
         some = tensordict.get("_step", None)  # worlds that are to be stepped; rollout(break_when_all_done=True) has it
-        where = None if some is None or some.all() else some.cpu().numpy().reshape(env.num_worlds)
+        going: Array = ~env._tracker.done  # a FrameSkipTransform goes on with worlds that have ended under it
+        if some is not None:
+            going &= some.cpu().numpy().reshape(env.num_worlds)
+        where = None if going.all() else going
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
         for group, own in self._members.items():
             given = tensordict[group, "action"].detach().cpu().numpy()
