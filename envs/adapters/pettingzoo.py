@@ -75,7 +75,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
     Attributes:
         statistics: Of the episode that ended last, by key; {} before that. An episode ends where no agent is left, also
-            in a world that would go on.
+            in a world that would go on. They are the world's: "return" goes on until then after an agent has left, and
+            so may differ from what the agent was paid with dead="end".
         statistics_present: Where the number of agents varies, which agents and sides it had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
         np_random: A generator for wrappers, such as SuperSuit's frame_skip_v0; reset(seed=...) seeds it, and so does
