@@ -195,7 +195,7 @@ REFUSED = {
         lambda: adding("own", Field("stamina")).with_(Stamina()),
         "'stamina' is a field of 'own' of both adding and stamina; rename one",
     ),
-    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'[?]$"),
+    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean own[?]$"),
     "no tuple": (lambda: returning({"own": Field("a")}), r"returning.fields\(\) returned .*: a tuple of Field by key"),
     "no key": (lambda: returning((Field("a"),)), r"returning.fields\(\) returned .*: a tuple of Field by key"),
     "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
