@@ -13,7 +13,7 @@ from outlast.envs.core.agents import alive, counts_vary, side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
-from outlast.envs.rollout.sides import living_sides, own_side, own_wins
+from outlast.envs.rollout.sides import living_sides, own_side, shares_outlived
 
 from .config import CHUNK
 from .curriculum import Curriculum, Ended, just_ended
@@ -47,7 +47,8 @@ class Samples:
         learner: int16, who is trained on the sample, or NOBODY.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
-        games: The step, the opponent, and how many games against it ended then: won by the learners, draws half; all.
+        games: Of each game against an opponent that ended: the step, the opponent, and the share of the other sides
+            that the learners outlived.
     """
 
     seen: list[Observed]
@@ -63,7 +64,7 @@ class Samples:
     learner: Array
     memory: Tensor
     last: Tensor
-    games: list[tuple[int, int, float, int]]
+    games: list[tuple[int, int, float]]
 
 
 class Group(NamedTuple):
@@ -313,11 +314,10 @@ class Lane:
 
         The pool learns it after the rollout: what is drawn until then must not depend on the worlds of this process.
         """
-        for index in np.unique(self.opponent[done & (self.opponent > 0)]):
-            worlds = np.flatnonzero(done & (self.opponent == index) & (self._sides.max(1) > 0))
-            won = float(own_wins(self.life[worlds], self.own[worlds]).sum())
-            if len(worlds):
-                self.samples.games.append((t, int(index), won, len(worlds)))
+        sides = self._sides.max(1) + 1
+        worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
+        won = shares_outlived(self.life[worlds], self.own[worlds], sides[worlds])
+        self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
 
     def _draw(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""

@@ -1,6 +1,7 @@
 """Who plays against the learners: their present and past selves, policies by name, saved files; with ratings."""
 
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -43,7 +44,7 @@ class Opponent:
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
         plain: Or a function from the observations of some agents and uniform numbers (agents, actions) to actions.
         rating: Elo points.
-        won: Games that the learners won against it, draws half; earlier ones count less.
+        won: Games that the learners won against it, each as far as `record_all` says; earlier ones count less.
         games: Likewise.
         total: Games in all.
     """
@@ -77,7 +78,7 @@ class Opponent:
 
     @property
     def wins(self) -> float:
-        """The share of games that the learners won, draws half; a half where there was none."""
+        """The share of games that the learners won; a half where there was none."""
         return (self.won + 0.5) / (self.games + 1)
 
 
@@ -165,20 +166,21 @@ class Opponents:
         for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
             self.dropped += self.all.pop(k).total
 
-    def record_all(self, games: Iterable[Sequence[Any]]) -> None:
-        """Games of a rollout, in any order: the step in which they ended, against whom, how many were won, of how many.
+    def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
+        """Games of a rollout, in any order: the step in which each ended, against whom, and how far it was won.
 
-        Draws count as half won.
+        That is the share of the other sides that the learners' side outlived: equally good players have 1/2 of each
+        game, however many sides it has, which is what ratings and priorities take for even.
         """
-        ended: dict[tuple[int, int], list[tuple[float, int]]] = {}
-        for step, index, won, played in games:
-            ended.setdefault((step, index), []).append((won, played))
+        ended: dict[tuple[int, int], list[float]] = {}
+        for step, index, won in games:
+            ended.setdefault((step, index), []).append(won)
         for step, index in sorted(ended):
-            won, played = map(sum, zip(*ended[step, index], strict=True))
-            self.record(index, won, played)
+            each = ended[step, index]
+            self.record(index, math.fsum(each), len(each))  # exact, so that nothing depends on who played which world
 
     def record(self, index: int, won: float, games: int) -> None:
-        """Games against an opponent. won: draws half."""
+        """Games against an opponent. won: the sum of how far each was won."""
         one, own = self.all[index], self.all[0]
         expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
         change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))

@@ -51,6 +51,26 @@ def own_wins(life: Array, own: Array) -> Array:
     return best
 
 
+def shares_outlived(life: Array, own: Array, sides: Array) -> Array:
+    """How one side of each world does against each other side: of sides that play equally well, 1/2 on average.
+
+    That holds for any number of sides; of two sides it is what `own_wins` is.
+
+    Args:
+        life: Ticks that each side lived, (worlds, sides).
+        own: The one side of each world, (worlds,).
+        sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
+
+    Returns:
+        float64 (worlds,): the share of the other sides that it outlived; one that ended at the same time is half.
+    """
+    number = np.arange(life.shape[1])
+    others = (number < sides[:, None]) & (number != own[:, None])
+    outlived = (1 + np.sign(np.take_along_axis(life, own[:, None], 1) - life)) / 2
+    share: Array = (outlived * others).sum(1) / others.sum(1)
+    return share
+
+
 def wins(life: Array) -> Array:
     """Who wins: the role whose longest-lived side lives longer.
 

@@ -205,26 +205,27 @@ def test_scripted_opponents_do_what_the_policy_does() -> None:
         assert not np.array_equal(row["actions"], expected)
 
 
-def test_games_are_those_that_a_plain_loop_counts() -> None:
+@pytest.mark.parametrize("scenario", [SHORT, short("ffa_3").replace(n_agents=4, ending_limit=25, agents_health=8)])
+def test_games_are_those_that_a_plain_loop_counts(scenario: Any) -> None:
     """Who outlived, in a second batch of worlds that do the same; and what the learners earned, without opponents."""
-    trainer = make(opponents={"scripted": 1.0}, scenario=SHORT.replace(safe_zone_damage=3))
+    trainer = make(opponents={"scripted": 1.0}, scenario=scenario.replace(safe_zone_damage=3))
     env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
     env.set_state(trainer.env.get_state())
     watched = Watched(trainer)
     for _ in range(3):
         trainer.collect()
-    agents, life = env.worlds.span("agent"), np.zeros((WORLDS, 2))
-    sides, found = env.worlds[Side].side[0, agents], Counter[str]()
-    earned, returns = np.zeros((WORLDS, 4)), {0: list[float](), 1: list[float]()}
+    agents, life = env.worlds.span("agent"), np.zeros((WORLDS, env.worlds.dims["sides"]))
+    sides, found, count = env.worlds[Side].side[0, agents], Counter[str](), life.shape[1]
+    earned, returns = np.zeros((WORLDS, 4)), {k: list[float]() for k in range(count)}
     for row in watched.rows:
         _, rewards, terminated, truncated, _ = env.step(row["actions"])
         earned += rewards
         for w in range(WORLDS):
-            for s in range(2):
+            for s in range(count):
                 life[w, s] += env.worlds[Entity].alive[w, agents][sides == s].any()
             if terminated[w] or truncated[w]:
-                own, other = life[w, row["own"][w]], life[w, 1 - row["own"][w]]
-                found["won"] += 1 if own > other else 0.5 if own == other else 0  # type: ignore[assignment]
+                own, others = life[w, row["own"][w]], np.delete(life[w], row["own"][w])
+                found["won"] += sum(1 if own > other else 0.5 if own == other else 0 for other in others) / len(others)  # type: ignore[assignment]
                 found["games"] += 1
                 returns[row["own"][w]].append(earned[w, sides == row["own"][w]].mean())
                 life[w] = earned[w] = 0
@@ -232,10 +233,10 @@ def test_games_are_those_that_a_plain_loop_counts() -> None:
             env.reset(options={"reset_mask": done})
     scripted = trainer.opponents.all[1]
     assert scripted.total == found["games"] > 20
-    assert scripted.won == found["won"]
+    assert scripted.won == pytest.approx(found["won"])
     assert 0 < found["won"] < found["games"]
     means = trainer.report()
-    assert [means[f"rollout/reward{k}"] for k in (0, 1)] == pytest.approx([np.mean(returns[k]) for k in (0, 1)])
+    assert [means[f"rollout/reward{k}"] for k in returns] == pytest.approx([np.mean(each) for each in returns.values()])
 
 
 # ---- a policy for each side
