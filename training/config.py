@@ -229,5 +229,5 @@ class TrainingConfig:
     @property
     def agents(self) -> int:
         """Of a world; where their number varies, the most."""
-        varied = dict(self.scenario.varied).get("agents_count")
-        return int(varied.extremes()[1] if varied else self.scenario.numbers()["agents_count"])
+        varied = dict(self.scenario.varied).get("agents_count")  # without agents, worlds cannot be made, and say so
+        return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Death, Item, ItemGiven
-from outlast.ecs import Entity, columns_of
+from outlast.ecs import Entity, Statistic, columns_of
 from outlast.envs.core.agents import alive, counted, present, side
+from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import living_sides
 from outlast.envs.rollout.summary import MOMENTS
@@ -15,11 +16,19 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee
 
 from .columns import SUMMED
+from .errors import TrainingError
 from .observation_layout import OWN
 
 Array = np.ndarray[Any, Any]
 Tallies = dict[str, tuple[float, float]]  # a sum, and how many cases it is of, by tag
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
+
+
+def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
+    """TrainingError unless the worlds have these statistics."""
+    known = {key for key, *_ in published(env.worlds, Statistic)}
+    if missing := [name for name in names if name not in known]:
+        raise TrainingError(f"{env.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from .curriculum import Curriculum, TrainingProgress, joined
 from .errors import TrainingError
 from .lane import Lane
 from .learner import Imitator, Learner
-from .metrics import means
+from .metrics import check_statistics, means
 from .observation_layout import field_table, layout_of, scales
 from .opponents import Opponents, Plain, plain
 from .packer import Packer
@@ -83,7 +83,7 @@ class Trainer:
 
         Raises:
             ScenarioError: The scenario cannot be played.
-            TrainingError: There is no such device, or an opponent that cannot play.
+            TrainingError: There is no such device, an opponent that cannot play, or nothing to count or to choose.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.steps, self.played, self.updates = crew or Crew(), 0, 0, 0
@@ -99,6 +99,9 @@ class Trainer:
         with self.crew.first_ahead():
             self.envs = [self._env(scenario, part, threads) for part in parts if part]
         self.env = self.envs[0]
+        check_statistics(self.env, "length")
+        if not len(self.env.action_sizes):
+            raise TrainingError("agents have no actions here: add a mechanic with some, such as Motors")
         if self.teacher is not None:
             self.teacher.check(self.env)
         for done in (config.steps, 0):  # raises where a number cannot change

@@ -63,6 +63,25 @@ def test_games_without_melee_or_records() -> None:
         outlast.evaluate(game.without("record"), ["noop"], quiet=True)
 
 
+ITEMS = ("inventory", "pickup", "give_last", "death_drop", "heals")
+
+
+@pytest.mark.parametrize(
+    ("without", "words"),
+    [
+        (("record",), r"ffa_1\S* has no statistic 'length': add the mechanic Record"),
+        (("agents",), "'agent', but none declares how many there are; add Agents"),
+        (("motors", "melee", *ITEMS), "agents have no actions here: add a mechanic with some, such as Motors"),
+    ],
+)
+def test_games_that_cannot_be_trained_say_so_before_anything_is_made(
+    without: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(outlast.errors.OutlastError, match=words):
+        outlast.train(variant("ffa_1").without(*without), tmp_path / "run", worlds=2, rollout=64, quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_game_without_melee_is_trained(tmp_path: Path) -> None:
     """The behaviour that is logged needed the reach of a melee."""
     game = variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5)

@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Statistic
 from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.make import make_vec
-from outlast.envs.core.spaces import published
 from outlast.envs.core.validation import check_count
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
+from ..metrics import check_statistics
 from .contenders import Contender
 from .groups import Groups, group_policies, rate_groups
 from .matches import Match
@@ -156,9 +155,7 @@ class Evaluation:
 
     def _check(self) -> None:
         self.env.reset()
-        known = {key for key, *_ in published(self.env.worlds, Statistic)}
-        if missing := [name for name in ("length", "return", "kills") if name not in known]:
-            raise TrainingError(f"{self.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
+        check_statistics(self.env, "length", "return", "kills")
         if fewest_sides(self.env.worlds) < ROLES:
             raise TrainingError(f"{self.scenario.name} has worlds of one side: there is no opponent to play against")
         for contender in self.chosen:
