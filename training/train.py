@@ -1,5 +1,6 @@
 """Training in one call: `outlast train`, and outlast.train."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,8 +11,8 @@ from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
-from .annealing import parse_anneal
-from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, Choose, TrainingConfig
+from .annealing import Anneal, parse_anneal
+from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig
 from .errors import TrainingError
 from .hyperparameters import KINDS
 from .live_view import LiveView
@@ -52,12 +53,12 @@ def train(
     rollout: int = 0,
     settings: Mapping[str, Any] | None = None,
     policies: str = "shared",
-    opponents: str | Mapping[str, float] = SELF,
+    opponents: str | Mapping[str | os.PathLike[str], float] = SELF,
     prioritised: bool = False,
     snapshots: int = SNAPSHOTS,
     memory: int = 0,
     critic: str = "own",
-    warm_start: str = "",
+    warm_start: str | os.PathLike[str] = "",
     anneal: str | Sequence[str] = (),
     levels: Choose | None = None,
     dead: str = "keep",
@@ -128,7 +129,7 @@ def train(
         device=device,
         threads=threads,
         every=every,
-        settings=dict(settings or {}),
+        settings=_settings(settings),
         policies=policies,
         opponents=_weights(opponents),
         prioritised=prioritised,
@@ -137,8 +138,8 @@ def train(
         halves=halves,
         memory=memory,
         critic=critic,
-        warm_start=warm_start,
-        anneal=parse_anneal([anneal] if isinstance(anneal, str) else anneal),
+        warm_start=_start(warm_start),
+        anneal=_annealed(anneal),
         levels=levels,
     )
     place = Path(folder) if folder is not None else usual_folder(config)
@@ -176,7 +177,39 @@ def shown(run: TrainingRun, *, quiet: bool) -> None:
         view.close()
 
 
-def _weights(opponents: str | Mapping[str, float]) -> dict[str, float]:
+def _settings(settings: Any) -> dict[str, Any]:
+    try:
+        return dict(settings or {})
+    except (TypeError, ValueError):
+        raise TrainingError(
+            f"settings = {settings!r:.200}: numbers of PPO by name are needed, as in {{'gamma': 0.995}}"
+        ) from None
+
+
+def _annealed(anneal: Any) -> tuple[Anneal, ...]:
+    texts = [anneal] if isinstance(anneal, str) else anneal
+    if not isinstance(texts, Sequence) or not all(isinstance(text, str) for text in texts):
+        raise TrainingError(
+            f"anneal = {anneal!r:.200}: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'; () for none"
+        )
+    return parse_anneal(texts)
+
+
+def _start(warm_start: Any) -> str:
+    start = os.fspath(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
+    if not isinstance(start, str):
+        needed = f"a name, such as '{TEACHERS[0]}', or the path of a saved policy is needed; '' for none"
+        raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
+    return start
+
+
+def _weights(opponents: Any) -> dict[str, float]:
     if isinstance(opponents, str):
         return parse_mixture(opponents, OPPONENTS)
+    needed = "names or paths of saved policies are needed, with weights, as in {'self': 1, 'runs/a': 1}"
+    if not isinstance(opponents, Mapping):
+        raise TrainingError(f"opponents = {opponents!r:.200}: {needed}")
+    for name in opponents:
+        if not isinstance(name, str | os.PathLike):
+            raise TrainingError(f"opponents: {name!r:.200} is no opponent of training: {needed}")
     return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}

@@ -71,12 +71,33 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch: 
         ({"opponents": "slef"}, "did you mean self"),
         ({"preset": "quick"}, "there is no preset 'quick'"),
         ({"anneal": "rewards_kill"}, "NUMBER=FROM:TO"),
+        ({"anneal": None}, "anneal = None: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'"),
+        ({"anneal": [3]}, r"anneal = \[3\]: a text or a list of texts"),
+        (
+            {"settings": "gamma=0.9"},
+            "settings = 'gamma=0.9': numbers of PPO by name are needed, as in {'gamma': 0.995}",
+        ),
+        ({"settings": 3}, "settings = 3: numbers of PPO by name"),
+        ({"opponents": {max: 1, "self": 1}}, "opponents: <built-in function max> is no opponent of training: names or"),
+        ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: names .* {'self': 1, 'runs/a': 1}"),
+        ({"opponents": None}, "opponents = None: names or paths of saved policies are needed, with weights"),
+        ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
+        ({"warm_start": None}, "warm_start = None: a name"),
     ],
 )
 def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
     with pytest.raises((NumberError, UsageError, outlast.ScenarioError), match=words):
         outlast.train("ffa_1", tmp_path / "run", **wrong)
     assert not (tmp_path / "run").exists()
+
+
+def test_the_path_of_a_run_is_a_warm_start_and_an_opponent(tmp_path: Path) -> None:
+    run = outlast.train("ffa_1", tmp_path / "first", steps=1, **TINY, quiet=True)
+    more: dict[str, Any] = {"warm_start": run.policy, "opponents": {run.folder: 1, "self": 1}}
+    again = outlast.train("ffa_1", tmp_path / "second", steps=1, **TINY, quiet=True, **more)
+    plan = outlast.load_policy(again.policy).header["plan"]
+    assert plan["warm_start"] == str(run.policy)
+    assert plan["opponents"] == f"{run.policy}:1,self:1"
 
 
 def test_ctrl_c_saves_and_is_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
