@@ -21,6 +21,7 @@ from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
 from . import checkpoint, run_header
 from .config import TrainingConfig, parse_warm_start
 from .crew import Crew, recruit
+from .divergence import check_learned
 from .errors import TrainingError
 from .film import film_checkpoint
 from .hyperparameters import Hyperparameters
@@ -179,6 +180,8 @@ class TrainingRun:
         """Imitate, and save. One that is interrupted begins again with the run."""
 
         def on_rollout(done: int, tags: dict[str, float]) -> None:
+            what = f"the imitation that the run begins with diverged: after {done} agent-steps"
+            check_learned(self.trainer, tags, what, "in units of smaller rewards, or without --warm-start")
             self.now, self.tags = f"imitated {done / 1e6:.1f} M agent-steps", tags
             progress(self)
 
@@ -201,7 +204,8 @@ class TrainingRun:
         rollout = trainer.collect()
         times.append(time.perf_counter())
         tags = trainer.report() | trainer.update(rollout, left, on_epoch)
-        self._check_weights()
+        what = f"training diverged: after {trainer.steps} agent-steps"
+        check_learned(trainer, tags, what, "with a lower learning rate, or in units of smaller rewards")
         times.append(time.perf_counter())
         samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[2] - times[1]
         tags |= {
@@ -213,16 +217,6 @@ class TrainingRun:
         self.tags = tags
         with self._disk_errors():
             self.log.write(tags, trainer.steps)
-
-    def _check_weights(self) -> None:
-        """Stop a run that diverged, of which nobody could load another checkpoint."""
-        for policy in self.trainer.policies:
-            if name := checkpoint.wrong_weight(policy.state_dict()):
-                raise TrainingError(
-                    f"training diverged: after {self.trainer.steps} agent-steps {name} has numbers beyond "
-                    f"{checkpoint.HEAVIEST}, or that are none; begin again with a lower learning rate, or in "
-                    "units of smaller rewards"
-                )
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
         with self._disk_errors():  # of a temporary file for the worlds

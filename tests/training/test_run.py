@@ -21,8 +21,8 @@ import pytest
 
 import outlast
 from outlast import choice, variant
-from outlast.components import Phase, Reward
-from outlast.ecs import Module, Singleton, Write, column
+from outlast.components import OthersView, Phase, Reward, SelfView, Side
+from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from tests.conftest import call
@@ -269,6 +269,40 @@ def test_rewards_that_are_no_numbers_are_said_to_be_so(tmp_path: Path) -> None:
     run = TrainingRun(config(EACH, scenario=SHORT.with_(Unpayable()), preset="fast"), tmp_path / "run")
     with pytest.raises(TrainingError, match=r"rewards are no finite numbers \(NaN or infinity\): a mechanic computes"):
         run.train()
+
+
+class Ratio(Module):
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("ratio", low=-1, high=1),)}
+
+
+@Ratio.system(Phase.OBSERVE)
+def divide(view: Write[SelfView], own_ratio: Offset, entities: Read[Entity], agents: Rows[Side]) -> None:
+    for i in range(agents.size):
+        view.own[i, own_ratio] = np.inf if entities.alive[agents[i]] else 0
+
+
+class Far(Module):
+    pass
+
+
+@Far.system(Phase.OBSERVE, after=OthersView)
+def see_far(view: Write[OthersView], others_x: Offset) -> None:
+    for i in range(view.others.shape[0]):
+        for k in range(view.others.shape[1]):
+            view.others[i, k, others_x] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("mechanic", "preset", "named"),
+    [(Ratio(), "fast", "own.ratio"), (Far(), "fast", "others.x"), (Far(), "original", "others.x")],
+)
+def test_observations_that_are_no_numbers_are_named(mechanic: Module, preset: str, named: str, tmp_path: Path) -> None:
+    """And not said to be training that diverged. The first time that others are seen is after the last step."""
+    run = TrainingRun(config(EACH, scenario=SHORT.with_(mechanic), preset=preset), tmp_path / "run")
+    with pytest.raises(TrainingError, match=rf"observations have .*: {named}\. A mechanic .* outlast check looks"):
+        run.train()
+    assert names(tmp_path / "run") == [CHECKPOINT.format(0)]
 
 
 def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from outlast.training.config import IMITATED, parse_warm_start  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import read_log  # noqa: E402
 from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.trainer import IMITATION, Trainer  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -119,6 +119,16 @@ def test_ctrl_c_while_it_imitates_saves_nothing_and_it_begins_again(tmp_path: Pa
     TrainingRun(own, tmp_path / "parts", resume=True).train()
     TrainingRun(own, tmp_path / "whole").train()
     assert points(tmp_path / "parts") == points(tmp_path / "whole")
+
+
+def test_an_imitation_that_diverges_is_said_to_be_so_and_saves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(IMITATION, "learning_rate", 1e6)
+    run = TrainingRun(config(EACH, warm_start=f"scripted:{EACH}"), tmp_path / "run")
+    with pytest.raises(TrainingError, match=f"imitation .* diverged: after {EACH} agent-steps .* --warm-start"):
+        run.train()
+    assert not names(tmp_path / "run")
 
 
 def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
