@@ -178,7 +178,14 @@ def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """The share of the variance of returns that values explain: 1 is all; NaN where returns do not vary."""
-    returns = rollout.returns.ravel()[chosen]
-    variance = returns.var()
-    return float(1 - rollout.advantages.ravel()[chosen].var() / variance) if variance else float("nan")
+    """The share of the variance of returns that values explain: 1 is all; NaN where returns do not vary.
+
+    Returns are sums of advantages and values, rounded to float32: what varies by no more than that does not vary.
+    """
+    returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
+    rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))
+    with np.errstate(over="ignore", invalid="ignore"):  # a run whose losses are infinite ends with an error about those
+        variance = returns.var()
+        if variance <= rounding**2:
+            return float("nan")
+        return float(1 - rollout.advantages.ravel()[chosen].var() / variance)

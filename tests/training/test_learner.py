@@ -14,6 +14,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast.training import hyperparameters  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
+from outlast.training.learner import explained_variance  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 from tests.helpers.trainers import SHORT, in_float64, make, weights  # noqa: E402
 
@@ -114,6 +115,17 @@ def test_a_learner_takes_its_own_samples_alone() -> None:
         trainer.update(dataclasses.replace(rollout, learner=learner))
         after.append(weights(trainer.policies[0]))
     assert torch.equal(*after)
+
+
+def test_rounding_is_no_variance_that_values_could_explain() -> None:
+    trainer = make("fast")
+    rollout = trainer.collect()
+    values = np.linspace(-0.1, 0.1, rollout.values.size, dtype=np.float32).reshape(rollout.values.shape)
+    for varies in (0.0, 1e-3):
+        returns = np.float32(1 / 3) + np.float32(varies) * rollout.alive
+        same = dataclasses.replace(rollout, values=values, advantages=returns - values)
+        assert same.returns.var() > 0
+        assert np.isnan(explained_variance(same, np.arange(values.size))) == (not varies)
 
 
 def test_the_divergence_ends_an_update() -> None:
