@@ -12,7 +12,7 @@ from .hyperparameters import Hyperparameters
 from .lane import Lane
 from .loss import advantages
 from .policy import ActorCritic
-from .rollout import RewardScale, Rollout
+from .rollout import DEAREST, RewardScale, Rollout
 from .rows import concatenated
 
 Array = np.ndarray[Any, Any]
@@ -80,6 +80,10 @@ class Collector:
                 "a negative number; outlast rollout with --interpret shows where"
             )
         spread = self.scale.update(rewards, ends) if numbers.scale_rewards else 1.0
+        if self.scale.wrong() or (np.abs(rewards) > DEAREST).any():
+            raise TrainingError(
+                f"rewards, or their discounted sums, are beyond {DEAREST:g}, and no run goes on with those: pay less"
+            )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         seen = concatenated([each for step in zip(*(part.seen for part in parts), strict=True) for each in step])

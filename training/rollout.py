@@ -107,9 +107,18 @@ class RewardScale:
     def restore(self, given: Any) -> None:
         """Go on from what `state` returned. Raises TrainingError for anything else."""
         check_state(given, self.state(), "rewards")
-        for name, value in given.items():
-            low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
-            if not ((value >= low) & (value <= high)).all():
-                raise TrainingError(f"rewards {name} in rest.pt of the checkpoint is beyond {low:g} to {high:g}")
         self.sums = given["sums"].numpy().copy()
         self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))
+        if wrong := self.wrong(" in rest.pt of the checkpoint"):
+            raise TrainingError(f"rewards {wrong}")
+
+    def wrong(self, where: str = "") -> str:
+        """Which number is out of the bounds in which a run goes on, and what these are; "": none is.
+
+        where: What is said behind its name.
+        """
+        for name, value in self.state().items():
+            low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
+            if not ((value >= low) & (value <= high)).all():
+                return f"{name}{where} is beyond {low:g} to {high:g}"
+        return ""

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import zipfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -22,7 +22,7 @@ import pytest
 import outlast
 from outlast import choice, variant
 from outlast.components import OthersView, Phase, Reward, SelfView, Side
-from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column
+from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column, number
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from tests.conftest import call
@@ -269,6 +269,31 @@ def test_rewards_that_are_no_numbers_are_said_to_be_so(tmp_path: Path) -> None:
     run = TrainingRun(config(EACH, scenario=SHORT.with_(Unpayable()), preset="fast"), tmp_path / "run")
     with pytest.raises(TrainingError, match=r"rewards are no finite numbers \(NaN or infinity\): a mechanic computes"):
         run.train()
+
+
+@dataclass(frozen=True)
+class Rich(Module):
+    pay: float = number(1e31)
+
+
+@Rich.system(Phase.REWARD, after=Reward)
+def pay_much(reward: Write[Reward], pay: float) -> None:
+    reward.reward[:] = np.float32(pay)
+
+
+@pytest.mark.parametrize(
+    ("pay", "preset", "words"),
+    [
+        (1e31, "fast", r"rewards, or their discounted sums, are beyond 1e\+30, .*: pay less"),
+        (9e29, "fast", r"rewards, or their discounted sums, are beyond 1e\+30"),
+        (1e20, "paper", "training diverged: after .* train/value_loss is inf; begin again .* smaller rewards"),
+    ],
+)
+def test_rewards_that_nothing_is_learned_from_are_refused(pay: float, preset: str, words: str, tmp_path: Path) -> None:
+    run = TrainingRun(config(EACH, scenario=SHORT.with_(Rich(pay)), preset=preset), tmp_path / "run")
+    with pytest.raises(TrainingError, match=words):
+        run.train()
+    TrainingRun(config(EACH, scenario=SHORT.with_(Rich(pay)), preset=preset), tmp_path / "run", resume=True).log.close()
 
 
 class Ratio(Module):
