@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
-from outlast.ecs.whole import is_whole
+from outlast.ecs.whole import as_whole, is_whole
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, policy_file
@@ -128,7 +128,7 @@ class TrainingConfig:
             TrainingError: Another value is not what it can be.
         """
         for name, least in LEAST.items():
-            value = getattr(self, name)
+            value = as_whole(getattr(self, name))
             if not is_whole(value, least, 2**62 - 1):
                 raise TrainingError(f"{name} = {value!r}: a whole number from {least} is needed")
             object.__setattr__(self, name, int(value))

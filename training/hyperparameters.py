@@ -6,10 +6,17 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from outlast.ecs.errors import did_you_mean
+from outlast.ecs.whole import as_whole
 
 from .errors import TrainingError
 
 TRUTHS = {"true": True, "1": True, "false": False, "0": False}
+PARSERS: dict[type, Callable[[str], Any]] = {
+    bool: lambda text: TRUTHS[text.lower()],
+    int: lambda text: as_whole(float(text)),  # 1e4 is whole, too
+    float: float,
+    str: str,
+}
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,8 @@ class Hyperparameters:
         """Raises TrainingError where a number is of another type, or out of its range."""
         for name, kind in KINDS.items():
             value: Any = getattr(self, name)
+            if kind is int:
+                object.__setattr__(self, name, value := as_whole(value))
             words, fits = RANGES.get(name, ANY)
             kinds: Any = (float, int) if kind is float else kind
             if not isinstance(value, kinds) or isinstance(value, bool) != (kind is bool):
@@ -89,7 +98,9 @@ RANGES: dict[str, Range] = {
 
 def example(name: str) -> str:
     """What a number is like, in words."""
-    return "true or false" if KINDS[name] is bool else f"a number like {getattr(Hyperparameters, name)}"
+    if KINDS[name] is bool:
+        return "true or false"
+    return f"a {'whole ' * (KINDS[name] is int)}number like {getattr(Hyperparameters, name)}"
 
 
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
@@ -100,7 +111,7 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
         if name in settings:
             raise TrainingError(f"{text}: {name} is given twice; say one of them")
         try:
-            settings[name] = TRUTHS[value.lower()] if KINDS.get(name) is bool else KINDS.get(name, str)(value)
+            settings[name] = PARSERS[KINDS.get(name, str)](value)
         except (ValueError, KeyError) as error:
             raise TrainingError(f"{text}: {example(name)} is needed") from error
     Hyperparameters().changed(settings)

@@ -206,7 +206,7 @@ def test_a_seed_decides_everything() -> None:
         ({"worlds": 8, "rollout": 100}, "of 100 steps cannot be shared evenly by 8 worlds"),
         ({"gamma": 2}, "gamma=2: a finite number from 0 to 1 is needed"),
         ({"target_kl": None}, "target_kl=None: a number like 0.01 is needed"),
-        ({"n_epochs": 2.5}, "n_epochs=2.5: a number like 400 is needed"),
+        ({"n_epochs": 2.5}, "n_epochs=2.5: a whole number like 400 is needed"),
         ({"anneal_lr": 1}, "anneal_lr=1: true or false is needed"),
         ({"vf_coef": True}, "vf_coef=True: a number like 0.5 is needed"),
         ({"gama": 1}, "PPO has no number 'gama'; did you mean gamma"),
@@ -231,7 +231,8 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         ("batch_size=1", "batch_size=1: a finite number of at least 2 is needed"),
         ("n_epochs=0", "n_epochs=0: a finite number of at least 1 is needed"),
         ("max_grad_norm=0", "max_grad_norm=0.0: a finite number above 0 is needed"),
-        ("n_epochs=many", "n_epochs=many: a number like 400 is needed"),
+        ("n_epochs=many", "n_epochs=many: a whole number like 400 is needed"),
+        ("batch_size=64.5", "batch_size=64.5: a whole number like 512 is needed"),
         ("anneal_lr=perhaps", "anneal_lr=perhaps: true or false is needed"),
         ("scale_rewards=2", "scale_rewards=2: true or false is needed"),
         ("normalise=1", "PPO has no number 'normalise'; it has: learning_rate, anneal_lr, batch_size"),
@@ -241,6 +242,15 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
 def test_numbers_of_ppo_that_cannot_be_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         hyperparameters.parse_hyperparameters([text])
+
+
+def test_whole_numbers_may_be_written_as_floats() -> None:
+    texts = ["batch_size=1e4", "n_epochs=3"]
+    assert hyperparameters.parse_hyperparameters(texts) == {"batch_size": 10_000, "n_epochs": 3}
+    config = TrainingConfig(SHORT, steps=1e3, settings={"batch_size": 64.0})  # type: ignore[arg-type]
+    found = config.steps, config.numbers.batch_size
+    assert found == (1000, 64)
+    assert {type(number) for number in found} == {int}
 
 
 def test_every_number_has_a_range_in_which_the_papers_is() -> None:
