@@ -94,7 +94,11 @@ class Preset:
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)
         if rollout % worlds:
-            raise TrainingError(f"a rollout of {rollout} steps cannot be shared evenly by {worlds} worlds")
+            fitting = worlds * max(1, round(rollout / worlds))
+            raise TrainingError(
+                f"a rollout of {rollout} steps cannot be shared evenly by {worlds} worlds: take a multiple of "
+                f"{worlds}, such as --rollout {fitting}"
+            )
         return worlds, rollout
 
 

@@ -312,7 +312,11 @@ class TrainingRun:
             differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
-            raise TrainingError(f"the run in {self.folder} was begun with {others}")
+            cure = "go on with the same, or choose another folder with --out"
+            if "steps" in differ:
+                cure = f"its learning rate falls along them; go on with --steps {then['steps']}, or take another --out"
+                cure += f", which may begin with --warm-start {self.folder}" * bool(checkpoints(self.folder))
+            raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
 
     def _numbers(self, settings: Any) -> Hyperparameters | None:
         """What the preset's hyperparameters are with these settings; None for what are no settings."""

@@ -203,7 +203,10 @@ def test_a_seed_decides_everything() -> None:
         ),
         ({"device": "abacus"}, "there is no abacus here; take cpu"),
         ({"dead": "bury"}, "dead = 'bury': allowed are 'keep', 'drop'"),
-        ({"worlds": 8, "rollout": 100}, "of 100 steps cannot be shared evenly by 8 worlds"),
+        (
+            {"worlds": 8, "rollout": 100},
+            "of 100 steps cannot be shared evenly by 8 worlds: take a multiple of 8, such as --rollout 96",
+        ),
         ({"gamma": 2}, "gamma=2: a finite number from 0 to 1 is needed"),
         ({"target_kl": None}, "target_kl=None: a number like 0.01 is needed"),
         ({"n_epochs": 2.5}, "n_epochs=2.5: a whole number like 400 is needed"),

@@ -105,8 +105,9 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     assert rates == pytest.approx([fast.numbers.learning_rate * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
     files = checkpoint.read_checkpoint(newest(tmp_path / "whole"))
     assert torch.load(io.BytesIO(files["rest.pt"]))["rewards"]["count"] == 5 * EACH
-    with pytest.raises(TrainingError, match=f"was begun with steps = {5 * EACH}, not {6 * EACH}"):
+    with pytest.raises(TrainingError, match=f"begun with steps = {5 * EACH}, not {6 * EACH}: .* --steps {5 * EACH}"):
         TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
+    TrainingRun(replace(fast, warm_start=str(tmp_path / "parts")), tmp_path / "on").log.close()  # as it says
     with pytest.raises(TrainingError, match="was begun with settings = "):
         TrainingRun(replace(fast, settings={"batch_size": 64, "anneal_lr": False}), tmp_path / "parts", resume=True)
     named = {**fast.settings, "gamma": fast.numbers.gamma}  # which is the preset's
@@ -573,7 +574,9 @@ def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> Non
         TrainingRun(config(EACH), folder)
     with pytest.raises(TrainingError, match="was begun with worlds = 8, not 4"):
         TrainingRun(config(EACH, worlds=4), folder, resume=True)
-    with pytest.raises(TrainingError, match=r"was begun with preset = original, not fast$"):
+    with pytest.raises(
+        TrainingError, match=r"begun with preset = original, not fast: go on with the same, or .* --out"
+    ):
         TrainingRun(config(EACH, preset="fast"), folder, resume=True)
     with pytest.raises(TrainingError, match="preset = original, not paper"):
         TrainingRun(config(EACH, preset="paper"), folder, resume=True)
