@@ -26,7 +26,7 @@ from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
 from .scenarios.naming import resolve
 from .scenarios.scenario import Number, Scenario
-from .storage.interrupts import interrupts_held, one_interrupt
+from .storage.interrupts import left_whole
 
 Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
@@ -222,7 +222,7 @@ def prepared(
     numbers = np.ones(env.num_worlds, np.int64)  # of the episode that each world is in
     whole = list[Summary]()
     try:
-        with one_interrupt(), contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
+        with left_whole() as stack:
             if record is not None:
                 thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
                 stack.enter_context(record_env(env, record, **thought))
@@ -251,10 +251,7 @@ def prepared(
                 whole.append(local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note))
                 return whole[-1]
 
-            try:
-                yield play
-            finally:
-                last.enter_context(interrupts_held())  # until all files are closed, so that none is lost
+            yield play
     except KeyboardInterrupt as stop:
         if stop.args or not whole:
             raise

@@ -51,6 +51,20 @@ def one_interrupt() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def left_whole() -> Iterator[contextlib.ExitStack]:
+    """A stack of contexts that are all left as a whole: Ctrl-C meanwhile waits, and a second one does nothing at all.
+
+    Yields:
+        The stack, whose contexts are left at the end.
+    """
+    with one_interrupt(), contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
+        try:
+            yield stack
+        finally:
+            last.enter_context(interrupts_held())
+
+
+@contextlib.contextmanager
 def sigterm_as_ctrl_c() -> Iterator[list[int]]:
     """Meanwhile SIGTERM, which schedulers of clusters send before they kill, does what Ctrl-C does.
 
