@@ -127,7 +127,8 @@ def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseEx
     except Exception:  # a class that is not made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     last = min(first_world + CHUNK, count) - 1
-    note = f"Raised in {f'one of the worlds {first_world} to {last}' if last > first_world else f'world {last}'}."
+    worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"
+    note = f"Raised in {worlds} of the batch, counted from 0."
     if unit.system:
         note += f' To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
     error.add_note(note)

@@ -107,7 +107,7 @@ def film(
 
     Raises:
         ScenarioError: There is no such scenario.
-        NumberError: There is no such number, or it is out of its range.
+        NumberError: There is no such number, which is a KeywordError, or it is out of its range.
         UsageError: A policy that does not exist or cannot play there.
         RecordingError: The recording is broken or cannot be replayed.
         ReplayError: A tick of the recording is not what it was.
@@ -229,7 +229,8 @@ def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording
     name = os.fspath(game)
     if os.path.isfile(name) and not name.endswith(SOURCES):
         return Recording.open(name)
-    if name.endswith(RECORDINGS) or (os.sep in name and ":" not in name and not name.endswith(SOURCES)):
+    place = name.partition("+")[0]  # of "FILE.json+health_cap", which is a scenario
+    if place.endswith(RECORDINGS) or (os.path.dirname(place) and ":" not in place and not place.endswith(SOURCES)):
         raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'there is no such file'}")
     return None
 

@@ -98,7 +98,7 @@ def rollout(
 
     Raises:
         ScenarioError: No such scenario.
-        NumberError: No such number, or one that is out of its range.
+        NumberError: No such number, which is a KeywordError, or one that is out of its range.
         ValueError: A count that is out of its range.
         UsageError: A policy that does not exist or cannot play there, options that exclude each other, or a file that
             cannot be written.

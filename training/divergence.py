@@ -62,5 +62,7 @@ def strange_observations(lane: Lane) -> Iterator[str]:
             names = [name for name, (size, _) in layout.fields.get(key, {}).items() for _ in range(int(size))]
             for column in np.flatnonzero(columns):
                 yield f"{key}.{names[column % len(names)]}" if names else key
+    if any(seen.state is not None and not seen.state.isfinite().all() for seen in samples.seen):
+        yield "the state of the worlds, which critics see"
     if not samples.later.isfinite().all():
         yield "those where an episode was cut off"

@@ -313,7 +313,7 @@ class TrainingRun:
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
             cure = "go on with the same, or choose another folder with --out"
-            if "steps" in differ:
+            if differ == ["steps"]:
                 cure = f"its learning rate falls along them; go on with --steps {then['steps']}, or take another --out"
                 cure += f", which may begin with --warm-start {self.folder}" * bool(checkpoints(self.folder))
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")

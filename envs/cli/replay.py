@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, products: bool) -> None:
-    """RecordingError for options that would have no effect."""
+    """Errors of what is to be written, for options that would have no effect and for places that cannot be."""
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
     if options.html is not None:

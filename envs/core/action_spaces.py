@@ -78,7 +78,7 @@ class ActionSpace:
         if masked:
             self.check_masked()
         self.noop = self.given(self.zeros).copy()
-        self.noop.flags.writeable = self.zeros.flags.writeable = False
+        self.noop.flags.writeable = self.zeros.flags.writeable = self.sizes.flags.writeable = False
 
     @property
     def single(self) -> spaces.Space[Any]:

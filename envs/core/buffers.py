@@ -45,7 +45,7 @@ def checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> A
         worlds, agents = next(iter(observations.values())).shape[:2]
         return writable(name, out, (worlds, agents, flat_size(observations)))
     if out.keys() != observations.keys():
-        raise ValueError(f"{name} has the keys {sorted(out)}: {sorted(observations)} are needed")
+        raise ValueError(f"{name} has the keys {sorted(out, key=repr)}: {sorted(observations)} are needed")
     return {key: writable(f"{name}[{key!r}]", out[key], array.shape) for key, array in observations.items()}
 
 
@@ -73,6 +73,8 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
         raise ValueError(f"{name} is {found}: a {np.dtype(dtype)} array of shape {shape} is needed")
     if not array.flags.writeable:
         raise ValueError(f"{name} is read-only")
+    if 0 in array.strides and any(step == 0 and size > 1 for step, size in zip(array.strides, shape, strict=True)):
+        raise ValueError(f"{name} has places that share memory, as of expand() or broadcast_to(): take a copy of it")
     return array
 
 

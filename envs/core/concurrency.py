@@ -51,17 +51,25 @@ class CallGuard:
 
     def fetch(self) -> Any:
         """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
-        if self.pending is None:
+        if (job := self.pending) is None:
             raise PendingError("recv() without send()")
-        if self._owner != os.getpid():
-            raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
-        if not self.pending.finished:
-            self._worker.submit(self.pending)  # again, as Ctrl-C may have kept `begin` from it
+        self.check_owner()
+        if not job.finished:
+            self._worker.submit(job)  # again, as Ctrl-C may have kept `begin` from it
         try:
-            return self.pending.result()
+            result = job.result()
         finally:
-            if self.pending.finished:  # it is not after Ctrl-C: then it can be fetched again
+            mine = self.pending is job
+            if mine and job.finished:  # it is not after Ctrl-C: then it can be fetched again
                 self.pending = None
+        if not mine:
+            raise PendingError("another thread has received this step; recv() is for one thread")
+        return result
+
+    def check_owner(self) -> None:
+        """PendingError for a call that was begun ahead of the fork that this process is."""
+        if self.pending is not None and self._owner != os.getpid():
+            raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
 
     def wait(self) -> None:
         """Wait for the end of a call that has begun, if there is one; it can still be fetched."""
@@ -124,5 +132,6 @@ def check_callable(env: Any) -> None:
     """Raises ClosedError after close(), and PendingError between send() and recv()."""
     if env.closed:
         raise ClosedError("the environment is closed; make a new one")
+    env._guard.check_owner()
     if env._guard.busy:
         raise PendingError("a step was sent and not received; call recv() first")

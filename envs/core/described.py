@@ -53,12 +53,12 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def fields(self) -> Fields:
-        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
+        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns; a new mapping.
 
         Of keys that declare it, so not of masks. `columns` of a field is its slice of the row, `ecs.columns_of` the
         index of several: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
         """
-        return self.worlds.layout.fields
+        return {key: dict(named) for key, named in self.worlds.layout.fields.items()}
 
     @property
     def sides(self) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def make_vec(
 
     Raises:
         ScenarioError: No such variant, or a scenario without rewards or ends.
-        NumberError: No such number, or one that is out of its range.
+        NumberError: No such number, which is a KeywordError, or one that is out of its range.
         ScheduleError: The order of the scenario's systems is ambiguous, or `interpret` names none of them.
         ValueError: An option that is out of its range.
     """

@@ -16,10 +16,12 @@ class StepBuffers:
     def __init__(self, env: Described, out: Any) -> None:
         """Look at it, and write nothing yet. Raises ValueError."""
         self._env, self._given = env, {} if out is None else out
-        if not isinstance(self._given, Mapping) or (unknown := sorted(self._given.keys() - set(NAMES))):
-            found = f"the name {unknown[0]!r}" if isinstance(out, Mapping) else f"type {type(out).__name__}"
+        if not isinstance(self._given, Mapping) or (unknown := sorted(map(repr, self._given.keys() - set(NAMES)))):
+            found = f"the name {unknown[0]}" if isinstance(out, Mapping) else f"type {type(out).__name__}"
             raise ValueError(f"out has {found}: a mapping is needed, with names among {', '.join(NAMES)}")
         self._arrays = {name: self._checked(name, array) for name, array in self._given.items()}
+        if len({id(array) for array in self._given.values()}) < len(self._given):
+            raise ValueError("out has one array for two names: each needs memory of its own")
 
     def put(self, name: str, values: Array) -> Any:
         """The caller's memory of that name, with these values in it; without any, a copy of them."""

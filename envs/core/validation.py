@@ -132,8 +132,11 @@ def checked_actions(
     actions = _shaped(given, shape, "iu", "integers", what, axes)
     if not ranges:
         return actions
-    unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are large ones
-    bad = actions.view(unsigned) >= sizes.astype(unsigned)
+    if sizes.max() <= np.iinfo(actions.dtype).max:
+        unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are larger than all sizes
+        bad = actions.view(unsigned) >= sizes.astype(unsigned)
+    else:  # sizes do not fit into their type
+        bad = (actions < 0) | (actions >= sizes)
     if bad.any():
         named, k, value = _first(bad, actions, who, keys)
         raise ActionError(f"{named} is {value}: 0 to {sizes[k] - 1} is allowed")
@@ -173,8 +176,14 @@ def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[s
 
 
 def as_array(value: Any) -> Array:
-    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
+    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type.
+
+    Raises:
+        ActionError: It is a tensor that numpy cannot read, as one with a gradient, or on a GPU.
+    """
     try:
         return np.asarray(value)
     except ValueError:
         return np.empty(len(value), object)
+    except (TypeError, RuntimeError) as error:
+        raise ActionError(f"{type(value).__name__} cannot be read as an array: {error}") from error

@@ -1,5 +1,6 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
+import contextlib
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
@@ -10,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from outlast.components import End, Reward
 from outlast.ecs import Entity
 
-from ..errors import RecordingError
+from ..errors import ActionError, RecordingError
 from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
@@ -27,7 +28,7 @@ from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
 from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE, PARTS
-from .validation import MAX_WORLDS, Seeds, check_choice, check_count, check_flags, keys, reset_mask
+from .validation import MAX_WORLDS, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
@@ -209,6 +210,7 @@ class SurvivalVectorEnv(Described):
         flags = tracker.step(self._runner, ranges) if some is None else tracker.step_some(self._runner, some)
         if flags & OUT_OF_RANGE:
             self._actions.write(actions, tracker.actions, ranges=True)  # raises what is wrong
+            raise ActionError("actions were out of range, and are not any more: another thread has written to them")
         if self._step_events.some:
             self._step_events.forget()
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
@@ -236,10 +238,12 @@ class SurvivalVectorEnv(Described):
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
 
-        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. With
-        copy=False, the arrays that the call before returned are overwritten while the step runs.
+        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. The
+        actions are copied. With copy=False, the arrays that the call before returned are overwritten while it runs.
         """
         check_callable(self)
+        with contextlib.suppress(ActionError):  # which `recv` raises
+            actions = np.array(as_array(actions))
         self._guard.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:

@@ -65,6 +65,8 @@ def _said_of(path: str) -> Iterator[None]:
     """RecordingErrors for what disks and missing libraries raise meanwhile."""
     try:
         yield
+    except FileExistsError as error:  # only now: see atomic_write
+        raise RecordingError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
         raise RecordingError(f"{place}: {error.strerror or error}; no dataset was written") from error
@@ -78,7 +80,7 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
     Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
     """
     about, shards, count, agent_steps = manifest(replay), list[dict[str, object]](), 0, 0
-    with atomic_write(target) as folder:
+    with atomic_write(target, new=True) as folder:
         folder.mkdir()
         for number, batch in enumerate(read_shards(replay, selection)):
             named = {f"observations/{key}": array for key, array in batch.observations.items()}

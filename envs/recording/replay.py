@@ -1,7 +1,7 @@
 """Replaying: the recorded ticks once more, each compared with the digest of what it was."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from typing import Any
 
@@ -86,7 +86,7 @@ class Replay:
         *,
         first: int = 0,
         last: int | None = None,
-        worlds: Sequence[int] | None = None,
+        worlds: Iterable[int] | None = None,
     ) -> Iterator[int]:
         """Replay from the beginning, and yield the number of each tick once it is done: 0 resets all worlds.
 
@@ -97,31 +97,35 @@ class Replay:
             worlds: Of the ticks after `first`, yield only those in which one of these rows of the tables took part.
 
         Returns:
-            What yields the numbers of ticks. As there is one set of worlds, it ends the iterators of earlier calls.
+            What yields the numbers of ticks. There is one set of worlds: whoever asks another iterator for its first
+            tick ends this one.
 
         Raises:
-            RecordingError: There are no such ticks or rows; or, when ticks are asked for, the file is damaged, or a
-                later call of `ticks` has begun anew.
+            RecordingError: There are no such ticks or rows; or, when ticks are asked for, the file is damaged, or
+                another iterator has begun anew.
             ReplayError: When ticks are asked for: the state after a tick is not what it was.
         """
         if first or last is not None:
             last_tick(self.recording, first, last)
-        if wrong := [row for row in worlds or () if not (is_whole(row) and 0 <= row < self.worlds.count)]:
+        if worlds is not None and not isinstance(worlds, Iterable):
+            raise RecordingError(f"worlds = {worlds!r}: rows of the tables are needed, as in [0, 3]")
+        rows = None if worlds is None else list(worlds)
+        if wrong := [row for row in rows or () if not (is_whole(row) and 0 <= row < self.worlds.count)]:
             raise RecordingError(f"worlds: there is no row {wrong[0]!r}; they are 0 to {self.worlds.count - 1}")
-        return self._ticks(verify, first, last, worlds)
+        return self._ticks(verify, first, last, rows)
 
-    def _ticks(self, verify: bool, first: int, last: int | None, worlds: Sequence[int] | None) -> Iterator[int]:
+    def _ticks(self, verify: bool, first: int, last: int | None, rows: list[int] | None) -> Iterator[int]:
         self._going = mine = object()
         self.summary = Summary()
         self.episodes[:] = 0
         for number, record in enumerate(self.recording.tick_records()):
             if self._going is not mine:
-                raise RecordingError("ticks() was called again, and has begun anew; make a second Replay for both")
+                raise RecordingError("another iterator of ticks() has begun anew; make a second Replay for both")
             self._run(record)
             if verify:
                 self._compare(number, record.digest)
             self._count_episodes()
-            if number == first or (number > first and (worlds is None or self.worlds.mode[worlds].any())):
+            if number == first or (number > first and (rows is None or self.worlds.mode[rows].any())):
                 yield number
             if number == last:
                 return

@@ -53,7 +53,8 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
         return
     given, target = target, Path(os.path.realpath(target))
     if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(given.parent))
+        parent = target.parent if given.is_symlink() else given.parent
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(parent))
     path = temporary_path(target)
     try:
         yield path
@@ -75,7 +76,7 @@ def _add(path: Path, target: Path) -> None:
             os.link(path, place)  # which replaces nothing, as renaming does
         except FileExistsError:
             continue
-        except OSError:  # a disk without links
+        except OSError:  # a folder, or a disk without links
             if place.exists():
                 continue
             os.replace(path, place)

@@ -1,11 +1,15 @@
 """Ctrl-C that waits, and SIGTERM that is Ctrl-C."""
 
 import contextlib
+import math
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
+
+A_MOMENT = 1.0  # seconds in which two of Ctrl-C are one, as those of a nervous hand, or of a cluster
 
 
 @contextlib.contextmanager
@@ -26,41 +30,52 @@ def interrupts_held() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def one_interrupt() -> Iterator[None]:
-    """Meanwhile only the first Ctrl-C interrupts, so that a second one cannot come between it and what cleans up.
+def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
+    """Meanwhile Ctrl-C interrupts once, so that a second one cannot come between the first and what cleans up.
 
     Clusters signal a command and its processes, and the command signals these, too. Outside of the main thread, and
-    where Ctrl-C is ignored, nothing changes.
+    where Ctrl-C is ignored, nothing changes; nor does it where the caller's own handler raises nothing.
+
+    Args:
+        seconds: For how long others do nothing after one that has interrupted.
+
+    Yields:
+        That number in a list, to change it meanwhile.
     """
-    before = signal.getsignal(signal.SIGINT)
+    before, pause = signal.getsignal(signal.SIGINT), [seconds]
     if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
+        yield pause
         return
-    came: list[int] = []
+    came: list[float] = []
 
     def once(number: int, frame: Any) -> None:
-        came.append(number)
-        if len(came) == 1:
+        if came and time.monotonic() - came[-1] < pause[0]:
+            return
+        try:
             before(number, frame)
+        except BaseException:
+            came.append(time.monotonic())
+            raise
 
     signal.signal(signal.SIGINT, once)
     try:
-        yield
+        yield pause
     finally:
         signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """A stack of contexts that are all left as a whole: Ctrl-C meanwhile waits, and a second one does nothing at all.
+    """A stack of contexts that are all left as a whole: meanwhile Ctrl-C waits, and a second one is dropped.
 
     Yields:
         The stack, whose contexts are left at the end.
     """
-    with one_interrupt(), contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
+    with one_interrupt(A_MOMENT) as pause, contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
         try:
             yield stack
         finally:
+            pause[0] = math.inf
             last.enter_context(interrupts_held())
 
 

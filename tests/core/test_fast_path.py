@@ -1,5 +1,6 @@
 """The fast path: steps in the background, observations in memory of the caller."""
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,38 @@ def test_what_a_sent_step_raises_comes_with_recv() -> None:
         env.step(draw_actions(env, np.random.default_rng(0)))
 
 
+def test_actions_that_were_sent_are_the_environments_own() -> None:
+    one, other, rng = make(), make(), np.random.default_rng(0)
+    for _ in range(STEPS):
+        actions = draw_actions(one, rng)
+        expected = other.step(actions.copy())
+        one.send(actions)
+        actions[:] = 0
+        same(one.recv()[0], expected[0])
+    assert digest(one.worlds) == digest(other.worlds)
+
+
+def test_a_step_is_received_once() -> None:
+    """Of two threads in recv() at once, one gets the step, and the other is told so."""
+    env, got = make(), list[Any]()
+
+    def receive() -> None:
+        try:
+            got.append(len(env.recv()))
+        except PendingError as error:
+            got.append(str(error))
+
+    for _ in range(5):
+        env.send(draw_actions(env, np.random.default_rng(0)))
+        threads = [threading.Thread(target=receive) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert got.count(5) == 5
+    assert all(each == 5 or "recv()" in each for each in got)
+
+
 # ---- memory of the caller
 
 
@@ -109,12 +142,46 @@ def test_observations_into_arrays_of_the_caller() -> None:
         (lambda env: {**{k: a.copy() for k, a in env.observe().items()}, "zone": [1]}, r"out\['zone'\] is list"),
         (lambda env: dict(env.observe()), "is read-only"),
         (lambda env: 3, "out is int"),
+        (lambda env: {1: 2, "own": 3}, r"out has the keys \['own', 1\]"),
+        (
+            lambda env: np.lib.stride_tricks.as_strided(np.zeros(env.flat_size, np.float32), _rows(env), (0, 0, 4)),
+            "share",
+        ),
     ],
 )
 def test_memory_that_does_not_fit_is_refused(out: Any, reason: str) -> None:
     env = make()
     with pytest.raises(ValueError, match=reason):
         env.observe(out(env))
+
+
+def _expanded(shape: tuple[int, ...]) -> Any:
+    """As a tensor's expand() does: one row in all places."""
+    return np.lib.stride_tricks.as_strided(np.zeros(shape[-1], np.float32), shape, (0, 0, 4))
+
+
+def _rows(env: SurvivalVectorEnv) -> tuple[int, ...]:
+    return WORLDS, env.num_agents, env.flat_size
+
+
+def test_one_array_for_two_things_is_refused() -> None:
+    env, ends = make(), np.zeros(WORLDS, bool)
+    with pytest.raises(ValueError, match="one array for two names"):
+        env.step(np.tile(env.noop, (WORLDS, env.num_agents, 1)), out={"terminated": ends, "truncated": ends})
+    with pytest.raises(ValueError, match="out has the name 'a': a mapping is needed"):
+        env.step(np.tile(env.noop, (WORLDS, env.num_agents, 1)), out={1: ends, "a": ends})
+
+
+def test_what_an_environment_says_of_itself_cannot_be_changed_by_it() -> None:
+    """Neither what actions mean, nor where fields lie, in other environments of the game, too."""
+    env = make()
+    with pytest.raises(ValueError, match="read-only"):
+        env.action_sizes[:] -= 1
+    fields = env.fields
+    fields["own"].pop("health")  # type: ignore[attr-defined]
+    fields.pop("own")  # type: ignore[attr-defined]
+    assert "health" in env.fields["own"]
+    assert "health" in make().fields["own"]
 
 
 def test_observations_handed_out_cannot_be_written_to() -> None:

@@ -419,6 +419,35 @@ def test_joint_actions_out_of_range_are_named() -> None:
         env.step(np.zeros((2, 2, 6), int))
 
 
+@pytest.mark.parametrize("form", ["multi", "joint"])
+def test_actions_that_their_type_cannot_hold_are_refused(form: str) -> None:
+    """Of 201 values, 200 is -56 in eight bits with a sign: neither 200, nor another action, nor a step without one."""
+    env = outlast.make_vec(
+        outlast.variant("ffa_1").with_(FineMotors()) if form == "multi" else "ffa_1", 2, actions=form
+    )
+    env.reset()
+    before, given = digest(env.worlds), env.noop[None, None].repeat(2, 0).repeat(2, 1)
+    with pytest.raises(ActionError, match=r"is -56: 0 to (200|215) is allowed"):
+        env.step(np.where(np.arange(given.size).reshape(given.shape) == 0, -56, given).astype(np.int8))
+    assert digest(env.worlds) == before
+
+
+def test_small_types_hold_small_actions() -> None:
+    """Also where there are more joint actions than they can count."""
+    env = outlast.make_vec(outlast.variant("ffa_3").with_(DropLast()), 2, seed=0, actions="joint")
+    assert env.action_mask_size > 256
+    env.reset()
+    env.step(np.full((2, 2), 200, np.uint8))
+
+
+def test_tensors_that_numpy_cannot_read_are_refused() -> None:
+    torch = pytest.importorskip("torch", reason="needs PyTorch")
+    env = outlast.make_vec("ffa_1", 2, seed=0)
+    env.reset()
+    with pytest.raises(ActionError, match=r"Tensor cannot be read as an array: .*grad"):
+        env.step(torch.zeros(2, 2, 6, requires_grad=True))
+
+
 @pytest.mark.parametrize("copy", [True, False])
 @pytest.mark.parametrize("form", ["dict", "flat"])
 def test_torch_and_numpy_share_what_is_handed_out(copy: bool, form: str) -> None:

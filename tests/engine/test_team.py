@@ -136,7 +136,7 @@ def test_an_exception_of_the_only_world_names_it() -> None:
     run(worlds, STEP, STEP)
     with pytest.raises(ValueError, match="this world") as raised:
         run(worlds, STEP)
-    assert raised.value.__notes__[0].startswith("Raised in world 0. ")
+    assert raised.value.__notes__[0].startswith("Raised in world 0 of the batch")
 
 
 @pytest.mark.parametrize("threads", [1, 3])

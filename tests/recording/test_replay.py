@@ -161,7 +161,8 @@ def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
             env.reset(options=None if mask is None else {"reset_mask": mask})
     replay = Replay(Recording.open(tmp_path / "a.rec"))
     assert list(replay.ticks(first=2, last=4)) == [2, 3, 4]
-    assert list(replay.ticks(first=2, worlds=[2])) == [2, 3, 5]
+    for worlds in ([2], (2,), np.array([2]), iter([2])):
+        assert list(replay.ticks(first=2, worlds=worlds)) == [2, 3, 5]
     assert list(replay.ticks(first=1, last=4, worlds=[0, 1])) == [1, 2, 4]
 
 
@@ -175,6 +176,7 @@ def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
         ({"first": 1.5}, "tick 1.5: whole numbers are needed"),
         ({"worlds": [0, 3]}, "there is no row 3; they are 0 to 2"),
         ({"worlds": [-1]}, "there is no row -1"),
+        ({"worlds": 0}, r"worlds = 0: rows of the tables are needed, as in \[0, 3\]"),
     ],
 )
 def test_ticks_and_worlds_that_there_are_not_are_refused(tmp_path: Path, asked: dict[str, Any], message: str) -> None:
@@ -191,7 +193,7 @@ def test_a_second_pass_ends_the_first(tmp_path: Path) -> None:
     two = replay.ticks()
     assert next(one) == 2  # nothing of the second was asked for yet
     assert next(two) == 0
-    with pytest.raises(RecordingError, match="was called again, and has begun anew; make a second Replay for both"):
+    with pytest.raises(RecordingError, match=r"has begun anew; make a second Replay for both"):
         next(one)
     assert list(two) == [1, 2, 3, 4]
 

@@ -113,6 +113,13 @@ def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_pat
         capsys, "replay", tmp_path / "a.rec", "--html", tmp_path / "b.html", "--worlds", "2", "--quiet"
     )
     assert (status, "there is no world 2; they are 10 to 13" in err) == (2, True)
+    other = outlast.make_vec("ffa_1", 2, seed=0)
+    with outlast.record(other, tmp_path / "b.rec"):
+        outlast.rollout(other, "random", 5)
+    pages = tmp_path / "a.rec", tmp_path / "two.html"
+    assert outlast.replay_page(*pages, beside=tmp_path / "b.rec", worlds=[11], quiet=True).exists()  # its world 1
+    with pytest.raises(RecordingError, match=r"b\.rec: there is no world 3; they are 0 to 1"):
+        outlast.replay_page(*pages, beside=tmp_path / "b.rec", worlds=[13], quiet=True)
     with pytest.raises(RecordingError, match="there is no world 3; they are 10 to 13"):
         outlast.film(tmp_path / "a.rec", tmp_path / "a.apng", worlds=[3], size=64)
 

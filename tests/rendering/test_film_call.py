@@ -112,6 +112,11 @@ def test_a_layer_that_has_nothing_to_show_is_said(tmp_path: Path, caplog: pytest
     assert caplog.messages == ["LidarLayer shows nothing: the game has no Lidar and LidarView"]
 
 
+def test_a_game_in_a_folder_may_have_an_ablation(tmp_path: Path) -> None:
+    outlast.variant("ffa_2").save(tmp_path / "own.json")
+    assert outlast.film(f"{tmp_path / 'own.json'}+health_cap", tmp_path / "film", steps=1, size=64).is_dir()
+
+
 MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "no game": ("ffa_9", {}, ScenarioError, "did you mean"),
     "no policy": ("ffa_1", {"policy": "scriptd"}, UsageError, "scriptd"),

@@ -239,6 +239,21 @@ def test_a_second_ctrl_c_costs_nothing(tmp_path: Path, monkeypatch: pytest.Monke
     env.close()
 
 
+def test_the_callers_own_handler_gets_every_ctrl_c(tmp_path: Path) -> None:
+    """One that raises nothing does not stop a rollout; only of those that interrupt it the second is dropped."""
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+
+    def press(summary: Summary) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    try:
+        outlast.rollout("ffa_2", "noop", 5, press, worlds=2, csv=tmp_path / "a.csv", **SHORT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(came) >= 5
+
+
 def test_what_another_process_wrote_meanwhile_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     message = r"a\.csv exists, as another process has written it meanwhile; this is in .*a-2\.csv"

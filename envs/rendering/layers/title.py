@@ -1,5 +1,6 @@
 """The title of a film: what is played, and where in it the picture is."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -49,9 +50,9 @@ class TitleStrip(Strip):
 def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> None:
     """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
 
-    Ends but the first take at most half of it, and no room that the first start needs; that is cut, at a hyphen if it
-    can be, if there is none beside the first end either. Numbers are taken for figures of four digits, so that nothing
-    comes and goes while they grow.
+    Ends but the first take at most half of it, and no room that the first start needs; that is cut if there is none
+    beside the first end either. Numbers are taken for figures of four digits, so that nothing comes and goes while they
+    grow.
     """
     edge = height = digit(canvas.size)
     first, *longer = map(printable, starts)
@@ -71,9 +72,13 @@ def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> No
 
 
 def _cut(canvas: Canvas, words: str, room: float) -> str:
-    """Their beginning and three dots: up to a hyphen, so that no number loses figures, or else to wherever it fits."""
-    ends = [k for k, letter in enumerate(words) if letter == "-"][::-1] + list(range(len(words), 0, -1))
-    cuts = (f"{words[:end]}..." for end in ends)
+    """Their beginning and three dots: as much as fits without a number that has lost figures.
+
+    Numbers are those of names of scenarios, "ffa_2-melee_damage=25-rewards_alive=1e-05".
+    """
+    numbers = [found.span() for found in re.finditer(r"(?<==).+?(?=-[A-Za-z_]|,|$)|\d+", words)]
+    ends = [end for end in range(len(words) - 1, 0, -1) if not any(low < end < high for low, high in numbers)]
+    cuts = (f"{words[:end].rstrip('-, ')}..." for end in ends)
     return next((cut for cut in cuts if canvas.length(cut, digit(canvas.size)) <= room), "")
 
 

@@ -47,7 +47,7 @@ def play(
 
     Raises:
         ScenarioError: There is no such scenario.
-        NumberError: There is no such number, or it is out of its range.
+        NumberError: There is no such number, which is a KeywordError, or it is out of its range.
         UsageError: One of the others does not exist, or cannot play there.
         RecordingError: The recording cannot be written.
         PlayError: There is no such agent, the port is taken, websockets are not installed, or an event loop runs here

@@ -37,7 +37,8 @@ def replay_page(
         recording: A Recording, or the path of one; for a game of one's own, Recording.open(path, scenario).
         out: Of the page, an HTML file; one that is there is replaced.
         beside: Another recording, of the same scenario or of another, which plays beside it in step.
-        worlds: Numbers of the worlds to show, of both recordings, as in tables of their events; None: the first.
+        worlds: Numbers of the worlds to show, as in tables of events; None: the first. Of the recording beside it those
+            in the same places, if its worlds begin at another number.
         first: First tick to show, counted from the beginning of the recording.
         last: Last tick to show; None: the last there is, of each recording.
         title: Of the page; None: names of scenario and file.
@@ -63,9 +64,11 @@ def replay_page(
     ]
     target = checked(out, *(Path(each.path) for each in opened))
     ends = [last_tick(each, first, last) for each in opened]
-    rows = [[0] if worlds is None else rows_of(each, worlds) for each in opened]
+    shown = [0] if worlds is None else rows_of(opened[0], worlds)
+    for each in opened[1:]:
+        rows_of(each, [each.first_world + row for row in shown])  # which refuses those that there are not
     rooms = []
-    for each, end, shown in zip(opened, ends, rows, strict=True):
+    for each, end in zip(opened, ends, strict=True):
         with contextlib.closing(Replay(each, threads)) as replay:
             ticks = replay.ticks(verify, first=first, last=end, worlds=shown)
             bar = tqdm(ticks, total=end - first + 1, unit="tick", disable=quiet)
