@@ -43,8 +43,9 @@ class SurvivalVectorEnv(Described):
     Agents in a closed room fight with melee attacks, collect and use items, break boxes, and have to stay inside a zone
     that shrinks. All worlds advance together by one tick a step. Mechanics and numbers are those of the scenario.
 
-    One call at a time: PendingError refuses a thread while another one is in a call. Ctrl-C leaves a step not begun or
-    whole, or else worlds that `step` refuses (NotResetError) until they are reset.
+    One call at a time: PendingError refuses a thread while another one is in a call, but not a signal handler, which
+    must not call the environment that it may have interrupted. Ctrl-C leaves a step not begun or whole, or else worlds
+    that `step` refuses (NotResetError) until they are reset.
 
     ## Action Space
     MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants
