@@ -15,8 +15,11 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import torch
-from benchmarl.environments import VmasTask
+try:
+    import torch
+    from benchmarl.environments import VmasTask
+except ModuleNotFoundError as error:
+    raise SystemExit(f"perf.benchmarl needs {error.name}: pip install -e '.[benchmarl]' vmas") from None
 
 from outlast.envs.adapters.benchmarl import task
 from perf.table import Table, options

@@ -23,7 +23,7 @@ from typing import Self
 import numpy as np
 from tqdm import tqdm
 
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 STARTS, ROUNDS, SECONDS = 4, 4, 0.6  # new processes; rounds of each of them
 WORKER = """
@@ -124,8 +124,8 @@ def main() -> None:
     parser.add_argument("old", type=checkout, metavar="OLD", help="the checkout before")
     parser.add_argument("new", type=checkout, metavar="NEW", help="the checkout after")
     parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help="what is played")
-    parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
-    parser.add_argument("--threads", type=int, default=1, help="that share the worlds (default 1)")
+    parser.add_argument("--worlds", type=positive, default=1024, help="of a batch (default 1024)")
+    parser.add_argument("--threads", type=positive, default=1, help="that share the worlds (default 1)")
     parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
     given = parser.parse_args()
     table = Table("compare", "variant", "old", "new", "change", "round by round")

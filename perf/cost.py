@@ -25,7 +25,7 @@ from outlast.envs.rollout.policies import random_policy
 from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems import Maze
 from perf.measure import alternate, in_turn, timer
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 CHUNK = 1024  # worlds that the memory test steps together
 
@@ -34,7 +34,9 @@ def main() -> None:
     """One of the three."""
     parser = options(__doc__)
     parser.add_argument("what", choices=("memory", "reset", "make"))
-    parser.add_argument("--steps", type=int, default=1_000_000, help="world-steps of the memory test, each variant")
+    parser.add_argument(
+        "--steps", type=positive, default=1_000_000, help="world-steps of the memory test, each variant"
+    )
     given = parser.parse_args()
     tables = {"memory": lambda: memory(given.steps), "reset": reset, "make": make}
     tables[given.what]().finish(given.save)

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import outlast
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 PACKAGE = Path(outlast.__file__).parent
 WORLDS = 64
@@ -100,7 +100,7 @@ class Game:
 def main() -> None:
     """Print the seconds of each row: minimum and median."""
     parser = options(__doc__)
-    parser.add_argument("--repeats", type=int, default=5, help="processes a row")
+    parser.add_argument("--repeats", type=positive, default=5, help="processes a row")
     given = parser.parse_args()
     table = Table("edit", "what", "least", "median")
     with tempfile.TemporaryDirectory() as name:

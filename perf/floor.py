@@ -22,7 +22,7 @@ from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems.box2d import layout as at
 from perf.measure import DRAWS, LIMIT, Call, alternate, stepper
 from perf.rows import scenario
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 world_step = external("_ZN7b2World4StepEfii", "void", "intp", "float32", "int32", "int32", cure="compile it")
 
@@ -30,7 +30,7 @@ world_step = external("_ZN7b2World4StepEfii", "void", "intp", "float32", "int32"
 def main() -> None:
     """Measure the paper's variants, and the largest row of its tables with boxes that can be pushed."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=int, nargs="+", default=[64, 256, 1024], help="batch sizes")
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[64, 256, 1024], help="batch sizes")
     given = parser.parse_args()
     crowd = scenario("10 agents, 10 heals, 20 boxes").replace(boxes_dynamic=True)
     cases = {**VARIANTS, "10 agents, 10 heals, 20 dynamic boxes": crowd}

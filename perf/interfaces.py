@@ -17,7 +17,7 @@ import numpy as np
 
 import outlast
 from perf.measure import DRAWS, Call, timer
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 ROUNDS, SECONDS = 3, 0.5
 STEPS = 64  # ticks that a collector stores in a call
@@ -239,7 +239,7 @@ def main() -> None:
     """Time them one after the other."""
     parser = options(__doc__)
     parser.add_argument("--variant", default="teams_3")
-    parser.add_argument("--worlds", type=int, default=256, help="of interfaces that have many (default 256)")
+    parser.add_argument("--worlds", type=positive, default=256, help="of interfaces that have many (default 256)")
     given = parser.parse_args()
     table = Table("interfaces", "interface", "us a world-step", "agent-steps a second", "of make_vec")
     for row in rows(given.variant, given.worlds):

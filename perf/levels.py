@@ -17,6 +17,7 @@ import numpy as np
 from outlast import Scenario, choice, role, variant
 from outlast.systems import Lidar, Maze, Pillars, Rooms, Walls
 from perf.measure import in_turn, stepper, timer
+from perf.table import positive
 
 BLOCKS = 40
 
@@ -66,8 +67,8 @@ def rows() -> list[tuple[str, Scenario, Scenario]]:
 def main() -> None:
     """Measure all rows and print a table."""
     parser = argparse.ArgumentParser(prog="python -m perf.levels", description=__doc__)
-    parser.add_argument("--worlds", type=int, default=256, help="in a batch (%(default)s)")
-    parser.add_argument("--rounds", type=int, default=5, help="(%(default)s)")
+    parser.add_argument("--worlds", type=positive, default=256, help="in a batch (%(default)s)")
+    parser.add_argument("--rounds", type=positive, default=5, help="(%(default)s)")
     given = parser.parse_args()
     print(f"{'scenario':<36} {'plain':>8} {'with':>8} {'ratio':>7}")
     for name, *pair in rows():

@@ -9,15 +9,15 @@ Each system takes all worlds before the next one starts; the tick takes a few wo
 from outlast.ecs import Worlds
 from perf.measure import LIMIT, micros, stepper, ticker
 from perf.rows import scenario
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 
 def main() -> None:
     """Print microseconds a world-step and share of each system."""
     parser = options(__doc__)
     parser.add_argument("scenario", help="a variant, FILE.py:NAME, or a row of perf.step such as '1v1_all_mid'")
-    parser.add_argument("--worlds", type=int, default=1024)
-    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--worlds", type=positive, default=1024)
+    parser.add_argument("--steps", type=positive, default=500)
     given = parser.parse_args()
     chosen = scenario(given.scenario)
     worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True, ordered=chosen.order)

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from perf.measure import LIMIT, in_turn, simulator, stepper, timer
 from perf.original import NotTheOriginal, Original
 from perf.rows import ROWS, Row
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 STEPS = 3000  # of the original, in a round
 
@@ -30,7 +30,7 @@ STEPS = 3000  # of the original, in a round
 def main() -> None:
     """Measure all rows and print the tables."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=int, nargs="+", default=[1, 64, 256, 1024], help="batch sizes")
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 64, 256, 1024], help="batch sizes")
     parser.add_argument("--original", metavar="PYTHON:CHECKOUT", help="time the original, too, in turn with ours")
     given = parser.parse_args()
     try:

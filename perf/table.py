@@ -77,8 +77,24 @@ def about(name: str, machine: str) -> str:
 def options(script: str | None) -> argparse.ArgumentParser:
     """The command line of a benchmark: what all have in common."""
     parser = argparse.ArgumentParser(description=script, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--save", metavar="MACHINE", help="also keep the numbers, in perf/results/MACHINE")
+    text = "also keep the numbers, in perf/results/MACHINE"
+    parser.add_argument("--save", type=_machine, metavar="MACHINE", help=text)
     return parser
+
+
+def positive(text: str) -> int:
+    """A whole number of at least 1, for command lines."""
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text}: a whole number from 1 is needed")
+    return int(text)
+
+
+def _machine(text: str) -> str:
+    """The name of a folder in which tables can be kept, which is known before anything is measured."""
+    place = FOLDER / text
+    if place.exists() and not (place.is_dir() and os.access(place, os.W_OK)):
+        raise argparse.ArgumentTypeError(f"{place} is no folder that can be written to: give another name")
+    return text
 
 
 def describe() -> str:

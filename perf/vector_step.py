@@ -18,7 +18,7 @@ from tqdm import tqdm
 import outlast
 from perf.interfaces import name
 from perf.measure import DRAWS
-from perf.table import Table, options
+from perf.table import Table, options, positive
 
 ROUNDS = 3
 Make = Callable[[int], Any]
@@ -70,7 +70,7 @@ def measured(sizes: list[int], seconds: float) -> Table:
 def main() -> None:
     """Measure and print."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=int, nargs="+", default=[1, 256, 1024], help="batch sizes")
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 256, 1024], help="batch sizes")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement (default 1)")
     given = parser.parse_args()
     measured(given.worlds, given.seconds).finish(given.save)

@@ -144,6 +144,19 @@ def test_the_process_ends_with_it(checkout: Path) -> None:
     assert process.poll() == 0
 
 
+def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "taken").touch()
+    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
+    mistakes = {"--worlds": ("0", "a whole number from 1 is needed"), "--save": ("taken", "give another name")}
+    for option, (value, message) in mistakes.items():
+        monkeypatch.setattr(sys, "argv", ["perf.vector_step", option, value])
+        with pytest.raises(SystemExit):
+            vector_step.main()
+        assert message in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
