@@ -110,6 +110,9 @@ def test_a_recording_that_is_not_what_it_was_makes_no_film(recorded: Path, tmp_p
 def test_a_layer_that_has_nothing_to_show_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     outlast.film("ffa_1", tmp_path / "film", steps=1, size=64, views="+lidar,+vision")
     assert caplog.messages == ["LidarLayer shows nothing: the game has no Lidar and LidarView"]
+    caplog.clear()
+    outlast.film("ffa_1", tmp_path / "film", steps=1, size=64, views="+vision", cameras_mode="omniscient")
+    assert caplog.messages == ["CamerasLayer shows nothing: the game has no use for it"]
 
 
 def test_a_game_in_a_folder_may_have_an_ablation(tmp_path: Path) -> None:

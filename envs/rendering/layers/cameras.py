@@ -9,7 +9,7 @@ import numpy as np
 
 from outlast import systems
 from outlast.components import Body, Shape, Side, Sight, Solid
-from outlast.components.sight import OMNISCIENT
+from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Clock
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.ecs.whole import is_whole
@@ -46,10 +46,12 @@ class CamerasLayer(Layer):
         if not isinstance(numbers, Collection) or not all(is_whole(i, 0) for i in numbers):
             raise FilmError(f"CamerasLayer: agents = {self.agents!r}: numbers of agents are needed, as in [0, 2]")
 
+    def fits(self, scene: Scene) -> bool:
+        """Not where observations hold everything, as cameras are not used then."""
+        return super().fits(scene) and scene.mechanic(systems.Cameras).mode != MODES[OMNISCIENT]
+
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All cones first, then all lines; nothing where observations hold everything, as cameras are not used then."""
-        if scene[Sight].mode[0] == OMNISCIENT:
-            return
+        """All cones first, then all lines."""
         alive = set(scene.living(Body, Side))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         if unknown := [i for i in wanted if i >= len(scene.rows(Side))]:
