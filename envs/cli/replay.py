@@ -17,7 +17,7 @@ from ..films import REPLAYED, Progress, write_film_of
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
 from ..rollout.event_file import event_file
-from ..rollout.table_file import checked_target
+from ..rollout.table_file import TYPED, checked_target
 from . import video_options
 from .options import OUTPUT, add_common, add_import, add_number, import_files, nonnegative, path, printable
 
@@ -94,7 +94,7 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 
         check_new(options.data)
     if options.events is not None:
-        checked_target(options.events, "events", (".csv", ".parquet"))
+        checked_target(options.events, "events", TYPED)
     if options.beside is not None and options.html is None:
         raise RecordingError("--beside is for pages: give --html PATH, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):

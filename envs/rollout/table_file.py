@@ -16,6 +16,7 @@ from ..storage.interrupts import interrupts_held
 Array = np.ndarray[Any, Any]
 Table = Mapping[str, Array]
 
+TYPED = (".csv", ".parquet")  # endings of tables whose columns have types
 ROWS = 100_000  # rows that are kept in memory, and written together
 
 
@@ -66,7 +67,7 @@ def table_file(
         UsageError: Another ending, a file that is there, no folder, a full disk, or no pyarrow for .parquet. If another
             process has made the file meanwhile, the rows are in one with a number in its name, which the error says.
     """
-    target = checked_target(path, what, (".csv",) if types is None else (".csv", ".parquet"))
+    target = checked_target(path, what, (".csv",) if types is None else TYPED)
     held = contextlib.ExitStack()
     try:
         with held, atomic_write(target, new=True) as place, place.open("wb") as file:

@@ -66,7 +66,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """A stack of contexts that are all left as a whole: meanwhile Ctrl-C waits, and a second one is dropped.
+    """A stack of contexts that are all left as a whole: Ctrl-C that comes then waits, and a second one is dropped.
 
     Yields:
         The stack, whose contexts are left at the end.

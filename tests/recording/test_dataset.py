@@ -15,7 +15,9 @@ from outlast.ecs import Entity
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.datasets import samples as dataset
+from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Samples, Selection, concatenate, read_samples
+from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
 from tests.conftest import COMPILED, draw_actions, scaled
 
@@ -272,6 +274,25 @@ def test_the_folder_of_minari_is_named_where_it_cannot_be(
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "file" / "root"))
     status, _, err = export(capsys, recorded[0], "minari:own-v0")
     assert (status, str(tmp_path / "file" / "root") in err, "no dataset was written" in err) == (2, True, True)
+
+
+@pytest.mark.parametrize("name", ["data", "data.parquet"])
+def test_what_another_process_exports_meanwhile_is_kept(
+    recorded: tuple[Path, list[Step]], tmp_path: Path, name: str
+) -> None:
+    out, replay = tmp_path / name, Replay(recorded[0])
+
+    def theirs(tick: int) -> None:
+        if tick == 3:
+            out.mkdir() if name == "data" else out.touch()
+
+    message = f"{name} exists, as another process has written it meanwhile; this is in .*data-2"
+    with pytest.raises(RecordingError, match=message):
+        export_dataset(str(out), replay, Selection([0], 0, 5, progress=theirs))
+    assert (list(out.iterdir()) if name == "data" else out.read_bytes()) in ([], b"")
+    kept = out.with_stem("data-2")
+    assert kept.is_dir() == (name == "data")
+    assert kept.stat().st_size > 0
 
 
 @pytest.mark.parametrize("name", ["data", "data.parquet"])
