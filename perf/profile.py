@@ -8,18 +8,18 @@ Each system takes all worlds before the next one starts; the tick takes a few wo
 
 from outlast.ecs import Worlds
 from perf.measure import LIMIT, micros, stepper, ticker
-from perf.rows import scenario
+from perf.rows import playable
 from perf.table import Table, options, positive
 
 
 def main() -> None:
     """Print microseconds a world-step and share of each system."""
     parser = options(__doc__)
-    parser.add_argument("scenario", help="a variant, FILE.py:NAME, or a row of perf.step such as '1v1_all_mid'")
+    parser.add_argument("scenario", type=playable, help="a variant, FILE.py:NAME, or a row of perf.step")
     parser.add_argument("--worlds", type=positive, default=1024)
     parser.add_argument("--steps", type=positive, default=500)
     given = parser.parse_args()
-    chosen = scenario(given.scenario)
+    chosen = given.scenario
     worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True, ordered=chosen.order)
     call = ticker(worlds)
     before = worlds.times.copy()

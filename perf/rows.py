@@ -1,10 +1,12 @@
 """The rows of the paper's two tables: what is played in each, here and in the original implementation."""
 
+import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from outlast import ALIASES, Scenario, variant
 from outlast.envs.scenarios.naming import resolve
+from outlast.errors import OutlastError
 from outlast.systems import Boxes, Cameras, Heals
 
 
@@ -68,3 +70,11 @@ def scenario(name: str) -> Scenario:
         if row.name == name:
             return row.scenario
     return resolve(name)
+
+
+def playable(name: str) -> Scenario:
+    """`scenario`, for command lines."""
+    try:
+        return scenario(name)
+    except OutlastError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

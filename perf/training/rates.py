@@ -16,13 +16,13 @@ from typing import Any
 
 import torch
 
-from outlast.envs.scenarios.naming import resolve
 from outlast.training import learner
 from outlast.training.config import TrainingConfig
 from outlast.training.presets import PRESETS
 from outlast.training.rollout import Rollout
 from outlast.training.trainer import Trainer
-from perf.table import Table, options
+from perf.rows import playable
+from perf.table import Table, options, positive
 
 ROUNDS, EPOCHS = 6, 2
 PARTS = (
@@ -72,19 +72,19 @@ class Stopwatch:
 def main() -> None:
     """Measure and print a table."""
     parser = options(__doc__)
-    parser.add_argument("--variants", nargs="+", default=["ffa_2", "teams_3"])
+    parser.add_argument("--variants", nargs="+", type=playable, default=[*map(playable, ("ffa_2", "teams_3"))])
     parser.add_argument("--preset", choices=PRESETS, default="original")
-    parser.add_argument("--worlds", type=int, default=0)
-    parser.add_argument("--rollout", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    parser.add_argument("--worlds", type=positive, default=0)
+    parser.add_argument("--rollout", type=positive, default=0)
+    parser.add_argument("--threads", type=positive, default=torch.get_num_threads())
     parser.add_argument("--device", default="cpu")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     table = Table("training", "variant", "part", "a second", *PARTS, "rest")
     clock = watched_functions(torch.device(given.device))
-    for name in given.variants:
+    for scenario in given.variants:
         config = TrainingConfig(
-            resolve(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
+            scenario, given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
             settings={"n_epochs": EPOCHS, "target_kl": 0.0},
         )  # fmt: skip
         trainer = Trainer(config, given.threads)
@@ -93,7 +93,7 @@ def main() -> None:
         for label, (seconds, shares) in parts(trainer, rollout, clock).items():
             rate = rollout.alive.size * (EPOCHS if label == "updating" else 1) / seconds
             known = [shares.get(each, 0.0) / seconds for each in PARTS]
-            table.add(name, label, f"{rate:,.0f}", *map(percent, known), percent(1 - sum(known)))
+            table.add(scenario.name, label, f"{rate:,.0f}", *map(percent, known), percent(1 - sum(known)))
     table.finish(given.save)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import compare, interfaces, step, vector_step
+from perf import compare, interfaces, profile, step, vector_step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -149,11 +149,15 @@ def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
 ) -> None:
     (tmp_path / "taken").touch()
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
-    mistakes = {"--worlds": ("0", "a whole number from 1 is needed"), "--save": ("taken", "give another name")}
-    for option, (value, message) in mistakes.items():
-        monkeypatch.setattr(sys, "argv", ["perf.vector_step", option, value])
+    mistakes = [
+        (vector_step, ("--worlds", "0"), "a whole number from 1 is needed"),
+        (vector_step, ("--save", "taken"), "give another name"),
+        (profile, ("ffa_9",), "argument scenario: there is no variant 'ffa_9'"),
+    ]
+    for script, given, message in mistakes:
+        monkeypatch.setattr(sys, "argv", [script.__name__, *given])
         with pytest.raises(SystemExit):
-            vector_step.main()
+            script.main()
         assert message in capsys.readouterr().err
 
 
