@@ -78,7 +78,7 @@ def noise() -> Table:
     """What two equal checkouts differ by."""
     table = Table("noise", "variant", "one", "the other", "ratio", "round by round")
     for variant in ("ffa_1", "teams_3"):
-        table.add(variant, *summary(compared(ROOT, ROOT, variant, 1024, specialize=True)))
+        table.add(variant, *summary(compared(ROOT, ROOT, variant, 1024, 1, specialize=True)))
     return table
 
 

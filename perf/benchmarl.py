@@ -54,7 +54,7 @@ def main() -> None:
     logging.disable(logging.WARNING)
     torch.set_num_threads(1)
     example = runpy.run_path(str(EXAMPLE))
-    batch, found = example["BATCH"], dict[str, list[tuple[float, float]]]()
+    batch, found = example["BATCH"], dict[str, list[tuple[float, ...]]]()
     for _ in range(ROUNDS):
         for name, own in tasks().items():
             with tempfile.TemporaryDirectory() as folder:

@@ -34,7 +34,7 @@ def batch(variant: str, worlds: int, **more: Any) -> Made:
 
 def agents(variant: str, worlds: int) -> Made:
     """Every agent a sub-environment."""
-    env = outlast.make_agents(variant, worlds, seed=0)
+    env: Any = outlast.make_agents(variant, worlds, seed=0)
     env.reset()
     draws = drawn(env.single_action_space.nvec, (env.num_envs, len(env.single_action_space.nvec)))
     return worlds, env.num_envs, lambda k: env.step(draws[k % DRAWS])
@@ -42,7 +42,7 @@ def agents(variant: str, worlds: int) -> Made:
 
 def learners(variant: str, worlds: int) -> Made:
     """gymnasium.make_vec: one learner a world, against random others."""
-    env = gymnasium.make_vec(name(variant), num_envs=worlds, others="random")
+    env: Any = gymnasium.make_vec(name(variant), num_envs=worlds, others="random")
     env.reset(seed=0)
     draws = drawn(env.single_action_space.nvec, (worlds, len(env.single_action_space.nvec)))
     return worlds, worlds, lambda k: env.step(draws[k % DRAWS])
@@ -50,7 +50,7 @@ def learners(variant: str, worlds: int) -> Made:
 
 def single(variant: str, worlds: int) -> Made:
     """gymnasium.make: one world, one learner."""
-    env = gymnasium.make(name(variant), others="random")
+    env: Any = gymnasium.make(name(variant), others="random")
     env.reset(seed=0)
     draws = drawn(env.action_space.nvec, env.action_space.shape)
 
@@ -89,7 +89,7 @@ def torchrl(variant: str, worlds: int) -> Made:
     """TorchRL's own environment, stepped by hand."""
     import torch
 
-    env = outlast.make_torchrl(variant, worlds, seed=0)
+    env: Any = outlast.make_torchrl(variant, worlds, seed=0)
     shape = (worlds, env.vector_env.num_agents)
     draws = [torch.as_tensor(each) for each in drawn(env.vector_env.single_action_space.nvec, shape)]
     state = [env.reset()]
@@ -107,7 +107,7 @@ def torchrl_collector(variant: str, worlds: int) -> Made:
     from tensordict.nn import TensorDictModule
     from torchrl.collectors import Collector
 
-    env = outlast.make_torchrl(variant, worlds, seed=0)
+    env: Any = outlast.make_torchrl(variant, worlds, seed=0)
     agents = env.vector_env.num_agents
     idle = torch.full((worlds, agents), int(env.vector_env.noop))
     policy = TensorDictModule(lambda state: idle, in_keys=["state"], out_keys=[("agents", "action")])
@@ -118,7 +118,7 @@ def torchrl_collector(variant: str, worlds: int) -> Made:
 
 def puffer(variant: str, worlds: int) -> Made:
     """PufferLib's native environment."""
-    env = outlast.make_puffer(variant, worlds)
+    env: Any = outlast.make_puffer(variant, worlds)
     env.reset(seed=0)
     draws = drawn(env.single_action_space.nvec, (env.num_agents, len(env.single_action_space.nvec)))
     return worlds, env.num_agents, lambda k: env.step(draws[k % DRAWS])

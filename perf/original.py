@@ -102,7 +102,7 @@ def serve(checkout: Path) -> None:
         print(json.dumps(answer), file=answers, flush=True)
 
     try:
-        from masurvival.envs.masurvival_env import MaSurvival
+        from masurvival.envs.masurvival_env import MaSurvival  # type: ignore[import-not-found]  # of the checkout
 
         send(about=versions())
         for line in sys.stdin:

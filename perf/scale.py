@@ -11,6 +11,7 @@ world-steps a second with 1, 2, ... threads at 4,096 worlds, in turn.
 
 import math
 import os
+from collections.abc import Callable
 
 import numpy as np
 from tqdm import tqdm
@@ -32,7 +33,7 @@ def main() -> None:
     parser.add_argument("what", choices=("worlds", "agents", "threads"))
     parser.add_argument("--scenarios", nargs="+", default=["ffa_1", "teams_3"])
     given = parser.parse_args()
-    tables = {
+    tables: dict[str, Callable[[], Table]] = {
         "worlds": lambda: by_worlds(given.scenarios),
         "agents": by_agents,
         "threads": lambda: by_threads("teams_3"),
@@ -44,7 +45,7 @@ def by_worlds(names: list[str]) -> Table:
     """Batches of every size, and the floor of perf.floor as far as its worlds fit into memory."""
     table = Table("worlds", "worlds", *(f"{name}{suffix}" for name in names for suffix in ("", " box2d")))
     for worlds in tqdm(WORLDS, unit="size"):
-        row = []
+        row: list[float | str] = []
         for name in names:
             row.append(micros(stepper(scenario(name), worlds), worlds))
             row.append(micros(plain_box2d(scenario(name), worlds), worlds) if worlds <= HEAVY else "")

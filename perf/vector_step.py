@@ -61,7 +61,10 @@ def measured(sizes: list[int], seconds: float) -> Table:
     for worlds in tqdm(sizes, unit="size"):
         for label, make in ENVIRONMENTS.items():
             env = make(worlds)
-            rounds = [(benchmark_vector_step(env, seconds, seed=0), drawn_ahead(env, seconds)) for _ in range(ROUNDS)]
+            rounds = [
+                (benchmark_vector_step(env, seconds, seed=0), drawn_ahead(env, seconds))  # type: ignore[arg-type]
+                for _ in range(ROUNDS)
+            ]  # any number of seconds will do, though it says int
             env.close()
             table.add(label, worlds, *(f"{max(rates):,.0f}" for rates in zip(*rounds, strict=True)))
     return table

@@ -16,7 +16,7 @@ from typing import Any
 
 import torch
 
-from outlast.training import learner
+from outlast.training import learner, minibatches
 from outlast.training.config import TrainingConfig
 from outlast.training.presets import PRESETS
 from outlast.training.rollout import Rollout
@@ -109,7 +109,7 @@ def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tup
 def watched_functions(device: torch.device) -> Stopwatch:
     """A clock on what all trainers share."""
     clock = Stopwatch(device)
-    clock.wrap("minibatches", learner.Samples, "select")
+    clock.wrap("minibatches", minibatches.Samples, "select")
     clock.wrap("loss", learner, "ppo_loss")
     clock.wrap("backward", torch.autograd, "grad")
     clock.wrap("clipping", torch.nn.utils, "clip_grad_norm_")
