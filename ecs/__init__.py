@@ -1,9 +1,9 @@
-"""The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
+"""The engine: components, systems, a schedule, and a runner for batches of worlds. It knows the rules of no game.
 
 Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module
-(functions on them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and
-abstract_values (what systems do, against what they declare), layout with archetype (the memory of a world),
-distributions, varied and given (numbers that differ from world to world, which draw draws), made_once (what numbers
+(the functions that work on tables, and their numbers), phase and schedule (their order), kernel_check with
+abstract_interpreter and abstract_values (check that systems do what they declare), layout with archetype (the memory
+of a world), distributions, varied, given and draw (numbers that differ from world to world), made_once (what numbers
 decide when worlds are made), roles and per_agent (numbers that differ from agent to agent), arguments (what kernels
 get), tick (the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with
 references (the compile cache), compile_errors, run_units (a tick in machine code), team (threads that share worlds),

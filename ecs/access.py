@@ -1,4 +1,4 @@
-"""Access declarations: the annotations of a system's parameters, which are all that it can reach.
+"""Access declarations: the annotations of a system's parameters. They name everything that the system can access.
 
 =============== =====================================================================================
 annotation      the kernel receives, for one world
@@ -56,11 +56,11 @@ class Rows(Generic[*Parts]):
 
 
 class Bitset(Rows[*Parts]):
-    """Bitset of the rows of all entities that have every one of the named components (an int32 array in the kernel)."""
+    """The rows of all entities that have every one of the named components, as a bitset (int32 array in the kernel)."""
 
 
 class RowIndex(Rows[*Parts]):
-    """By row, the index in Rows of the same components (an int32 array in the kernel)."""
+    """The inverse of Rows: by row, its index in Rows of the same components (an int32 array in the kernel)."""
 
 
 SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
@@ -68,7 +68,7 @@ SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_ind
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system; `kind` is a row of the table above in lower case, "number" or "numbers"."""
+    """One parameter of a system. `kind` is an annotation of the table above in lower case, "number" or "numbers"."""
 
     name: str
     kind: str

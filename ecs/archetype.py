@@ -21,11 +21,11 @@ class Archetype:
 
     Attributes:
         name: Unique among kinds.
-        parts: Its components, with their prefab values.
+        parts: The components of the kind, with their prefab values.
         count: How many entities this module adds.
-        alive: Whether they are in the world right after reset: as the module has it that gives the count.
-        order: Where its rows lie: kinds of smaller numbers come first. Kinds without a number follow all that have one.
-            Ties go by name. One number for all modules that declare the kind.
+        alive: Whether they are in the world right after a reset. All modules that add entities of the kind must agree.
+        order: Position of its rows: kinds are sorted by this number, those without one come last, and ties go by name.
+            All modules that set it for a kind must give the same number.
     """
 
     name: str

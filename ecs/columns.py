@@ -1,13 +1,13 @@
-"""Numba's type of the arrays that units hand to outlast's own kernels: indices are taken as they are.
+"""Numba's type of the arrays that units hand to outlast's own kernels: indices are used as they are.
 
-numba looks at every index whether it is negative, and counts from the end then. That is a comparison and a selection
-for each access, a tenth of the time of a tick. An index of a `Column` is at least 0. A negative one that is known when
-the kernel is compiled is an error then; others read and write elsewhere, which only the plain-Python form notices.
+Normally, numba checks whether an index is negative, and if so counts from the end. This costs a comparison and a
+selection per access, a tenth of the time of a tick. An index of a `Column` must be at least 0. A negative one that is
+known at compile time is an error then; any other accesses the wrong memory, which only the plain-Python form notices.
 
-Systems from outside of outlast get a `CheckedColumn`. Its indices are checked, also in kernels of outlast's that they
+Systems from outside outlast get a `CheckedColumn`. Its indices are checked, also in kernels of outlast's that they
 call, and those below 0 count from the end.
 
-To neither may a float be written where the column holds integers: numba would cut it off.
+A float cannot be written to an integer column of either type, as numba would truncate it.
 """
 
 import operator

@@ -1,6 +1,6 @@
 """Components: the nouns of a world, declared as columns and stored as structure-of-arrays numpy tables.
 
-A component is a class whose attributes are columns. Its base class determines its rows and its use:
+A component is a class whose attributes are columns. Its base class determines what rows it has and how it is used:
 
 ========== =========== ==========================================================================
 base       rows        meaning
@@ -14,8 +14,8 @@ Statistic  one/world   what is counted over an episode and reported at its end
 Event      one/world   a list of what happened in a tick (see ecs.event)
 ========== =========== ==========================================================================
 
-An instance, `Health(points=20)`, is a prefab, not a live object: the values of a new row. Every table has rows for all
-entities, zero where an archetype lacks the component, so that a row number means one entity in all tables.
+An instance, `Health(points=20)`, is a prefab, not a live object: it holds the values of a new row. Every table has a
+row for every entity (zero if its archetype lacks the component), so a row number means the same entity in all tables.
 """
 
 import re
@@ -51,9 +51,9 @@ Real: TypeAlias = Any
 class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
-    `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers of
-    its last dimension, which they add to `dims`: "own fields", for the key "own". `unit` is what it measures. `below`
-    is the dimension that it is an index of.
+    `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers
+    along its last dimension, which is added to `dims` for them ("own fields" for the key "own"). `unit` is what it
+    measures. `below` is the dimension that it is an index of.
     """
 
     dtype: np.dtype[Any]
@@ -67,11 +67,11 @@ class Column:
     below: str = ""
 
     def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
-        """Trailing shape in numbers."""
+        """Return the trailing shape as numbers."""
         return tuple(dims[dim] if isinstance(dim, str) else dim for dim in self.dims)
 
     def range(self, dims: Mapping[str, int]) -> tuple[int, int] | None:
-        """The lowest and the highest integer (or truth) in it; None of floats, and if its type can hold no others."""
+        """Return the lowest and highest integer (or bool) allowed; None for floats, or if its type has no others."""
         if self.dtype.kind not in "biu":
             return None
         whole = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
@@ -106,15 +106,15 @@ def column(
         dtype: Type of its elements, as numpy writes it: "f4", "i4", "u1".
         *dims: Trailing dimensions, as sizes or as names of dimensions of the scenario.
         fill: Value of a new row.
-        low: Inclusive lower bound, published in the spaces of environments. Integers below are refused, of states and
-            where a system from outside of outlast has written the column.
+        low: Inclusive lower bound, published in the spaces of environments. Lower integers are refused in states that
+            are set and in columns that a system from outside outlast has written.
         high: Inclusive upper bound, likewise.
         key: Name under which environments publish it (default: the attribute's name).
-        fields: Of an Observation: what its last dimension holds, which is as long as they are, those that other
-            mechanics add included. The key of another observation for rows that are copies of that one's.
-        unit: What it measures, as "m". "entity" (a row), "side" and "damage type" (a number) are -1 for none, and what
-            is not there is refused like integers below `low`.
-        below: The dimension that it is an index of, from 0 or `low`, as "boxes"; or a sum, as "slots + 1".
+        fields: For an Observation: what its last dimension holds. Its length is that of these fields and of those that
+            other mechanics add. If the rows are copies of another observation's, the key of that one.
+        unit: What it measures, such as "m". With "entity" (a row), "side" or "damage type" (a number), -1 means none,
+            and rows or numbers that do not exist are refused like integers below `low`.
+        below: The dimension that it is an index of, from 0 or `low`, such as "boxes"; or a sum, such as "slots + 1".
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit, below)
 
@@ -171,9 +171,9 @@ def table_type(cls: type["Component"]) -> Any:
 
 
 class Component:
-    """State of an entity: one row in every world for each row of the archetypes that have it.
+    """State of an entity: in every world, one row for each entity of the archetypes that have the component.
 
-    One without columns is a marker: Rows[Burning] are the entities of the archetypes that have it.
+    A component without columns is a marker: Rows[Burning] are the entities of the archetypes that have it.
     """
 
     columns: ClassVar[dict[str, Column]] = {}
@@ -272,7 +272,7 @@ class Singleton(Component):
 
 
 class Action(Singleton, packed=False):
-    """What the learner sets. Integer columns; `low` and `high` are the range of each."""
+    """What the learner sets: integer columns, with `low` and `high` as the range of each."""
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)
@@ -297,7 +297,7 @@ class Action(Singleton, packed=False):
 class Observation(Singleton, packed=False):
     """What the learner sees, in buffers that environments return; the column's key is the observation's key.
 
-    Columns are float32, as the spaces of observations say. What the numbers of a row are is declared by `fields`.
+    Columns are float32, like the spaces of observations. `fields` declares what the numbers of a row are.
     """
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
@@ -311,14 +311,15 @@ class Observation(Singleton, packed=False):
 
 
 class Signal(Singleton, packed=False):
-    """What the learner gets beside the observation: reward, terminated, truncated.
+    """What the learner gets besides the observation: reward, terminated, truncated.
 
-    One that only systems of a user's write is 0 in every tick ahead of the first of them, so that they may add to it.
+    A signal that only a user's systems write is set to 0 in every tick before the first of them runs, so that they may
+    add to it.
     """
 
 
 class Statistic(Singleton):
-    """What is counted over one episode; zero at reset, reported when the episode ends."""
+    """What is counted over one episode: zero at reset, reported when the episode ends."""
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)
@@ -339,14 +340,14 @@ class Statistic(Singleton):
 
 
 class Entity(Component):
-    """The engine's own component of every row. Written by systems that spawn or despawn."""
+    """The engine's own component, which every row has. Systems that spawn or despawn entities write it."""
 
     alive: Array = column("u1", high=1)  # 1 while the entity is in the world
     identity: Array = column("i8", low=-1)  # stable number of (archetype, index), to index random draws by; -1: absent
 
 
 class Clock(Singleton):
-    """The engine's own component of every world: the key of its random numbers."""
+    """The engine's own component, which every world has: the key of its random numbers."""
 
     seed: Array = column("u8")
     world: Array = column("u8")

@@ -1,4 +1,4 @@
-"""What the numbers of a mechanic can be drawn from, anew in every episode of every world."""
+"""Distributions from which the numbers of a mechanic can be drawn, anew in every episode of every world."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,8 @@ class Distribution:
 
     Attributes:
         kind: UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE or FREE.
-        values: The lowest and the highest value; of a choice, all values; of a free number, what it is unless given.
+        values: The lowest and the highest value; for a choice, all values; for a free number, its value unless another
+            one is set.
     """
 
     kind: int
@@ -50,7 +51,7 @@ class Distribution:
             raise NumberError(f"{name} = {value!r:.60}: it varies as {self!r:.80}; {what}")
 
     def sample(self, rng: np.random.Generator) -> Any:
-        """A draw by numpy's generator, for levels that are made outside of worlds."""
+        """Draw a value with numpy's generator, for levels that are made outside of worlds."""
         if self.kind in (CHOICE, FREE):
             return self.values[int(rng.integers(len(self.values)))]
         low, high = self.values
@@ -61,14 +62,14 @@ class Distribution:
         return float(rng.uniform(low, high))
 
     def extremes(self) -> tuple[Any, ...]:
-        """The lowest and the highest value; of a choice among other things than numbers, all; of a free one, one."""
+        """Return the lowest and the highest value; all values of a choice that is not among numbers; a free value."""
         plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)
         return (min(self.values), max(self.values)) if plain else self.values
 
     def probes(self) -> tuple[Any, ...]:
-        """Values that stand for all: the ends and two between them; of a choice, all; of a free number, one.
+        """Return values to test with: the ends and two between them; all values of a choice; a free number's value.
 
-        One of the two is crooked, so that it is not what rounding leaves as it is.
+        One of the two is an odd value, so that rounding would change it.
         """
         if self.kind in (CHOICE, FREE):
             return self.values
@@ -79,27 +80,27 @@ class Distribution:
 
 
 def uniform(low: float, high: float) -> Distribution:
-    """Every value from `low` to `high` is equally likely. For numbers that are floats.
+    """Draw every value from `low` to `high` with equal probability. For numbers that are floats.
 
     Args:
         low: The lowest value, in the number's unit.
         high: The highest value.
 
     Raises:
-        NumberError: They are not finite numbers, or `low` is not below `high`.
+        NumberError: The values are not finite numbers, or `low` is not below `high`.
     """
     return Distribution(UNIFORM, _ends("uniform", low, high))
 
 
 def log_uniform(low: float, high: float) -> Distribution:
-    """The logarithm is uniform: as many values between 1 and 10 as between 10 and 100. For numbers that are floats.
+    """Draw uniformly on a log scale: 1 to 10 is as likely as 10 to 100. For numbers that are floats.
 
     Args:
         low: The lowest value, in the number's unit, above 0.
         high: The highest value.
 
     Raises:
-        NumberError: They are not finite numbers, `low` is not below `high`, or not above 0.
+        NumberError: The values are not finite numbers, or `low` is not below `high` or not above 0.
     """
     ends = _ends("log_uniform", low, high)
     if ends[0] <= 0:
@@ -108,14 +109,14 @@ def log_uniform(low: float, high: float) -> Distribution:
 
 
 def integers(low: int, high: int) -> Distribution:
-    """Every integer from `low` to `high`, both included, is equally likely. For numbers that are integers.
+    """Draw every integer from `low` to `high`, both included, with equal probability. For numbers that are integers.
 
     Args:
         low: The lowest value, in the number's unit.
         high: The highest value.
 
     Raises:
-        NumberError: They are not integers, or `low` is not below `high`.
+        NumberError: The values are not integers, or `low` is not below `high`.
     """
     if not (is_whole(low) and is_whole(high)):
         raise NumberError(f"integers({low!r}, {high!r}): two integers are needed")
@@ -124,13 +125,13 @@ def integers(low: int, high: int) -> Distribution:
 
 
 def choice(*values: Any) -> Distribution:
-    """Each of the values is equally likely; name one twice to make it twice as likely. For numbers of any type.
+    """Draw each of the values with equal probability; one listed twice is twice as likely. For numbers of any type.
 
     Args:
         *values: Values that the number can have, at least two.
 
     Raises:
-        NumberError: There are too few or too many of them.
+        NumberError: There are too few or too many values.
     """
     if not 2 <= len(values) <= MOST:
         raise NumberError(
@@ -140,16 +141,16 @@ def choice(*values: Any) -> Distribution:
 
 
 def free(value: Any) -> Distribution:
-    """Nothing is drawn: the number is `value` where nobody gives it another, of the same length.
+    """Draw nothing: the number is `value` unless a world is given another value of the same length.
 
-    For tuples that declare that they can be so, as the floor plan of Walls does: env.set_numbers and levels then give
-    worlds any that the mechanic takes, and not only those of a list.
+    For tuples that are declared as free, such as the floor plan of Walls: with env.set_numbers and levels, worlds can
+    have any value that the mechanic accepts, rather than one from a fixed list.
 
     Args:
         value: A tuple of finite numbers.
 
     Raises:
-        NumberError: It is something else.
+        NumberError: `value` is something else.
     """
     if isinstance(value, str) or not np.ndim(value) or not all(map(_is_real, value)):
         raise NumberError(f"free({value!r:.60}): a tuple of finite numbers is needed")

@@ -1,4 +1,4 @@
-"""The draws of numbers that differ from world to world, and what is absent where a count is below the highest."""
+"""Draws of numbers that differ from world to world, and the entities that are absent if a count is not the highest."""
 
 import math
 from dataclasses import dataclass
@@ -165,7 +165,7 @@ def draw(
 
 @kernel
 def exists(entities: Any, e: int) -> bool:
-    """Whether row `e` is an entity of this episode, alive or not: False for one that a varied count leaves out."""
+    """Whether row `e` is an entity of this episode, alive or not. False if a varied count leaves it out."""
     return bool(entities.identity[e] != ABSENT)
 
 

@@ -10,21 +10,21 @@ from .whole import is_whole
 
 
 class EntityView:
-    """One entity with all its components, as the tables have it now.
+    """One entity with all its components, showing what the tables hold now.
 
     `view.Health.points` and `view[Health].points` are values; a column with more dimensions is an array that shares
     the table's memory. `print(view)` shows everything.
 
     Args:
         worlds: A Worlds.
-        row: Its row, the same in every table.
-        world: Which of the worlds.
+        row: The entity's row, the same in every table.
+        world: The number of the world.
 
     Attributes:
-        row: Its row.
-        world: Its world.
+        row: The entity's row.
+        world: The number of its world.
         archetype: The name of its kind.
-        index: Its number in its kind, from 0.
+        index: Its number among the entities of its kind, from 0.
 
     Raises:
         DeclarationError: There is no such row or world.

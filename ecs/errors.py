@@ -1,4 +1,4 @@
-"""Errors of the engine: each message names the thing, what was expected and the cure."""
+"""Errors of the engine. Each message says what is wrong, what was expected and how to correct it."""
 
 import difflib
 from collections.abc import Iterable
@@ -7,15 +7,15 @@ from collections.abc import Iterable
 def did_you_mean(
     name: object, known: Iterable[object], *, before: str = "", after: str = "", count: int = 2, cutoff: float = 0.6
 ) -> str:
-    """What a misspelt name may have been meant to be: the part of a message that asks.
+    """Return the part of an error message that asks whether a misspelt name was meant to be another one.
 
     Args:
-        name: What was given.
-        known: What there is.
-        before: What stands before the question, as "; ", if there is one.
-        after: What stands behind it, as " ".
-        count: How many names are offered at most, the closest first.
-        cutoff: How alike the two are at least, from 0 to 1, see `difflib.get_close_matches`.
+        name: The name that was given.
+        known: The names that exist.
+        before: What comes before the question, if there is one, such as "; ".
+        after: What comes after it, such as " ".
+        count: How many names are suggested at most, the closest first.
+        cutoff: The least similarity of the names, from 0 to 1; see `difflib.get_close_matches`.
 
     Returns:
         The question, or "" if nothing is close.
@@ -25,11 +25,11 @@ def did_you_mean(
 
 
 class OutlastError(Exception):
-    """Base of all errors that outlast raises; see outlast.errors."""
+    """The base of all errors that outlast raises; see outlast.errors."""
 
 
 class EngineError(OutlastError, ValueError):
-    """Base of everything the engine refuses."""
+    """The base of all errors by which the engine refuses something."""
 
 
 class DeclarationError(EngineError):
@@ -37,20 +37,20 @@ class DeclarationError(EngineError):
 
 
 class CapacityError(EngineError):
-    """More happened in a tick than the list of an event has room for."""
+    """More events happened in a tick than their list has room for."""
 
 
 class AbsentError(EngineError):
-    """A system made an entity alive that the episode leaves out, as its number varies from world to world."""
+    """A system made an entity alive that is not in this episode, as the number of entities varies between worlds."""
 
 
 class RangeError(EngineError):
-    """A system wrote an integer that its column cannot hold, as a row that there is not."""
+    """A system wrote an integer that its column does not allow, such as a row that does not exist."""
 
 
 class ScheduleError(EngineError):
-    """The order of systems is ambiguous, contradictory, or names something unknown."""
+    """The order of systems is ambiguous or contradictory, or names something unknown."""
 
 
 class NumberError(EngineError):
-    """A module's number is outside of what is possible."""
+    """A number of a module is unknown, or has a value that is not possible."""

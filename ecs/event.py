@@ -7,8 +7,8 @@
     k = emit(hits)  # in a system with the parameter hits: Write[Hit]
     hits.agent[k], hits.amount[k] = me, damage
 
-The engine empties all lists of a world at the start of its next tick, STEP or RESET, before any system runs. So systems
-that run later in the tick, and everybody between two ticks, find the events of that tick, in the order of systems.
+The engine empties all lists of a world at the start of its next tick, STEP or RESET, before any system runs. So later
+systems of the tick, and any code that runs between two ticks, find the events of that tick, in the order of systems.
 """
 
 from collections.abc import Iterable
@@ -32,17 +32,19 @@ Array = np.ndarray[Any, Any]
 class Event(Singleton, packed=False):
     """A list of at most `capacity` entries for each world and tick. Columns are declared with the shape of one entry.
 
-    In a world, a column has shape (capacity, ...), and `count`, int32 (1,), says how many entries there are; what lies
-    behind them has no meaning. Unit "entity": a row, "side": a side, "damage type": its number; -1: none.
+    In a world, a column has shape (capacity, ...), and `count`, int32 (1,), says how many entries there are; anything
+    after them has no meaning. A column of unit "entity" holds a row, of "side" a side, of "damage type" its number; -1
+    is none.
 
     Attributes:
         name: The class's name in snake case, unique in a scenario.
         capacity: A size, the name of a dimension, or a component: one entry for each entity that has it.
-        who: The column with the entity that did it, in tables of all events: `agent`, unless the class says otherwise.
-        whom: The column with the entity to which it was done: `target`, likewise.
+        who: The column that tables of all events show as the entity that acted: `agent`, unless the class names
+            another.
+        whom: The column that they show as the entity acted upon: `target`, likewise.
 
     Raises:
-        DeclarationError: It has no columns, no capacity, or names that cannot be.
+        DeclarationError: The class has no columns or no capacity, or a name that is not allowed.
     """
 
     count: Any  # the column that the engine adds
@@ -95,10 +97,10 @@ class Event(Singleton, packed=False):
 
 @kernel
 def emit(events: Any) -> int:
-    """Reserve the next entry of an event's list, and return its index.
+    """Reserve the next entry of an event's list, with 0 in all columns, and return its index.
 
     Args:
-        events: The table, a parameter annotated Write[...]. Its columns are 0 at that index.
+        events: The event's table: a parameter annotated Write[...].
 
     Raises:
         CapacityError: The list is full.

@@ -1,9 +1,9 @@
-"""Fields: the named numbers of each row of an observation, as its column declares them and other mechanics add to them.
+"""Fields: the named numbers in each row of an observation, declared by its column or added by other mechanics.
 
     own: Array = column("f4", "agents", fields=(Field("id", order=-1), Field("x", "m", scale=half_room)))
 
-The row is as long as all fields of its key together. A mechanic adds some with Module.fields; kernels get a field's
-position by an Offset parameter (ecs.access), everybody else from Layout.fields.
+The row is as long as all fields of its key together. A mechanic adds fields with Module.fields; kernels get a field's
+position from an Offset parameter (ecs.access), all other code from Layout.fields.
 """
 
 import math
@@ -21,23 +21,23 @@ Fields = Mapping[str, Mapping[str, "Field"]]  # by key of the observation and by
 
 @dataclass(frozen=True)
 class Field:
-    """A named number in each row of an observation, or `size` of them that belong together, such as vertices.
+    """A named number in each row of an observation, or `size` numbers that belong together, such as vertices.
 
     Attributes:
         name: Unique among the fields of a key.
-        unit: As in "m", "rad", "hit points"; "" for numbers without one, such as ids.
-        scale: What to divide by to get about -1 to 1: a float; in a declaration also a function of the Layout, which
-            puts its result here.
-        low: Inclusive lower bound; what mechanics return in `bounds` narrows it.
+        unit: Such as "m", "rad" or "hit points"; "" for numbers without a unit, such as ids.
+        scale: What to divide by to get about -1 to 1: a float; a declaration may also give a function of the Layout,
+            which then replaces it by its result.
+        low: Inclusive lower bound; the `bounds` of mechanics may narrow it.
         high: Inclusive upper bound, likewise.
-        size: How many columns it has: an int; in a declaration also the name of a dimension, whose size the layout puts
-            here.
-        order: Fields of a key lie in this order. Of equal ones, those that the column declares come first, one behind
-            the other, then those of other mechanics in order of the mechanics' names.
+        size: Number of columns: an int; a declaration may also give the name of a dimension, which the layout replaces
+            by its size.
+        order: Fields of a key are sorted by this number. Among equal ones, those that the column declares come first,
+            as declared, then those of other mechanics in the order of the mechanics' names.
         start: Its first column, which the layout sets.
 
     Raises:
-        DeclarationError: A name, size or range that cannot be.
+        DeclarationError: The name, size, order or range is not valid.
     """
 
     name: str
@@ -79,14 +79,14 @@ def width(fields: Mapping[str, Field]) -> int:
 
 
 def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
-    """Where some fields are in the last axis of rows.
+    """Return where some fields are in the last axis of an observation.
 
     >>> place = observations["own"][..., columns_of(env.fields["own"], "x", "y")]
 
     Args:
-        fields: Those of the rows' key.
-        *names: One field of size 1 gives an integer; several give their columns in this order, as a slice where they
-            lie one behind the other (then the result is a view).
+        fields: The fields of the observation's key.
+        *names: One field of size 1 gives an integer. Several give their columns in this order: as a slice if they are
+            adjacent (the indexed result is then a view).
 
     Raises:
         KeyError: There is no such field.

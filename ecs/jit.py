@@ -71,15 +71,15 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
 
 
 def kernel(function: Function, *, inline: bool = True) -> Function:
-    """Compile `function` for the tick: arrays and scalars in, columns written in place.
+    """Compile `function` for the tick: it takes arrays and scalars, and writes columns in place.
 
     Args:
-        function: A Python function in the subset that numba compiles.
-        inline: Compile it into every kernel that calls it. A call that is not inlined takes some fifty instructions for
-            each table among its arguments; inlined, only the columns that are used cost anything.
+        function: A Python function in the subset of Python that numba compiles.
+        inline: Whether to compile it into every kernel that calls it. A call that is not inlined takes some fifty
+            instructions for each table among its arguments; inlined, only the columns that are used cost anything.
 
     Returns:
-        The function; under NUMBA_DISABLE_JIT as it is.
+        The compiled function; under NUMBA_DISABLE_JIT the function itself.
     """
     options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(**options)(function)

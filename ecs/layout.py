@@ -1,7 +1,7 @@
 """The memory layout of a world: archetypes are ranges of rows, components are columns at offsets in its state.
 
-All packed columns of one world are contiguous, so a tick reads one stretch of memory, and to save, copy or reset a
-world is to copy bytes. Columns that environments return (actions, observations, signals) have buffers of their own.
+All packed columns of one world are contiguous, so a tick reads a single stretch of memory, and a world is saved, copied
+or reset by copying bytes. Columns that environments return (actions, observations, signals) have their own buffers.
 """
 
 import functools
@@ -31,27 +31,27 @@ from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, h
 
 
 class Layout:
-    """The memory layout of a scenario's worlds, whatever their number.
+    """The memory layout of a scenario's worlds, for any number of worlds.
 
     Attributes:
         modules: Instances of ecs.module.Module, in order of their names.
-        archetypes: Archetype by name, in the order of rows.
-        spans: Range of rows by name of the archetype.
-        dims: Size by name of the dimension.
+        archetypes: Archetypes by name, in the order of rows.
+        spans: Ranges of rows by name of the archetype.
+        dims: Sizes by name of the dimension.
         damage_types: The damage types of the modules, in alphabetical order.
-        fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
+        fields: Fields by key of the observation and by name, in order of their columns; only keys that declare fields.
         events: The events, in the order of `event_type`, the memory that they take in a world.
-        varied: Numbers of which each world has its own, by name.
+        varied: The numbers that differ from world to world, by name.
         roles: The roles of agents, if there are any.
-        per_agent: Numbers of which each agent has its own, by name.
+        per_agent: The numbers that differ from agent to agent, by name.
 
     Args:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
-        observed: Those of them that are shown to agents, in varied.NumbersView.
+        observed: The drawn numbers that agents observe, in varied.NumbersView.
         roles: Which agents have numbers of their own.
-        checks: Whether modules say what is impossible together.
-        varied: In place of `distributions`, what a layout of the same mechanics has made of them.
+        checks: Whether modules check what is impossible together.
+        varied: Instead of `distributions`, what a layout of the same mechanics has made of them.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Layout:
         return "\n".join(lines)
 
     def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
-        """int32 rows of all entities whose archetype has every one of `components`."""
+        """Return the rows, int32, of all entities whose archetype has every one of `components`."""
         rows = [
             row
             for name, archetype in self.archetypes.items()
@@ -130,14 +130,14 @@ class Layout:
         return np.array(rows, np.int32)
 
     def bitset(self, *components: type[Component]) -> np.ndarray[Any, Any]:
-        """int32 (blocks,): bit j of block b is set if row 16 b + j is one of `rows(*components)`."""
+        """Return int32 (blocks,): bit j of block b is set if row 16 b + j is one of `rows(*components)`."""
         bits = np.zeros(self.dims["blocks"], np.int32)
         rows = self.rows(*components)
         np.bitwise_or.at(bits, rows // SIMD_WIDTH, 1 << rows % SIMD_WIDTH)
         return bits
 
     def row_index(self, *components: type[Component]) -> np.ndarray[Any, Any]:
-        """int32 (rows,): each row's index in `rows(*components)`, -1 for the others."""
+        """Return int32 (rows,): each row's index in `rows(*components)`, or -1 if it is not one of them."""
         index = np.full(self.dims["rows"], -1, np.int32)
         rows = self.rows(*components)
         index[rows] = np.arange(len(rows))
@@ -165,25 +165,25 @@ class Layout:
         return bool(self.varied) or drawn
 
     def groups(self, agents: int | None = None) -> tuple[int, ...]:
-        """Sizes of the groups into which a module splits so many agents (None: all) by id, as teams; of none, ()."""
+        """Return the sizes of the groups, such as teams, that a module splits agents (None: all) into; () if none."""
         return _groups(self.modules, self.dims.get("agents", 0) if agents is None else agents)
 
     def groupings(self, agents: int) -> set[tuple[int, ...]]:
-        """All that `groups` can be in worlds of so many agents."""
+        """Return everything that `groups` can be in worlds of so many agents."""
         others = [replaced(self.modules, {n: value}) for n in self.varied.values() for value in n.distribution.probes()]
         return {_groups(modules, agents) for modules in (self.modules, *others)}
 
     def agent_counts(self) -> range:
-        """How many agents worlds can have."""
+        """The numbers of agents that a world can have."""
         most = self.dims.get("agents", 0)
         fewest = [n.distribution.extremes()[0] for n in self.varied.values() if "agents" in n.dims]
         return range(min([most, *fewest]), most + 1)
 
     @functools.cached_property
     def side_names(self) -> tuple[str, ...]:
-        """What the sides are called, by number: "agent 0" without teams; a team has the name of a role that is its own.
+        """The names of the sides, by number: "agent 0" without teams. A team is called after a role of its own.
 
-        That is so if all its members have the role, and nobody else has it, in all worlds.
+        A role is a team's own if in all worlds all members have it, and nobody else has.
         """
         teams = len(self.groups())
         plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or self.dims.get("sides", 0)))
@@ -201,7 +201,7 @@ class Layout:
 
     @functools.cached_property
     def systems(self) -> tuple[System, ...]:
-        """The systems of the modules, those included that a module has with some values only that differ here."""
+        """The systems of the modules, with those that a module has only for some of the values that differ here."""
         found = [system for module in self.modules for system in module.systems()]
         known = {system.label for system in found}
         for module in differing_modules(self):
@@ -213,20 +213,20 @@ class Layout:
     def with_modules(
         self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True, others: bool = False
     ) -> "Layout":
-        """The layout of the same worlds with other numbers.
+        """Return the layout of the same worlds with other numbers.
 
         Args:
             modules: The same mechanics, in the same order.
-            roles: In place of those that there are.
-            checks: Whether modules say what is impossible together.
-            others: Whether numbers are others with which those that vary must be looked at again.
+            roles: Roles that replace the present ones.
+            checks: Whether modules check what is impossible together.
+            others: Whether numbers have changed in such a way that those that vary must be examined again.
         """
         distributions = {name: number.distribution for name, number in self.varied.items()} if others else None
         observed, varied = [*self.fields.get("numbers", ())], None if others else self.varied
         return type(self)(modules, distributions, observed, roles or self.roles, checks, varied)
 
     def numbers(self, module: str) -> dict[str, Any]:
-        """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""
+        """Return the numbers of the module of that name, or of a subclass of it, by name; {} if there is none."""
         found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
         return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
 
@@ -347,7 +347,7 @@ class Layout:
         return place_columns(self.components, self.dims)
 
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
-        """Table of a packed component over `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
+        """Return the table of a packed component in `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
         return component.Table(*(place.view(block) for place in self._places_of.get(component, ())))
 
     @functools.cached_property

@@ -8,10 +8,10 @@
     def sicken(health: Write[Health], agents: Rows[Health, Venom], dose: int):
         ...
 
-A scenario is a list of modules; a mechanic that is not in it is off. A mechanic's name is its class's in snake case
-("poison"), or the class attribute `name`; its numbers are "poison_dose" and its systems "poison.sicken". A system's
-random numbers are those of the stream "poison.sicken": a subclass draws what its base draws, and the class attribute
-`stream` keeps the draws of a mechanic that gets another name.
+A scenario is a list of modules; a mechanic that is not in the list is off. A mechanic's name is the name of its class
+in snake case ("poison"), or the class attribute `name`; its numbers are called "poison_dose" and its systems
+"poison.sicken". The latter is also the stream of a system's random numbers. A subclass draws the same numbers as its
+base; with the class attribute `stream`, a mechanic keeps its draws under another name.
 """
 
 import contextlib
@@ -45,18 +45,18 @@ Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high), or of a
 class Module:
     """Base of all mechanics.
 
-    A subclass of a mechanic has its numbers and systems, under its own name, and takes its place in a scenario.
+    A subclass of a mechanic inherits its numbers and systems, under its own name, and replaces it in a scenario.
 
     Attributes:
         name: Unique in a scenario. By default the class's name in snake case.
         stream: Prefix of its random streams. By default the stream of the mechanic that it extends, or its name.
-        damage_type: Name of the damage that it does, if it does any; deaths are counted by it.
-        draws_level: Whether episodes differ by what it draws at resets so much that each is a level, as with a maze;
-            keys of random numbers can be given to worlds then (see Worlds.give_keys).
+        damage_type: Name of the damage that it does, if it does any; deaths are counted by damage type.
+        draws_level: Whether what it draws at resets makes every episode a level of its own, as a maze does. Worlds can
+            then be given keys of random numbers (see Worlds.give_keys).
         registered: The systems of this class, without those of its bases.
 
     Raises:
-        NumberError: A number is outside of its range.
+        NumberError: A number is outside its range.
         DeclarationError: A number is declared in a way that cannot work.
     """
 
@@ -135,9 +135,10 @@ class Module:
 
     @classmethod
     def slot(cls) -> type:
-        """Modules of one slot exclude each other. By default: a class and its subclasses.
+        """Return the slot that the module takes: a scenario has one module per slot.
 
-        Mechanics that do not know each other return one class that both know, such as a component.
+        By default, a class and its subclasses share a slot. Mechanics that exclude each other without knowing each
+        other return the same class that both know, such as a component.
         """
         base = cls._base()
         return base.slot() if base else cls
@@ -166,25 +167,24 @@ class Module:
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
 
-        A function that is defined again, as where a notebook's cell is run twice, replaces what it was before.
+        Defining a function again, for example by running a notebook's cell twice, replaces the earlier one.
 
         Args:
             phase: The phase of the tick that the system runs in.
-            after: What it runs after, within the phase: labels of systems ("zone.shrink"), names of mechanics
-                ("zone"), which stand for all systems of that mechanic, or of the one in its slot, or components, which
-                stand for the other systems that write or add to them. Labels and names win over components.
-            before: What it runs before, likewise; a component stands for the other systems that read, write or add to
+            after: What it runs after, within the phase: labels of systems ("zone.shrink"); names of mechanics
+                ("zone"), which stand for all systems of that mechanic, or of the one in its slot; or components, which
+                stand for all other systems that write or add to them. Labels and names win over components.
+            before: What it runs before, likewise; a component stands for all other systems that read, write or add to
                 it.
-            needs: Components of mechanics that a scenario may lack: where one is missing, the system is not scheduled.
-            compiled: False for a system that stays Python, which splits the tick there.
+            needs: Components that a scenario may lack: if one of them is missing, the system is not scheduled.
+            compiled: False for a system that remains Python, which splits the tick in two at that point.
 
         Returns:
             A decorator that returns the function as a kernel.
 
         Raises:
-            DeclarationError: The module is outlast's own, and the function is not; `phase` is not a phase, `after`,
-                `before` or `needs` is something else than said above; or a parameter has an annotation that is not in
-                ecs.access.
+            DeclarationError: The module is outlast's own, but the function is not; `phase` is not a phase; `after`,
+                `before` or `needs` is none of the above; or a parameter has an annotation that is not in ecs.access.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
@@ -227,7 +227,7 @@ class Module:
         return register
 
     def systems(self) -> Iterable[System]:
-        """The systems to schedule, with the inherited ones; a module may choose among them by its numbers.
+        """Return the systems to schedule, inherited ones included; a module may choose among them by its numbers.
 
         A system of a subclass replaces an inherited one of the same name.
         """
@@ -235,7 +235,7 @@ class Module:
 
     @classmethod
     def all_systems(cls) -> list[System]:
-        """Its systems and those that it inherits, whatever its numbers are."""
+        """Return its systems and those that it inherits, whatever its numbers are."""
         found: list[System] = []
         for base in reversed(cls.__mro__):
             if issubclass(base, Module):
@@ -249,20 +249,20 @@ class Module:
 
     @classmethod
     def imported_systems(cls) -> list[System]:
-        """The systems of all mechanics that are imported, in a scenario or not."""
+        """Return the systems of all imported mechanics, whether in a scenario or not."""
         return [system for kind in cls.imported() for system in kind.all_systems()]
 
     @classmethod
     def imported(cls) -> list[type["Module"]]:
-        """This class and all classes that extend it, in the order in which they were defined."""
+        """Return this class and all classes that extend it, in the order in which they were defined."""
         return [cls, *(kind for subclass in cls.__subclasses__() for kind in subclass.imported())]
 
     @staticmethod
     def providers(provides: Callable[["Module"], bool]) -> str:
-        """The imported mechanics that, with their default numbers, provide something; for errors that name the cure.
+        """Name the imported mechanics that provide something with their default numbers; for hints in error messages.
 
         Args:
-            provides: Whether an instance does.
+            provides: Whether an instance provides it.
 
         Returns:
             Their classes' names, see `named`.
@@ -271,7 +271,7 @@ class Module:
 
     @staticmethod
     def providing(provides: Callable[["Module"], bool]) -> list[type["Module"]]:
-        """The same as classes."""
+        """Return the same mechanics as `providers`, as classes."""
         found = list[type[Module]]()
         for kind in Module.imported():
             with contextlib.suppress(Exception):  # a user's class that cannot be made, or not without numbers
@@ -281,81 +281,81 @@ class Module:
 
     @staticmethod
     def named(found: Sequence[type["Module"]]) -> str:
-        """The names of classes, without subclasses of each other: "FreeForAll or Teams"; empty if there is none."""
+        """Join the names of classes, without subclasses of others: "FreeForAll or Teams"; "" if there is none."""
         return " or ".join(sorted({kind.__name__ for kind in found if not {*kind.__mro__[1:]} & {*found}}))
 
     def archetypes(self) -> Iterable[Archetype]:
-        """The entities this module brings or extends."""
+        """Return the kinds of entities that this module adds or extends."""
         return ()
 
     def singletons(self) -> Iterable[Singleton]:
-        """The per-world components this module brings."""
+        """Return the per-world components that this module adds."""
         return ()
 
     def dims(self) -> dict[str, int | str]:
-        """Sizes of named dimensions, which add up over modules. A name: the size of that one; "a + b": the sum."""
+        """Return sizes by dimension, which add up over modules: an int, another dimension's name or a sum, "a + b"."""
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        """Memory for the Scratch parameter `name`, made for each thread: an array (for a Python system, any object).
+        """Make memory for the Scratch parameter `name`, once per thread: an array (any object for a Python system).
 
-        Numbers that decide on its shape cannot vary. What it holds at first must not depend on numbers.
+        Numbers that determine its shape cannot vary. Its initial content must not depend on numbers.
         dims: sizes by name of the dimension.
         """
         raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
     def check(self, layout: Layout) -> None:
-        """Raise NumberError for numbers that are impossible together with what the other modules bring.
+        """Raise NumberError for numbers that are impossible together with the other modules.
 
         Args:
-            layout: What all modules of the scenario bring.
+            layout: The layout that all modules of the scenario make up.
         """
 
     def bounds(self, layout: Layout) -> Mapping[str, Bounds]:
-        """Bounds of observations that follow from the scenario's numbers; the spaces of all environments have them.
+        """Return the bounds of observations that follow from the scenario's numbers, for the environments' spaces.
 
         Args:
-            layout: what all modules of the scenario bring.
+            layout: The layout that all modules of the scenario make up.
 
         Returns:
-            By key of an observation, {field: (lowest, highest)}, in the field's own unit: numbers, or arrays with one
-            for each of the field's columns. Of a key without fields, (lowest, highest): numbers, or arrays that
+            By key of the observation, {field: (lowest, highest)} in the field's own unit: numbers, or arrays with an
+            entry for each of the field's columns. For a key without fields, (lowest, highest): numbers, or arrays that
             broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include 0, the
             value of rows that are not in the world.
 
-        The bounds of a field are the widest range that any module returns. So a mechanic that breaks another one's
-        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored. What is
-        said of a key holds for those whose rows are copies, too: of "own" for "others".
+        The bounds of a field are the widest range that any module returns, so a mechanic that breaks another one's
+        bounds (by moving agents out of the room, say) returns its own. Keys that the scenario lacks are ignored. Bounds
+        of a key also hold for keys whose rows are copies of it: those of "own" for "others".
         """
         return {}
 
     def fields(self) -> Mapping[str, tuple[Field, ...]]:
-        """Fields that this module adds to the rows of observations, by key; a system of its own writes them.
+        """Return fields to add to the rows of observations, by key; a system of this module writes them.
 
-        Rows of "own" get {"own": (Field("stamina", "ticks", scale=100),)}, and with them "others", which are copies.
-        Fields for a key that is not in the scenario, as its mechanic is left out, are left out, too.
+        {"own": (Field("stamina", "ticks", scale=100),)} adds one to rows of "own", and so to their copies in "others".
+        Fields for a key that the scenario lacks, because its mechanic is left out, are left out, too.
         """
         return {}
 
     def idle_actions(self, worlds: Any) -> Mapping[str, Any]:
-        """Whose actions would do nothing in the next tick, for action masks: of those that systems of this module read.
+        """Return which agents' actions would do nothing in the next tick, for action masks.
 
         Args:
             worlds: Worlds, between two ticks.
 
         Returns:
-            By key of an action, bool (worlds, agents): True only if all its values would leave the same world behind,
-            to the bit. An action that several mechanics read is masked where all of them say so; one that is not named
-            here is never masked.
+            By key of each action that the systems of this module read, bool (worlds, agents): True only if all values
+            of the action would leave exactly the same world behind. An action that several mechanics read is masked
+            where all of them say so; one that is not named here is never masked.
         """
         return {}
 
     def groups(self, agents: int) -> tuple[int, ...]:
-        """Sizes of the groups into which this module splits so many agents, by id, as teams; of no groups, ()."""
+        """Return the sizes of the groups, such as teams, into which it splits agents by id; () without groups."""
         return ()
 
     def replace(self, **numbers: Any) -> Self:
-        """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
+        """Return a copy with other numbers; for an unknown name, raise a NumberError that lists the known ones."""
         known = [name for name, *_ in self._declared()]
         for key in numbers:
             if key not in known:
@@ -363,7 +363,7 @@ class Module:
         return type(self)(**{name: numbers.get(name, getattr(self, name)) for name in known})
 
     def value(self, name: str) -> Any:
-        """The number `name` as kernels get it: of a choice, its index. DeclarationError if there is none."""
+        """Return the number `name` as kernels get it: the index of a choice. DeclarationError if it does not exist."""
         known = {item.name: item.metadata.get("choices") for item in dataclasses.fields(self)}
         if name in known:
             value, choices = getattr(self, name), known[name]

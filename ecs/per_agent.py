@@ -1,9 +1,9 @@
 """Numbers that differ from agent to agent: where they lie, how they are set at resets, and how kernels read them.
 
 Each has a four-byte word for every row of agents in the state of its world: the bits of a float32, or an int32. The
-systems of its mechanic get that array in place of the number; `of` reads either, so kernels are written once, and what
-no role changes is compiled to what it was. Prefab values that are the number itself, such as hit points at the start,
-are written into the state.
+systems of its mechanic get that array in place of the number. `of` reads either, so a kernel is written once, and
+compiles to the same code as before if no role changes the number. Prefab values that equal the number, such as the
+initial hit points, are written into the state.
 """
 
 from collections.abc import Sequence
@@ -34,13 +34,13 @@ OUTSIDE = "the row is out of bounds"
 
 
 class AgentRoles(Singleton):
-    """The engine's own component of worlds with roles: the role of each agent in this episode."""
+    """The engine's own component in worlds with roles: the role of each agent in this episode."""
 
     role: Array = column("i4", "agents", below="roles")
 
 
 class AgentNumbers(Singleton):
-    """The engine's own component of worlds with roles that change numbers: their values in this episode."""
+    """The engine's own component in worlds with roles that change numbers: their values in this episode."""
 
     words: Array = column("i4", WORDS)  # int32, or the bits of float32; of a number, one for each row
 
@@ -354,7 +354,7 @@ def _element(number: Any, e: int) -> Any:
 
 @intrinsic(_element)
 def of(typing: Any, number: Any, e: Any) -> Any:
-    """(number, row) -> the number of the agent of that row, where roles differ in it; else the number itself."""
+    """Return the value for the agent in row `e` if roles differ in the number; else the number itself."""
     if not hasattr(number, "ndim"):  # of arrays
 
         def same(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
@@ -377,7 +377,7 @@ def of(typing: Any, number: Any, e: Any) -> Any:
 
 @intrinsic(_is_array)
 def differs(typing: Any, number: Any) -> Any:
-    """Whether roles differ in a number: known when a kernel is compiled, so the other branch costs nothing."""
+    """Whether roles differ in a number. Known at compile time, so the branch that is not taken costs nothing."""
     value = hasattr(number, "ndim")
 
     def constant(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:

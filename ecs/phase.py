@@ -1,4 +1,4 @@
-"""Phases: the ordered stages of a tick. A game lists its own as an enumeration of Phase.
+"""Phases: the ordered stages of a tick. A game lists its phases in a subclass of Phase.
 
 class Phase(ecs.Phase):
     SPAWN = When.RESET, "every body stands on a cell of its own"
@@ -47,5 +47,5 @@ class Phase(Enum, metaclass=_Phases):
 
     @property
     def position(self) -> int:
-        """Its place in the tick, from 0."""
+        """The position of the phase in the tick, from 0."""
         return list(type(self)).index(self)

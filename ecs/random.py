@@ -2,7 +2,7 @@
 
 Philox4x64-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11; Random123). There is no
 generator state to seed, share or advance, so worlds may run in any order and on any number of threads, and
-a game without one mechanic (one stream) has the same draws in all others.
+a game from which one mechanic (one stream) is removed has the same draws in all others.
 
 A `Key` is the tuple of uint64 (seed, world, episode, tick, stream); an `index`, 0 <= index < 2**63, numbers
 the draws under one key. Philox gets (seed, world) as its key and (episode, tick, stream, index) as its
@@ -72,20 +72,20 @@ def _unit(word: np.uint64) -> Real:
 
 @kernel
 def uniform(key: Key, index: int) -> Real:
-    """Uniform float32 in [0, 1), a multiple of 2**-24; from word 0."""
+    """Draw a uniform float32 in [0, 1), a multiple of 2**-24; from word 0."""
     return _unit(words(key, index)[0])
 
 
 @kernel
 def uniform2(key: Key, index: int) -> tuple[Real, Real]:
-    """Two independent uniform float32 in [0, 1) from one call of Philox: words 0 and 1."""
+    """Draw two independent uniform float32 in [0, 1) from one call of Philox: words 0 and 1."""
     first, second, _, _ = words(key, index)
     return _unit(first), _unit(second)
 
 
 @kernel
 def integer(key: Key, index: int, bound: int) -> np.int64:
-    """Uniform int64 in [0, bound), 1 <= bound < 2**63: upper half of word 0 times bound.
+    """Draw a uniform int64 in [0, bound), 1 <= bound < 2**63: the upper half of word 0 times bound.
 
     No rejection, so the cost is constant; a value's probability differs from 1 / bound by less than 2**-64, a relative
     error of bound * 2**-64.
@@ -95,7 +95,7 @@ def integer(key: Key, index: int, bound: int) -> np.int64:
 
 @kernel
 def normal(key: Key, index: int) -> Real:
-    """Standard normal float32 (Box-Muller on words 0 and 1); |value| < NORMAL: the logarithm gets 53 bits.
+    """Draw a standard normal float32 (Box-Muller on words 0 and 1); |value| < NORMAL: the logarithm gets 53 bits.
 
     Computed in float64 and rounded once: compiled and uncompiled call the same libm, and a last-bit
     difference between the libms of two machines changes a result only about once in 2**28 draws.

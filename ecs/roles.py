@@ -1,7 +1,7 @@
 """Roles: which agents have numbers of their own, as data.
 
-A role has a name, says which agents have it, and gives some numbers of mechanics other values for them, or
-distributions, from which each agent draws when an episode begins. Where the values lie in memory: ecs.per_agent.
+A role has a name, says which agents have it, and changes some numbers of mechanics for them: to other values, or to
+distributions, from which each agent draws when an episode begins. ecs.per_agent says where the values lie in memory.
 """
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -24,10 +24,10 @@ class Role:
     """A role; made by `role`.
 
     Attributes:
-        count: How many agents have it: those that follow the ones of the role before. None: all that are left.
-        agents: Their ids instead; empty: see count.
+        count: How many agents have it, after those of the previous role. None: all that are left.
+        agents: The ids of the agents that have it, instead of a count; empty: `count` decides.
         numbers: (name, value or Distribution) of each number that the role changes, in order of names.
-        name: In its scenario.
+        name: Its name in the scenario.
     """
 
     count: int | None
@@ -36,27 +36,27 @@ class Role:
     name: str = ""
 
     def values(self, corner: int) -> dict[str, Any]:
-        """Its numbers by name, distributions at their lowest (corner 0) or highest (corner -1) value."""
+        """Return its numbers by name, with distributions at their lowest (corner 0) or highest (corner -1) value."""
         return {
             name: value.extremes()[corner] if isinstance(value, Distribution) else value for name, value in self.numbers
         }
 
 
 def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any) -> Role:
-    """A role of agents, for `Scenario.roles`.
+    """Make a role of agents, for `Scenario.roles`.
 
     >>> hunted = scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
 
     Args:
-        count: How many agents have it. Roles take agents in order: the first role those of the lowest ids. One role may
-            leave it out, and gets the agents that are left.
-        agents: Their ids, instead of a count.
+        count: How many agents have it. Roles take agents in order of their ids, starting with the first role. One role
+            may leave the count out, and gets the agents that are left.
+        agents: The ids of its agents, instead of a count.
         **numbers: By name, "module_number": the value for these agents, or a distribution, such as
-            outlast.uniform(5, 20), from which each of them draws its own when an episode begins. Numbers that a role
-            does not name are those of the scenario.
+            outlast.uniform(5, 20), from which each of them draws its own value when an episode begins. Numbers that a
+            role does not name are those of the scenario.
 
     Raises:
-        NumberError: A count below 1, ids that are no distinct integers from 0, or both.
+        NumberError: The count is below 1, the ids are not distinct integers from 0, or both are given.
     """
     count, ids = in_python(count), in_python(agents)
     if not isinstance(ids, Iterable) or isinstance(ids, str):
@@ -76,13 +76,14 @@ class Roles:
     """The roles of a scenario.
 
     Attributes:
-        roles: In the order in which they take agents; a role's number is its place in it.
-        drawn: "never": agents keep the roles of their ids. "anyone": who has which role is drawn when an episode
-            begins, among all agents. "side": among the agents of each side. In each world anew, by the random numbers
-            of (seed, world, episode).
+        roles: The roles, in the order in which they take agents; a role's number is its index here.
+        drawn: "never": agents keep the roles that their ids give them. "anyone": when an episode begins, it is drawn
+            which agent has which role, among all agents. "side": likewise, among the agents of each side. Each world
+            draws anew, by the random numbers of (seed, world, episode).
 
     Raises:
-        NumberError: No roles, names that are no words or occur twice, an unknown way to draw, or an agent in two roles.
+        NumberError: There are no roles, a name is not a word or occurs twice, `drawn` is something else, or an agent
+            has two roles.
     """
 
     roles: tuple[Role, ...]
@@ -111,27 +112,27 @@ class Roles:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the roles, by number."""
+        """The names of the roles, by number."""
         return tuple(each.name for each in self.roles)
 
     @property
     def random(self) -> bool:
-        """Whether an episode's roles, or the numbers of a role, are drawn."""
+        """Whether each episode draws its roles, or numbers of a role."""
         values = [value for each in self.roles for _, value in each.numbers]
         return self.drawn != NEVER or any(isinstance(value, Distribution) for value in values)
 
     @property
     def numbers(self) -> list[str]:
-        """Names of all numbers that a role changes, in order."""
+        """The names of all numbers that some role changes, in order."""
         return sorted({name for each in self.roles for name, _ in each.numbers})
 
     @property
     def in_all(self) -> list[str]:
-        """Names of the numbers that every role changes: what they are otherwise means nothing."""
+        """The names of the numbers that every role changes, so that their values in the scenario have no effect."""
         return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
 
     def check_apart(self, varied: Iterable[str]) -> None:
-        """NumberError if a number differs by role that varies from world to world."""
+        """NumberError if a number that differs by role also varies from world to world."""
         if both := sorted({*self.numbers} & {*varied}):
             raise NumberError(
                 f"{both[0]} is varied from world to world and differs by role: choose one, as in "
@@ -139,7 +140,7 @@ class Roles:
             )
 
     def check_others(self, names: Iterable[str]) -> None:
-        """NumberError if one of the numbers that are set for agents of no role in particular is one that all set."""
+        """NumberError if one of these numbers of the scenario is set by every role, so that setting it does nothing."""
         if found := [name for name in names if name in self.in_all]:
             raise NumberError(f"{found[0]}: every role sets it here, so another value means nothing; change the roles")
 
@@ -149,16 +150,16 @@ class Roles:
         return " and ".join(f"{count} {name}" for count, name in counts) + drawn
 
     def only(self, known: Container[str]) -> "Roles":
-        """The same without the numbers that are not known."""
+        """Return the same roles without numbers that are not among `known`."""
         kept = [tuple((name, value) for name, value in each.numbers if name in known) for each in self.roles]
         return replace(self, roles=tuple(replace(r, numbers=own) for r, own in zip(self.roles, kept, strict=True)))
 
     def bare(self) -> "Roles":
-        """The same roles without numbers."""
+        """Return the same roles without any numbers."""
         return self.only(())
 
     def of_agents(self, agents: int) -> list[int]:
-        """The role of each agent by its id, before any is drawn. NumberError if they do not fit that many agents."""
+        """Return each agent's role by id, before any drawing. NumberError if roles do not fit that many agents."""
         found: list[int | None] = [None] * agents
         for number, each in enumerate(self.roles):
             for i in each.agents:
@@ -176,9 +177,10 @@ class Roles:
         return [number for number in found if number is not None]
 
     def of_counts(self, fewest: int, most: int) -> list[list[int]]:
-        """The role of each agent by its id in worlds with `fewest`, ..., `most` agents; all have `most` entries.
+        """Return each agent's role by id in worlds with `fewest`, ..., `most` agents; each list has `most` entries.
 
-        A world has the roles of a game of its count. Where roles do not fit so few agents, the last ones are missing.
+        A world has the roles that a game with its number of agents has. If roles do not fit so few agents, the last
+        ones are missing.
         """
         whole, found = self.of_agents(most), list[list[int]]()
         for count in range(fewest, most + 1):

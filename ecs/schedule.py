@@ -1,4 +1,4 @@
-"""The schedule: phases in order of time, systems within a phase by what they declare; ambiguity is an error."""
+"""The schedule: phases in order of time, systems within a phase by what they declare. Ambiguity is an error."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -52,9 +52,9 @@ def order(
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
-            `after`, `before` or a chain names what is unknown or in another phase, or runs in a circle; or two systems
-            of a phase touch a component in conflicting ways without saying who goes first; or one reads an event that
-            is emitted only later in the tick.
+            `after`, `before` or a chain names something unknown or in another phase, or they form a circle; two systems
+            of a phase use a component in conflicting ways without saying which runs first; or a system reads an event
+            that is emitted only later in the tick.
     """
     systems = sorted(systems, key=lambda system: system.label)
     for one, two in pairwise(systems):

@@ -1,4 +1,4 @@
-"""Systems: the functions of a mechanic, as they are registered on it."""
+"""Systems: the functions of a mechanic that are registered on its module."""
 
 import dataclasses
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Neighbour: TypeAlias = str | type[Component]
 
 @dataclass(frozen=True)
 class System:
-    """One step of the tick: a kernel for one world, its phase, and what its parameter list declares."""
+    """One step of the tick: a kernel for one world, its phase, and what its parameters declare."""
 
     module: str
     name: str

@@ -1,4 +1,4 @@
-"""A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
+"""A batch of worlds of one scenario: their tables, and the runner that advances them on several threads."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
@@ -28,21 +28,21 @@ class Worlds:
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself and remain the same objects until the end.
+    The arrays are the state itself, and remain the same objects for good.
 
     Args:
         modules: The mechanics, in any order.
         count: How many worlds.
         threads: How many threads `run` uses; the results do not depend on it.
-        split: Compile every system by itself and take all worlds through one after the other, to time them (see
-            `times`); the results are the same.
+        split: Compile every system separately, and take all worlds through one system before the next, to time them
+            (see `times`); the results are the same.
         without: Phases to leave out, such as that of observations.
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
-        interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
-        specialize: Compile the systems for the sizes and rows of these modules alone, which makes the tick faster;
-            other modules, or other sizes, need machine code of their own then. The results are the same.
-        varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
-        observed: Those of them that agents observe.
+        interpret: Labels of systems to run as Python, for breakpoints, say; the others remain machine code.
+        specialize: Compile the systems for the sizes and rows of these modules alone. This makes the tick faster, but
+            other modules or other sizes then need machine code of their own. The results are the same.
+        varied: Distributions by name, "module_number": each world draws the number when an episode begins.
+        observed: Names of the varied numbers that agents observe.
         roles: Which agents have numbers of their own.
         functions: Kernels of integers by label, to be compiled with the systems; see `function`.
         parts: Kernels that take some worlds through the tick and do more, by label; see `call_with_tick`.
@@ -50,12 +50,13 @@ class Worlds:
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
-        modules: The mechanics with the numbers of now; layout.modules keep those that the worlds were made with.
+        modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
         event_memory: The events of each world's last tick, as they lie in memory; see `events`.
 
     Raises:
-        DeclarationError: A module, or what several modules say together, is impossible.
-        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names none of them.
+        DeclarationError: A module is impossible, or several modules are impossible together.
+        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names a system that there
+            is not.
     """
 
     def __init__(
@@ -115,7 +116,7 @@ class Worlds:
 
     @property
     def components(self) -> tuple[type[Component], ...]:
-        """All components, in the order of storage."""
+        """All components, in the order in which they are stored."""
         return self.layout.components
 
     def __repr__(self) -> str:
@@ -123,43 +124,43 @@ class Worlds:
 
     @property
     def dims(self) -> dict[str, int]:
-        """Named dimensions of this scenario: "rows", and what its modules define."""
+        """The sizes of this scenario's dimensions by name: "rows", and those that its modules define."""
         return self.layout.dims
 
     @property
     def times(self) -> dict[str, float]:
-        """Seconds that `run` spent in each segment of the tick, by its first unit's label; with split, by system."""
+        """The seconds that `run` has spent in each segment of the tick, by its first unit (with split: by system)."""
         return self._runner.times
 
     @property
     def compiled(self) -> bool:
-        """Whether machine code for this tick is ready or lies on disk."""
+        """Whether machine code for this tick is ready or cached on disk."""
         return self._runner.ready
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What happened in the last tick of each world, by name of the event: see `entries`."""
+        """Return what happened in the last tick of each world, by name of the event; see `entries`."""
         return {kind.name: self.entries(kind) for kind in self.layout.events}
 
     def entries(self, kind: type[Event]) -> np.ndarray[Any, Any]:
-        """The events of a kind in the last tick of each world, copied.
+        """Return a copy of the events of one kind in the last tick of each world.
 
         Returns:
             A structured array with a row for each event, in order of worlds: `world`, `episode` and `tick`, int64, and
-            the event's columns. Nothing if this scenario does not have the event.
+            the event's columns. Empty if this scenario does not have the event.
         """
         clock = self[Clock]
         times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
         return event.entries(kind, self.layout.events, self.event_memory, times)
 
     def number(self, name: str) -> Any:
-        """What a number is in this episode, however it is given.
+        """Return the value of a number in this episode, whether it is set, varies or differs by role.
 
         Args:
             name: "module_number".
 
         Returns:
-            A value; where worlds differ in it, an array (count,), or (count, length) of a tuple, see `numbers`; where
-            agents do, int32 or float32 (count, agents). A copy.
+            A single value; if worlds differ in it, an array (count,), or (count, length) for a tuple (see `numbers`);
+            if agents do, int32 or float32 (count, agents). Arrays are copies.
 
         Raises:
             NumberError: There is no such number.
@@ -175,7 +176,7 @@ class Worlds:
         raise NumberError(f"this scenario has no number '{name}'")
 
     def span(self, archetype: str) -> slice:
-        """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
+        """Return the rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
 
         Raises:
             DeclarationError: No mechanic that is imported has it.
@@ -186,11 +187,11 @@ class Worlds:
         return slice(rows.start, rows.stop)
 
     def entity(self, row: int, world: int = 0) -> EntityView:
-        """One entity with all its components, to print or to look into. DeclarationError if there is no such row."""
+        """Return one entity with all its components, to print or inspect. DeclarationError if there is no such row."""
         return EntityView(self, row, world)
 
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
-        """Key the random numbers of the worlds `where` by (seeds, worlds); their episodes count from the start."""
+        """Key the random numbers of the worlds `where` by (seeds, worlds), and count their episodes from the start."""
         clock = self[Clock]
         clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
         clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
@@ -202,19 +203,19 @@ class Worlds:
         """Change numbers of mechanics from the next tick on, in all worlds.
 
         Args:
-            **numbers: By name, module_number ("rewards_kill").
+            **numbers: Values by name, module_number ("rewards_kill").
 
         Raises:
-            NumberError: An unknown number, one that decides on more than what kernels compute with (the sizes of
-                tables, what entities begin with, which systems run, bounds of observations), or a value that cannot
-                be; nothing is changed.
+            NumberError: A number is unknown, a value is not allowed, or the number does more than enter into what
+                kernels compute (it determines sizes of tables, initial values of entities, which systems run, or bounds
+                of observations); nothing is changed.
         """
         with self._runner.lock:
             self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
             self._runner.set_numbers(self.changed)
 
     def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
-        """The varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
+        """Return the varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
 
         A tuple is float32 (count, length).
         """
@@ -224,19 +225,20 @@ class Worlds:
         return {name: n.decode(words, self.layout.modules[n.module]) for name, n in self.layout.varied.items()}
 
     def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
-        """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
+        """Return each agent's numbers that differ by role in this episode: int32 or float32 (count, agents) by name."""
         return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
 
     def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None), once: bool = False) -> None:
         """Set varied numbers from the next reset of each world on, instead of drawing them.
 
         Args:
-            numbers: By name, one value or one for each of the worlds `where`; None: drawn again.
+            numbers: By name, one value, or one for each of the worlds `where`; None: draw it again.
             where: The worlds: mask, indices or slice.
-            once: For that episode only.
+            once: Whether to set them for that episode only.
 
         Raises:
-            NumberError: One that does not vary, another shape, or a value that could not be drawn; nothing is changed.
+            NumberError: A number does not vary, or a value has the wrong shape or could not be drawn; nothing is
+                changed.
         """
         rows = np.atleast_1d(np.arange(self.count)[where])
         words = dict[str, Any]()
@@ -252,10 +254,10 @@ class Worlds:
             self[Given].words[rows, self.layout.varied[name].words] = given
 
     def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
-        """Key the random numbers of the next episode, so that it is that one; those after it have the worlds' own keys.
+        """Make the next episode one of another key; those that follow have the worlds' own keys again.
 
         Args:
-            keys: (seed, world, episode) of the worlds `where`, uint64 (n, 3). NumberError unless Layout.keyed.
+            keys: (seed, world, episode) for each of the worlds `where`, uint64 (n, 3). NumberError unless Layout.keyed.
             where: The worlds: mask, indices or slice.
         """
         if not self.layout.keyed:
@@ -265,13 +267,13 @@ class Worlds:
 
     @property
     def changed(self) -> dict[str, int | float]:
-        """By name, the numbers that are not those that the worlds were made with, as kernels get them."""
+        """The numbers that have changed since the worlds were made, by name, as kernels get them."""
         return differing(self.layout.modules, self.modules)
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
-        """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world.
+        """Take every world through the tick. mode: int8 (count,), SKIP, STEP or RESET for each world.
 
-        CapacityError if there are more events of a kind than its list has room for; the tick is cut short then.
+        Raises CapacityError if there are more events of a kind than its list has room for; the tick is then cut short.
         """
         self.mode[:] = mode
         try:
@@ -280,21 +282,21 @@ class Worlds:
             raise self._capacity_error() or error from None
 
     def function(self, label: str) -> Any:
-        """One of `functions`, as machine code that Python can call; as Python where nothing is compiled."""
+        """Return one of `functions` as machine code that Python can call, or as Python if nothing is compiled."""
         return self._runner.function(label)
 
     def call_with_tick(self, label: str, part: str) -> Callable[[int], int] | None:
-        """One of `functions` that runs the tick in its midst.
+        """Return one of `functions` that runs the tick as a part of what it does.
 
         Args:
-            label: A function of an address; of a frame (see ecs.run_units), in which it writes that address at CALLER;
-                and of the address and the first argument of what it is to call for all worlds: `part` in their order,
-                or in ranges on several threads. It returns an integer; a negative one says that the tick did not end
-                well, and what a system raised is raised then.
+            label: A function of an address; a frame (see ecs.run_units), in which it writes that address at CALLER; and
+                the address and first argument of what it is to call for all worlds: `part` for one after the other, or
+                for ranges of worlds on several threads. It returns an integer. A negative one says that the tick
+                failed; then, what a system raised is raised.
             part: One of `parts`, which finds the address in its frame.
 
         Returns:
-            A function of the address; None where a tick is several calls, as some systems run as Python.
+            A function of the address; None if a tick takes several calls, because some systems run as Python.
         """
         if (execution := self._runner.single()) is None:
             return None
@@ -315,7 +317,7 @@ class Worlds:
         return call
 
     def source(self) -> str:
-        """The generated code of the tick: a function for each system, in order, with the phases as comments."""
+        """Return the generated code of the tick: a function for each system, in order, with the phases as comments."""
         lines, phase = (
             ["# Slots, in upper case, are positions in the argument block of a unit; see outlast.ecs.arguments."],
             None,

@@ -1,4 +1,4 @@
-"""What a batch of worlds says of itself: its spaces, the names of what is in its arrays, and what it is like now."""
+"""What a batch of worlds tells about itself: its spaces, the names of the columns of its arrays, its present state."""
 
 from functools import cached_property
 from typing import Any
@@ -28,7 +28,7 @@ Actions = np.ndarray[Any, Any]
 
 
 class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
-    """The base of SurvivalVectorEnv, whose constructor makes these."""
+    """The base of SurvivalVectorEnv, whose constructor sets these attributes."""
 
     scenario: Scenario
     worlds: Worlds
@@ -43,46 +43,46 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; made when first asked for, as it is as large as a batch of observations."""
+        """`single_observation_space`, batched. Made on first use, as it takes as much memory as a batch does."""
         return batch_space(self.single_observation_space, self.num_worlds)
 
     @cached_property
     def action_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; the same object in every call, as its generator goes on from sample to sample."""
+        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
         return batch_space(self.single_action_space, self.num_worlds)
 
     @property
     def fields(self) -> Fields:
         """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns; a new mapping.
 
-        Of keys that declare it, so not of masks. `columns` of a field is its slice of the row, `ecs.columns_of` the
-        index of several: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
+        Keys that declare no fields, such as masks, are not in it. `columns` of a field is its slice of the row, and
+        `ecs.columns_of` the index of several fields: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
         """
         return {key: dict(named) for key, named in self.worlds.layout.fields.items()}
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """What the sides are called, by number, as in statistics of sides."""
+        """The names of the sides, in the order in which statistics have an entry for each side."""
         return self.worlds.layout.side_names
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What the roles are called, by number, as in info["roles"] (-1: of who is absent); none without any."""
+        """The names of the roles; info["roles"] holds indices of it (-1: agent absent). Empty if there are no roles."""
         return self.scenario.by_role.names if self.scenario.by_role else ()
 
     @property
     def flat_size(self) -> int:
-        """Numbers in the observation of one agent: the length of its row in a flat array."""
+        """How many numbers the observation of one agent has: the length of its row in a flat array."""
         return self._reader.flat_size
 
     @property
     def flat_names(self) -> list[str]:
-        """What the columns of a flat array hold: "own.health", "heals.3.x" (of the fourth heal), "heals_mask.3"."""
+        """The names of a flat array's columns: "own.health", "heals.3.x" (of the fourth heal), "heals_mask.3"."""
         return self._reader.names
 
     @property
     def action_columns(self) -> list[tuple[str, int]]:
-        """The name of each action, and the value that 0 stands for."""
+        """For each action, its name and the value that the integer 0 stands for."""
         return list(zip(self._actions.keys, (-self._actions.zeros).tolist(), strict=True))
 
     @property
@@ -97,7 +97,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def action_mask_size(self) -> int:
-        """Entries of an agent's action mask: 15 in the paper; with actions="joint" 216, with "continuous" 0."""
+        """The length of an agent's action mask: 15 in the paper; with actions="joint" 216, with "continuous" 0."""
         return self._actions.mask_size
 
     @cached_property
@@ -114,28 +114,28 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def state_space(self) -> Any:
-        """Of `state`, for a world: Box, float32 (size,)."""
+        """The space of one world's row of `state`: Box, float32 (size,)."""
         return self._global_state.space
 
     @property
     def state_names(self) -> list[str]:
-        """What the numbers of `state` are: "agent_0.health", "box_3.x" ..."""
+        """The names of the columns of `state`: "agent_0.health", "box_3.x" ..."""
         return self._global_state.names
 
     @exclusive
     def observe(self, out: Any = None) -> Arrays:
-        """The observations as they are now.
+        """Return the observations as they are now.
 
         Args:
-            out: Where to write them, too: float32 arrays (worlds, agents, ...) by key, or one float32 array
-                (worlds, agents, flat_size) in which the keys lie one behind the other; of numpy, or tensors that share
-                their memory with it.
+            out: Memory to write them to as well: float32 arrays (worlds, agents, ...) by key, or one float32 array
+                (worlds, agents, flat_size) that joins all keys; numpy arrays, or tensors that can share memory with
+                numpy.
 
         Returns:
-            As `step`: copies, or views if copy=False.
+            As from `step`: copies, or views if copy=False.
 
         Raises:
-            NotResetError: Worlds that have not been reset.
+            NotResetError: Some worlds have not been reset.
             ValueError: `out` has other keys, shapes or types; nothing was written.
         """
         self._tracker.check_running("observe")
@@ -145,16 +145,18 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @exclusive
     def state(self, out: Any = None) -> Actions:
-        """Each world as one vector, also what no agent sees, for centralised critics; see global_state.GlobalState.
+        """Return each world as one vector, for centralised critics. It includes what no agent sees.
+
+        `state_names` has the names of its columns, which global_state.GlobalState describes.
 
         Args:
-            out: Where to write it: a float32 array (worlds, size), of numpy or a tensor that shares its memory with it.
+            out: Memory to write it to: float32 (worlds, size), a numpy array or a tensor that can share memory with it.
 
         Returns:
-            float32 (worlds, size), scaled if observations are: a new array, or `out` as one of numpy.
+            float32 (worlds, size), scaled if observations are: a new array, or `out` as a numpy array.
 
         Raises:
-            NotResetError: Worlds that have not been reset.
+            NotResetError: Some worlds have not been reset.
             ValueError: `out` has another shape or type.
         """
         self._tracker.check_running("state")
@@ -166,20 +168,20 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @exclusive
     def action_masks(self, out: Any = None) -> Actions:
-        """Which actions can change anything in the next step, or are `noop`.
+        """Return which actions can change anything in the next step, or are `noop`.
 
-        What is False leaves the same world behind as `noop` does, to the bit: attacks while the weapon waits, the use
-        of an empty bag, all that the dead do. Of what is True, some may still do nothing.
+        An action that is False would leave exactly the same world behind as `noop`, to the bit: attacks while the
+        weapon is cooling down, use with an empty bag, whatever the dead do. One that is True may still do nothing.
 
         Args:
-            out: Where to write it, bool of that shape, as in `state`.
+            out: Memory to write it to, bool of the shape below; otherwise as for `state`.
 
         Returns:
-            bool (worlds, agents, action_mask_size): the values of all actions, one action behind the other; with
-            actions="joint" all joint actions. A new array, or `out` as one of numpy.
+            bool (worlds, agents, action_mask_size): the values of the first action, then those of the second, and so
+            on; with actions="joint" all joint actions. A new array, or `out` as a numpy array.
 
         Raises:
-            NotResetError: Worlds that have not been reset.
+            NotResetError: Some worlds have not been reset.
             ValueError: `out` has another shape or type, or actions are continuous.
         """
         self._tracker.check_running("action_masks")
@@ -191,28 +193,29 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @exclusive
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What happened in the last step, or reset, of each world: who hit, killed, used, gave, broke what.
+        """Return what happened in the last step, or reset, of each world: who hit, killed, used, gave or broke what.
 
         Returns:
             By name of the event ("hit", "death", "item_used" ...), a structured array with a row for each event, in
-            order of worlds: `world`, its index, `episode` and `tick`, int64, and the columns of the event (see
-            docs/events.md), in which entities are rows of the world. Copies. Worlds that SAME_STEP has reset at once
-            have those of the step that ended their episode.
+            order of worlds: `world`, its index; `episode` and `tick`, int64; and the columns of the event (see
+            docs/events.md), in which entities are rows of the world. The arrays are copies. A world that SAME_STEP has
+            reset shows the events of the step that ended its episode.
         """
         return self._step_events.read()
 
     @exclusive
     def numbers(self) -> dict[str, Any]:
-        """All numbers of the game by name, as they are now.
+        """Return all numbers of the game by name, as they are now.
 
-        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in, and those
-        that differ by role (worlds, agents). NotResetError where there are such numbers, before reset().
+        Numbers that vary (see Scenario.vary) are arrays (worlds, ...), with the value in each world's current episode;
+        those that differ by role are arrays (worlds, agents). If there are any such numbers, NotResetError before
+        reset().
         """
         return current_numbers(self.worlds)
 
     @exclusive
     def levels(self, mask: Any = None) -> list[Level]:
-        """What the episodes of worlds were made from, see outlast.levels. mask: bool (worlds,)."""
+        """Return what the worlds' current episodes were made from; see outlast.levels. mask: bool (worlds,)."""
         return current_levels(self.worlds, mask)
 
     def _observe(self) -> Arrays:

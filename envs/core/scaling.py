@@ -1,4 +1,4 @@
-"""Observations brought to about -1 to 1, for libraries whose networks take them as they are."""
+"""Observations scaled to about -1 to 1, for libraries whose networks take them as they are."""
 
 import math
 from collections.abc import Mapping
@@ -65,18 +65,18 @@ def joined(scales: list[Scale]) -> Scale:
 
 
 def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array]:
-    """Observations divided by the scales of their fields; angles (rad) are wrapped to -pi to pi first.
+    """Divide observations by the scales of their fields; angles (rad) are wrapped to -pi to pi first.
 
     >>> seen = outlast.scaled(observations, env.fields)
 
-    Environments that are made with scaled=True do that by themselves, and clip what has no bounds.
+    Environments made with scaled=True do that by themselves, and also clip columns without bounds.
 
     Args:
-        observations: By key, float32 (..., length of a row), of any adapter.
+        observations: By key, float32 (..., length of a row), from any adapter.
         fields: `fields` of the environment that made them, or of its `base_env`.
 
     Returns:
-        New arrays of the same shapes. Ids, masks and keys without fields are as they were; rows of zeros stay zero.
+        New arrays of the same shapes. Ids, masks and keys without fields are unchanged; rows of zeros stay zero.
 
     Raises:
         KeyError: `fields` has a key that is not among the observations.

@@ -41,40 +41,40 @@ class SurvivalVectorEnv(Described):
 
     ## Description
     Agents in a closed room fight with melee attacks, collect and use items, break boxes, and have to stay inside a zone
-    that shrinks. All worlds advance together by one tick a step. Mechanics and numbers are those of the scenario.
+    that shrinks. All worlds advance together, one tick per step. The scenario sets the mechanics and their numbers.
 
-    One call at a time: PendingError refuses a thread while another one is in a call, but not a signal handler, which
-    must not call the environment that it may have interrupted. Ctrl-C leaves a step not begun or whole, or else worlds
-    that `step` refuses (NotResetError) until they are reset.
+    Only one thread may be in a call at a time; another one gets a PendingError. A signal handler does not get it, and
+    must not call an environment that it may have interrupted. After Ctrl-C, a step either has not begun or is complete;
+    otherwise `step` refuses to go on (NotResetError) until the worlds it was interrupted in are reset.
 
     ## Action Space
-    MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants
+    MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants it is
     [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. With actions="joint" a single
-    integer (worlds, agents) stands for all of them, 0 to 215; with "continuous" each is a float from -1 to 1. `noop` is
-    the action that does nothing; `action_masks()` says which others would do as little.
+    integer per agent, (worlds, agents), stands for all of them, 0 to 215; with "continuous" each is a float from -1 to
+    1. `noop` is the action that does nothing; `action_masks()` says which others would have no effect, either.
 
     ## Observation Space
-    Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
-    depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
-    Mechanics may add to rows: read them by the names in `fields`. With observations="flat" a single Box, float32
-    (worlds, agents, flat_size), whose columns have the names `flat_names`. `state()` is the whole world.
+    Dict of Box, float32 (worlds, agents, ...), in metres, metres per second, radians and hit points. The keys depend on
+    the mechanics. What an agent does not see is 0, and so is its entry in the key's mask (`others_mask`). Mechanics may
+    add columns to rows, so read columns by their names in `fields`. With observations="flat" it is a single Box,
+    float32 (worlds, agents, flat_size), whose columns are named by `flat_names`. `state()` is the whole world.
 
     ## Rewards
-    float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
-    are refused; `make_agents` is for them.
+    float32 (worlds, agents): every agent of a world has its own. Wrappers that sum up one reward per sub-environment
+    are refused; use `make_agents` with them.
 
     ## Starting State
-    Agents, boxes and heals at random places of a grid, with full health. A function of (seed, world, episode): an int
-    seed keys world i by (seed, first_world + i), so that it is world i of any other batch of that seed.
+    Agents, boxes and heals at random places of a grid, with full health. It is a function of (seed, world, episode): an
+    int seed keys world i by (seed, first_world + i), so world i is the same in every batch with that seed.
 
     ## Episode End
     Terminated, truncated: bool (worlds,), as an episode ends for all agents of a world at once: terminated by the
     scenario's rule, truncated at its limit (`ending_limit`, ticks). Dead agents stay until then.
 
-    Every info has "alive", bool (worlds, agents). When worlds end it also has "statistics", the episode's numbers by
-    name, (worlds,) or (worlds, n), with "_statistics", the mask of worlds that they are of; under SAME_STEP "final_obs"
-    and "final_info" (what info was before the reset), with their masks, too. Where the number of agents varies,
-    "statistics_present" says which entries of agents and sides the episode had, bool (worlds, n) by name; others are 0.
+    Every info has "alive", bool (worlds, agents). When worlds end, it also has "statistics", the episode's numbers by
+    name, (worlds,) or (worlds, n), and "_statistics", the mask of the worlds that have ended; under SAME_STEP also
+    "final_obs" and "final_info" (info as it was before the reset), with their masks. If the number of agents varies,
+    "statistics_present" says which agents and sides the episode had, bool (worlds, n) by name; other entries are 0.
 
     ## Arguments
     See `make_vec`, which also takes the name of a variant.
@@ -147,17 +147,17 @@ class SurvivalVectorEnv(Described):
 
         Args:
             seed: An int keys the random numbers of world i by (seed, first_world + i); a sequence of num_worlds ints
-                keys them by (seed[i], 0). None, for all or in the sequence: the world goes on to its next episode.
+                keys them by (seed[i], 0). Where it is None, or has the entry None, worlds go on to their next episode.
             options: {"reset_mask": bool (worlds,)}: the worlds to reset; without it, all.
 
         Returns:
-            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents). Where
-            numbers vary, info also has "numbers", those of the episode, (worlds, ...) by name, and "present", bool
+            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents). If numbers
+            vary, info also has "numbers", their values in this episode, (worlds, ...) by name, and "present", bool
             (worlds, agents).
 
         Raises:
-            ValueError: A seed or mask that cannot be.
-            TypeError: A wrapper is around that cannot work with a reward for each agent.
+            ValueError: The seed or the mask is not valid.
+            TypeError: The environment is inside a wrapper that cannot handle its rewards or its Dict observations.
         """
         refuse_reward_sums(sys._getframe(2))
         refuse_dicts(sys._getframe(2))
@@ -173,7 +173,7 @@ class SurvivalVectorEnv(Described):
     def step(
         self, actions: Actions, *, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """Take every world through one tick. A refused call changes nothing.
+        """Advance every world by one tick. A refused call changes nothing.
 
         NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at
         once; info["final_obs"] holds its last observation. DISABLED: reset it yourself.
@@ -181,20 +181,20 @@ class SurvivalVectorEnv(Described):
         Args:
             actions: Integers of any type, (worlds, agents, actions), each from 0 to its size - 1; with actions="joint"
                 (worlds, agents); with actions="continuous" floats from -1 to 1, (worlds, agents, actions).
-            out: Where to write what is returned, instead of into new arrays: memory of the caller's, such as a tensor
-                of PyTorch, by name. "observations" as in `observe`, "rewards", "terminated", "truncated"; "state" and
-                "action_mask" as `state` and `action_masks` have them; some or all.
+            out: The caller's own memory to write results into, instead of new arrays: numpy arrays or, for example,
+                PyTorch tensors, by name. Any of "observations", as in `observe`, "rewards", "terminated", "truncated",
+                and "state" and "action_mask", as in `state` and `action_masks`.
 
         Returns:
             Observations; rewards, float32 (worlds, agents); terminated and truncated, bool (worlds,); and info, which
-            always has what that of `reset` has, of the observations that are returned.
+            always has the entries that `reset` returns, for the observations returned here.
 
         Raises:
             ActionError: Actions of the wrong shape or type, or out of range.
-            NotResetError: Worlds that have not been reset, or have ended under DISABLED.
-            FaultError: A world is in a state that physics cannot take; the others have been stepped.
+            NotResetError: Some worlds have not been reset, or have ended under DISABLED.
+            FaultError: A world is in a state that the physics cannot handle; the others have been stepped.
             ValueError: `out` has other names, shapes or types.
-            TypeError: A wrapper is around that cannot work with a reward for each agent.
+            TypeError: The environment is inside a wrapper that cannot handle a reward for each agent.
         """
         if not self._wrappers_checked:  # once between two resets
             refuse_reward_sums(sys._getframe(2))
@@ -237,10 +237,11 @@ class SurvivalVectorEnv(Described):
         return self._observe() if observed is None else observed, reward, *ends, info
 
     def send(self, actions: Actions) -> None:
-        """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
+        """Begin a step in the background; `recv` returns its results. Until then, any other call raises PendingError.
 
-        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. The
-        actions are copied. With copy=False, the arrays that the call before returned are overwritten while it runs.
+        Two environments with half of the worlds each (see first_world) keep the policy and the simulation busy at the
+        same time. The actions are copied. With copy=False, the step overwrites the arrays that the previous call
+        returned while it runs.
         """
         check_callable(self)
         with contextlib.suppress(ActionError):  # which `recv` raises
@@ -248,15 +249,15 @@ class SurvivalVectorEnv(Described):
         self._guard.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """What `step` would have returned or raised for the actions that were sent. PendingError if none were."""
+        """Return, or raise, what `step` would have for the actions that were sent. Raise PendingError if none were."""
         result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._guard.fetch()
         return result
 
     @exclusive
     def render(self) -> tuple[Any, ...] | None:
-        """Draw every world: a tuple of uint8 (height, width, 3), RGB, or of texts, as render_mode says.
+        """Draw every world: a tuple of images, uint8 (height, width, 3) in RGB, or of texts, depending on render_mode.
 
-        None, with a warning, without a render_mode. NotResetError before reset(). `outlast.draw` draws one world.
+        Without a render_mode it warns and returns None. NotResetError before reset(). `outlast.draw` draws one world.
         """
         if self.render_mode is not None:
             self._tracker.check_running("render")
@@ -264,26 +265,28 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
-        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not.
+        """Return the state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not.
 
-        Of a world that has not been reset, it is the state of one that has to be reset.
+        The state of a world that has not been reset is saved as just that: whichever world goes on from it has to be
+        reset first.
         """
         return snapshot(self.scenario, self.worlds, self._tracker.masks, where)
 
     @exclusive
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
-        """Go on from `state`. Random numbers go on as they would have: copies of a world have the same future.
+        """Go on from `state`. Random numbers continue as they would have: copies of a world have the same future.
 
         Args:
-            state: The state of as many worlds as `where` names, or of one for all of them.
+            state: The state of as many worlds as `where` names, or of one world, for all of them.
             where: The worlds that go on from it: mask, indices or slice.
 
         Returns:
             The observations.
 
         Raises:
-            StateError: It is of another scenario or of too many worlds; nothing was changed.
-            RecordingError: A recording goes on.
+            StateError: The state is of another scenario, has the wrong number of worlds or is not valid; nothing was
+                changed.
+            RecordingError: A recording is in progress.
         """
         self._check_unrecorded("set_state")
         with self._tracker.overwritten(where) as masks:
@@ -296,53 +299,54 @@ class SurvivalVectorEnv(Described):
     def set_numbers(self, given: Mapping[str, Any] | None = None, /, *, mask: Any = None, **numbers: Any) -> None:
         """Change numbers of the game.
 
-        One that varies (see Scenario.vary) is set for some worlds from their next reset on, and no longer drawn there;
-        that is part of their state. All others change in all worlds, from the next step on, in mid-episode or not;
-        `scenario` stays what was asked for, and a state does not have them.
+        A number that varies (see Scenario.vary) is set in the worlds of `mask` from their next reset on, and no longer
+        drawn there; this is part of a world's state. Any other number changes in all worlds from the next step on, even
+        in mid-episode; `scenario` does not show such a change, and a saved state does not include it.
 
         Args:
-            given: By name, as Scenario.replace takes them: {"melee_damage": array}. Of one that varies, a value or an
-                array with one for each world, (worlds, ...), of which those of `mask` count; None: it is drawn again.
+            given: Values by name, as for Scenario.replace: {"melee_damage": array}. For a number that varies, one value
+                or an array with one for each world, (worlds, ...), used where `mask` is True; None: draw it again.
             mask: The worlds, bool (worlds,); None: all.
-            **numbers: More of them: rewards_kill=5.
+            **numbers: More numbers by keyword: rewards_kill=5.
 
         Raises:
-            NumberError: One that is unknown or cannot change while worlds run, a value that cannot be, or a mask for
-                one that does not vary; nothing was changed.
-            ValueError: A mask that cannot be.
-            RecordingError: A recording goes on, and one does not vary.
+            NumberError: A number is unknown or cannot change while worlds run, a value is not allowed, or a mask is
+                given for a number that does not vary; nothing was changed.
+            ValueError: The mask is not valid.
+            RecordingError: A recording is in progress, and one of the numbers does not vary.
         """
         asked = [*(given or {}).items(), *numbers.items()]
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
 
     @exclusive
     def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:
-        """Play these levels in the next episodes, in place of others that wait; after that, worlds draw again.
+        """Play these levels in the next episodes, instead of any that are still waiting; then worlds draw again.
 
         Args:
-            levels: One for each world of the mask, in order, or one for all of them. Their numbers are drawn again
-                afterwards, also those that had been set.
+            levels: One for each world of the mask, in order, or one for all of them. Afterwards their numbers are drawn
+                again, even those that had been set before.
             mask: The worlds, bool (worlds,); None: all.
 
         Raises:
-            NumberError: Another number of levels, numbers that do not vary, or values that could not be drawn.
-            ValueError: A mask that cannot be.
+            NumberError: The wrong number of levels, a number that does not vary, or a value that could not be drawn.
+            ValueError: The mask is not valid.
         """
         change_levels(self.worlds, levels, mask)
 
     def stop_when(self, stops: Stops) -> None:
-        """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.
+        """End episodes earlier than the scenario does. For adapters whose episodes end when the learner dies, say.
 
-        The worlds that it names are reported and reset like those that ended by themselves.
+        Worlds that are stopped are reported and reset like those that end by the scenario's rule.
 
         Args:
-            stops: Called after every tick; who terminates, who is truncated, bool (worlds,), by the state alone.
+            stops: Called after every tick. Returns which worlds terminate and which are truncated, bool (worlds,)
+                each, and must depend on the state of the worlds alone.
         """
         self._stops = stops
 
     @exclusive
     def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
-        """Run the worlds through what make_runner() returns, for outlast.record. Raises RecordingError."""
+        """Run the worlds through what make_runner() returns. Used by outlast.record. Raises RecordingError."""
         self._check_unrecorded("record")
         if self.worlds.changed:
             names = ", ".join(self.worlds.changed)
@@ -351,7 +355,7 @@ class SurvivalVectorEnv(Described):
         return runner
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go, and end a recording."""
+        """Release the threads and end a recording."""
         if hasattr(self, "worlds"):  # it is not there when the constructor refused its arguments
             self._guard.close()
             self.worlds.close()

@@ -1,1 +1,1 @@
-"""Scenarios as data: the mechanics of a game with their numbers, the paper's variants, and ablations of their flaws."""
+"""Scenarios as data: a game's mechanics with their numbers, the paper's variants, and ablations of their flaws."""

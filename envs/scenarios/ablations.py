@@ -1,4 +1,4 @@
-"""Changes of a scenario that each remove one of the four flaws that the paper finds in its game (section 5)."""
+"""Changes to a scenario, each of which removes one of the four flaws that the paper finds in its game (section 5)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,15 @@ from .scenario import Scenario
 
 @dataclass(frozen=True)
 class Ablation:
-    """What to change in a scenario. flaw: its number in the paper. needs: without that mechanic, nothing changes."""
+    """What to change in a scenario.
+
+    Attributes:
+        flaw: Number of the flaw in the paper.
+        about: What it changes, in words.
+        needs: The mechanic without which it would change nothing.
+        numbers: Numbers to change, by full name.
+        modules: Mechanics to add, or to put in place of others.
+    """
 
     flaw: int
     about: str
@@ -36,9 +44,9 @@ ABLATIONS = {
 
 
 def ablated(scenario: Scenario, names: Sequence[str]) -> Scenario:
-    """The scenario with ablations applied, named "teams_2+health_cap+steering" in the order of ABLATIONS.
+    """Apply ablations to a scenario; its new name, "teams_2+health_cap+steering", has them in the order of ABLATIONS.
 
-    Raises ScenarioError for an unknown name, for two that contradict each other, and where one would change nothing.
+    Raises ScenarioError if a name is unknown, two ablations contradict each other, or one would change nothing.
     """
     for name in names:
         if name not in ABLATIONS:

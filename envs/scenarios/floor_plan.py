@@ -30,20 +30,22 @@ EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and 
 
 @dataclass(frozen=True)
 class FloorPlan:
-    """Walls inside of a room, and where who starts.
+    """Walls inside a room, and the areas in which agents and items start.
 
     >>> plan = outlast.FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)])
     >>> scenario = outlast.variant("ffa_3").with_(plan.mechanic())
 
     Attributes:
-        walls: Rectangles (x, y, width, height, angle): x and y of the middle, metres; radians, 0 where it is left out.
-        starts: Start areas (owner, x, y, width, height, angle), the angle likewise. The owner is the number of a side,
-            or "items" for all that starts and is no agent. Who has none starts anywhere.
-        width: Metres, of the room that it is for; 0: of any.
-        height: Likewise.
+        walls: Rectangles (x, y, width, height, angle): x and y of the middle, width and height in metres; the angle in
+            radians, 0 if left out.
+        starts: Start areas (owner, x, y, width, height, angle), where the angle may be left out as well. The owner is
+            the number of a side, or "items" for everything else that has a start place. Whatever has no area starts
+            anywhere.
+        width: Width of the room that the plan is for, metres; 0: a room of any size.
+        height: Height of that room, likewise.
 
     Raises:
-        ScenarioError: A rectangle that cannot be.
+        ScenarioError: A rectangle or a size is not valid, or there are too many rectangles.
     """
 
     walls: Sequence[Sequence[float]] = ()
@@ -71,7 +73,7 @@ class FloorPlan:
 
     @classmethod
     def from_text(cls, text: str, cell: float = 1.0) -> "FloorPlan":
-        """A plan drawn in characters: `#` is a wall, `.` and blanks are floor, a letter is where a side starts.
+        """Read a plan drawn in characters: `#` is a wall, `.` and blanks are floor, a letter is where a side starts.
 
         >>> outlast.FloorPlan.from_text('''
         ... A....#....B
@@ -80,14 +82,14 @@ class FloorPlan:
         ... ''')
 
         `A` is side 0, `B` side 1 and so on to `Z`; `*` is where items start. The middle of the text is the middle of
-        the room; the first line is at the top. Cells of a kind that form a rectangle become one.
+        the room; the first line is at the top. Equal characters that form a rectangle become a single rectangle.
 
         Args:
-            text: Lines of characters; blank lines around them, and indentation of all of them, are ignored.
-            cell: Metres, side of the square that a character stands for.
+            text: Lines of characters; blank lines around them and their common indentation are ignored.
+            cell: Side of the square that a character stands for, metres.
 
         Raises:
-            ScenarioError: Another character, or no lines.
+            ScenarioError: The text has another character or no lines, or is no plan that can be (see `FloorPlan`).
         """
         if not 0 < _real("cell", cell) <= 1e3:
             raise ScenarioError(f"cell = {cell!r}: the metres of a character are needed")
@@ -99,10 +101,10 @@ class FloorPlan:
 
     @classmethod
     def of_world(cls, worlds: Worlds, w: int = 0) -> "FloorPlan":
-        """The walls that stand in a world now, as where a generator drew them; without start areas.
+        """Return the walls that stand in a world now, such as those a generator drew; without start areas.
 
         Args:
-            worlds: As env.worlds.
+            worlds: The worlds, as in env.worlds.
             w: The number of the world.
 
         Raises:
@@ -119,24 +121,25 @@ class FloorPlan:
         return cls([[float(c[w, e]) for c in columns] for e in rows], (), float(sides[0]), float(sides[-1]))
 
     def parts(self, width: float, room: tuple[float, float] | None = None) -> list[Part]:
-        """The parts of the floor in which a disc can get everywhere, and which it cannot leave.
+        """Return the connected parts of the floor: a disc can get everywhere in its part, but never leaves it.
 
         >>> [part] = plan.parts(1.0)  # or ValueError: agents of a metre cannot get everywhere
 
-        It is found out on a lattice whose points are a tenth of the width apart (or a thousandth of the longer side of
-        the room, if that is more): passages that are a point's distance wider than the disc count as open, narrower
-        ones maybe not, and those that it does not fit through as closed.
+        Computed on a lattice whose points are a tenth of the disc's width apart (or a thousandth of the room's longer
+        side, if that is more). Passages wider than the disc by that distance or more count as open, those too narrow
+        for the disc as closed; those in between may count as either.
 
         Args:
-            width: Metres, the diameter of the disc, such as 2 * agents_radius.
+            width: The diameter of the disc, metres, such as 2 * agents_radius.
             room: Width and height of the floor, metres; None: those of the plan.
 
         Returns:
-            Of each part (x, y, area, starts), the largest first: a point in it and the square metres where the middle
-            of the disc can be, and the indices of the start areas that have some of it.
+            (x, y, area, starts) for each part, the largest first: a point in it, the area in square metres that the
+            middle of the disc can reach, and the indices of the start areas that overlap it.
 
         Raises:
-            ScenarioError: A plan for rooms of any size without a room, or a disc that is too small for a lattice.
+            ScenarioError: The plan is for rooms of any size and `room` is not given, or the disc is too small for a
+                lattice.
         """
         sides = tuple(room or (self.width, self.height))
         if len(sides) != 2 or not all(sides):
@@ -149,14 +152,14 @@ class FloorPlan:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "FloorPlan":
-        """Read what `save` wrote, or a plan in characters of a metre each (see `from_text`).
+        """Read what `save` wrote, or a plan drawn in characters that stand for a metre each (see `from_text`).
 
         Args:
             path: The file.
 
         Raises:
-            ScenarioError: It is neither, of another version, or damaged.
-            OSError: It cannot be read.
+            ScenarioError: The file is neither, is of another version, or is damaged.
+            OSError: The file cannot be read.
         """
         name = os.fspath(path)
         with open(path, "rb") as file:
@@ -170,13 +173,13 @@ class FloorPlan:
             raise ScenarioError(f"{name} is no floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a JSON file, whole or not at all; what was there before is replaced.
+        """Write the plan to a JSON file, completely or not at all, replacing what was there before.
 
         Args:
             path: The file.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         starts = [list(each) for each in self.starts]
         values = (FORMAT, VERSION, self.width, self.height, [list(each) for each in self.walls], starts)
@@ -184,15 +187,16 @@ class FloorPlan:
             place.write_text(json.dumps(dict(zip(KEYS, values, strict=True)), indent=1) + "\n", encoding="utf-8")
 
     def layout(self, length: int = 0) -> tuple[float, ...]:
-        """The number walls_layout, so that layouts of one length can be chosen from in each episode.
+        """Return the plan as a value of the number walls_layout. Each episode can choose among values of one length.
 
         >>> scenario.vary(walls_layout=outlast.choice(one.layout(20), two.layout(20)))
 
         Args:
-            length: Rectangles, walls and start areas together; what it has fewer is filled up. 0: as many as there are.
+            length: Number of rectangles, walls and start areas together; shorter plans are padded. 0: as many as the
+                plan has.
 
         Raises:
-            ScenarioError: It has more than that.
+            ScenarioError: The plan has more rectangles than that.
         """
         uses = [ITEMS if owner == "items" else int(owner) + 1 for owner, *_ in self.starts]
         places = [*self.walls, *(place for _, *place in self.starts)]
@@ -203,14 +207,14 @@ class FloorPlan:
         return (*(float(number) for place, use in found for number in (*place, use)), *[0.0] * empty)
 
     def mechanic(self, length: int = 0) -> Walls:
-        """The mechanic that sets it up: scenario.with_(plan.mechanic()). length: as for `layout`."""
+        """Return the mechanic that builds this plan: scenario.with_(plan.mechanic()). length: as for `layout`."""
         return Walls(layout=self.layout(length))
 
     def room(self) -> Room:
-        """A room as large as the plan: scenario.with_(plan.room(), plan.mechanic()).
+        """Return a room as large as the plan: scenario.with_(plan.room(), plan.mechanic()).
 
         Raises:
-            ScenarioError: It is for rooms of any size.
+            ScenarioError: The plan is for rooms of any size.
         """
         if not (self.width and self.height):
             raise ScenarioError(f"{self} is for rooms of any size: give it a width and a height, or leave room() out")
@@ -222,10 +226,10 @@ LAYOUT = "maze, rooms, pillars, or a file with a floor plan"
 
 
 def named_layout(name: str) -> tuple[Module, ...]:
-    """The mechanics of a layout: one that draws it, or those of a floor plan in a file, with a room of its size.
+    """Return the mechanics of a layout: a generator, or those of a floor plan in a file and a room of its size.
 
     Raises:
-        ScenarioError: It is neither one of GENERATORS nor a floor plan.
+        ScenarioError: The name is neither one of GENERATORS nor a file with a floor plan.
     """
     if name in GENERATORS:
         return (GENERATORS[name](),)

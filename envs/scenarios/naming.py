@@ -1,4 +1,4 @@
-"""What a user names where a scenario is asked for. What files say is never named here, as naming may import."""
+"""Scenarios, mechanics and distributions from names that users type. As this may import code, files never use it."""
 
 import ast
 import dataclasses
@@ -24,7 +24,7 @@ OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
 
 
 def named(text: str) -> Scenario:
-    """The scenario of a name, as users give it.
+    """Return the scenario that a user names.
 
     Args:
         text: "teams_2", a variant. "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without
@@ -58,17 +58,17 @@ def named(text: str) -> Scenario:
 def resolve(
     scenario: Scenario | str, numbers: Mapping[str, Number] | None = None, options: Iterable[str] = ()
 ) -> Scenario:
-    """The scenario that a function was asked for: its name or itself, with other numbers.
+    """Return the scenario that a function was called with, with the numbers that it is to change.
 
     Args:
-        scenario: A name, see `named`, or a Scenario.
-        numbers: Numbers to change, as `Scenario.replace` takes them; what a factory got as `**numbers`.
-        options: Names of the function's own keywords, so that "thread" is answered with "did you mean threads?".
+        scenario: A name (see `named`) or a Scenario.
+        numbers: Numbers to change, as for `Scenario.replace`: what a factory got as `**numbers`.
+        options: Names of the function's own keywords, so that the error for "thread" asks "did you mean threads?".
 
     Raises:
         ScenarioError: `scenario` is neither, or there is no such scenario.
-        KeywordError: A number that the scenario does not have.
-        NumberError: A value that is out of its range.
+        KeywordError: The scenario does not have one of the numbers.
+        NumberError: A value is out of its range.
     """
     if isinstance(scenario, str):
         scenario = named(scenario)
@@ -85,12 +85,12 @@ def resolve(
 
 
 def mechanic(text: str) -> Module:
-    """A mechanic as users type it.
+    """Return a mechanic that a user names.
 
     Args:
-        text: "DropLast" or "DropLast(offset=2.0)", of outlast's own mechanics or those that are imported;
-            "FILE.py:Swamp(drag=0.3)" or "package.module:Swamp", of a file or module, which is imported. Numbers are
-            literals: nothing is evaluated.
+        text: "DropLast" or "DropLast(offset=2.0)": one of outlast's mechanics, or of those imported already;
+            "FILE.py:Swamp(drag=0.3)" or "package.module:Swamp": one from a file or module, which is imported. Numbers
+            are literals: nothing is evaluated.
 
     Raises:
         ScenarioError: There is no such mechanic, or it has no such number.
@@ -104,15 +104,15 @@ def mechanic(text: str) -> Module:
 
 
 def distribution(text: str) -> Distribution:
-    """What numbers are drawn from, as users type it.
+    """Return the distribution that a user names.
 
     Args:
-        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals, and
-            words without quotes, of which true and false are no texts: nothing is evaluated.
+        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals or
+            words without quotes (true and false are booleans); nothing is evaluated.
 
     Raises:
-        ScenarioError: It is something else.
-        NumberError: Values of which nothing can be drawn.
+        ScenarioError: The text is something else.
+        NumberError: Nothing can be drawn from the values.
     """
     try:
         call = ast.parse(text.strip(), mode="eval").body

@@ -38,21 +38,22 @@ class Scenario:
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
 
-    What is derived says so: the name above is "ffa_3-without_boxes-n_agents=10-melee_damage=20", and `about` likewise.
+    A derived scenario says what was changed in its name, "ffa_3-without_boxes-n_agents=10-melee_damage=20" above, and
+    in `about`.
 
     Attributes:
         name: What errors and files call it.
         modules: The mechanics, in any order.
         about: One line for people.
-        order: What `ordered` added: chains of systems, each of which runs before the next one.
-        varied: What `vary` added: numbers of which each world has its own, by name, and what they are drawn from.
-        observed: Those of them that `observe_numbers` shows to agents.
-        by_role: What `roles` added: which agents have numbers of their own.
-        origin: The scenario that it was derived from by `replace`, `with_`, `without` and `ordered`; None: by none.
-        added: Numbers of mechanics that `with_` added which scale with another one: the number then, and that one.
+        order: Chains of systems, each of which runs before the next one: what `ordered` added.
+        varied: Names of the numbers that each world draws, and their distributions: what `vary` added.
+        observed: The varied numbers that agents observe: what `observe_numbers` added.
+        by_role: Which agents have numbers of their own: what `roles` added.
+        origin: The scenario that this one was derived from in one or more steps; None if it was not derived.
+        added: For numbers of mechanics added by `with_` that scale with another number: the values of both at the time.
 
     Raises:
-        ScenarioError: Two mechanics of one kind, or of one name.
+        ScenarioError: Two mechanics are of the same kind or have the same name.
     """
 
     name: str
@@ -81,28 +82,28 @@ class Scenario:
         return f"Scenario({self.name!r}, {len(self.modules)} mechanics{chains})"
 
     def without(self, *kinds: type[Module] | str) -> "Scenario":
-        """The same without some mechanics.
+        """Return the scenario without some of its mechanics.
 
         Args:
             *kinds: Classes or names ("melee").
 
         Raises:
-            ScenarioError: One of them is not in the scenario.
+            ScenarioError: The scenario does not have one of them.
         """
         gone = [self._find(kind) for kind in kinds]
         return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
-        """The same with more mechanics; one of a kind that is there already is replaced, and its numbers vary no more.
+        """Return the scenario with more mechanics; each replaces the one of its kind, whose numbers no longer vary.
 
-        Numbers of others that scale with one of its numbers change as with `replace`.
+        Numbers of other mechanics that scale with one of the new numbers change as with `replace`.
 
         Args:
             *modules: Instances, such as Melee(damage=20).
 
         Raises:
-            ScenarioError: What is given is no mechanic.
-            NumberError: It sets a number that every role sets.
+            ScenarioError: An argument is not a mechanic.
+            NumberError: A mechanic sets a number that every role sets.
         """
         check_mechanics(self.name, modules)
         slots, given, before = {module.slot() for module in modules}, numbers(modules), self.numbers()
@@ -119,28 +120,28 @@ class Scenario:
         return made
 
     def ordered(self, *systems: str) -> "Scenario":
-        """The same with an order between systems that say none themselves, as those of two authors.
+        """Return the scenario with an order between systems that do not declare one, such as those of two authors.
 
         Args:
             *systems: Labels of systems ("poison.sicken") or names of mechanics ("poison"), which stand for all their
                 systems. Each runs before the next one, in every phase that they share.
 
         Raises:
-            ScenarioError: Fewer than two are given.
+            ScenarioError: Fewer than two are given, or one is given twice.
         """
         return self._derived(order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
-        """The same with other numbers, which vary no more if they did.
+        """Return the scenario with other values for some numbers. Numbers that are set no longer vary.
 
-        Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, which is
-        logged at level INFO; those that were set by hand, here or before, stay.
+        Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, and a message
+        at level INFO says so; those that were set explicitly, now or earlier, stay as they are.
 
         Args:
-            **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
+            **numbers: Values by name, module_number ("melee_damage"); n_agents stands for agents_count.
 
         Raises:
-            NumberError: An unknown number, with a hint, or a value out of its range.
+            NumberError: A number is unknown (the message has a hint), or a value is out of its range.
         """
         full = by_full_name(self.find_number, [*numbers.items()])
         if self.by_role:
@@ -163,19 +164,19 @@ class Scenario:
         return found
 
     def vary(self, **numbers: Distribution) -> "Scenario":
-        """The same with numbers that each world draws anew when an episode begins.
+        """Return the scenario with numbers that each world draws anew at the beginning of each episode.
 
         >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
 
-        Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts; who
-        is above the count of a world is absent from it: not alive, neither observed nor rewarded. Numbers that scale
-        with one of them stay as they are.
+        Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts;
+        agents beyond a world's count are absent from it: not alive, neither observed nor rewarded. Numbers that scale
+        with a varied number stay as they are.
 
         Args:
-            **numbers: By name, as for `replace`: outlast.uniform, log_uniform, integers or choice.
+            **numbers: Distributions by name, as for `replace`: outlast.uniform, log_uniform, integers, choice or free.
 
         Raises:
-            NumberError: An unknown number, or one that cannot have the values.
+            NumberError: A number is unknown, or cannot have the values of its distribution.
         """
         varied = dict(self.varied)
         for name, distribution in by_full_name(self.find_number, [*numbers.items()]).items():
@@ -189,13 +190,15 @@ class Scenario:
         return self._derived(varied=tuple(sorted(varied.items())))
 
     def observe_numbers(self, *names: str) -> "Scenario":
-        """The same with varied numbers as an observation, "numbers": float32 (agents, numbers), for every agent there.
+        """Return the scenario with varied numbers as an observation, "numbers": float32 (agents, numbers).
+
+        Every agent that is in the episode observes them.
 
         Args:
-            *names: Of numbers that vary; none: all of them. Their columns are in alphabetical order of the full names.
+            *names: Numbers that vary; without any, all of them. The columns are in alphabetical order of full names.
 
         Raises:
-            ScenarioError: One does not vary.
+            ScenarioError: One of them does not vary, or none does.
         """
         varied = dict(self.varied)
         full = ["_".join(self.find_number(name)) for name in names] or [*varied]
@@ -204,22 +207,22 @@ class Scenario:
         return self._derived(observed=tuple(sorted({*full})))
 
     def roles(self, *, drawn: str = NEVER, observed: bool = True, **roles: Role) -> "Scenario":
-        """The same with agents that have numbers of their own, by role; roles that there were are replaced.
+        """Return the scenario with roles, which give agents numbers of their own; any earlier roles are replaced.
 
         >>> scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
 
         Whether the roles fit the number of agents is checked when worlds are made.
 
         Args:
-            drawn: "never": agents have the roles of their ids, in the order of the roles. "anyone": who has which role
-                is drawn when an episode begins, "side": among the agents of each side.
-            observed: Whether agents observe their own and the others' roles, as the field "role" of their rows: a
-                one-hot vector. Without it, rows have the fields that they had.
-            **roles: By name, what outlast.role() returns.
+            drawn: "never": agents keep the roles that their ids give them. "anyone": each episode draws which agent has
+                which role. "side": likewise, but among the agents of each side.
+            observed: Whether agents observe their own and the others' roles, as the field "role" of the rows: a one-hot
+                vector. If not, the rows keep the fields that they had.
+            **roles: Roles by name, as returned by outlast.role().
 
         Raises:
-            NumberError: No roles, a number that is unknown, the same for all agents, or out of its range, or `observed`
-                is neither True nor False.
+            NumberError: There are no roles; a number is unknown, out of its range or cannot differ between agents; or
+                `observed` is neither True nor False.
         """
         if not isinstance(observed, (bool, Role)):
             raise NumberError(f"observed = {observed!r}: allowed are True and False")
@@ -236,7 +239,7 @@ class Scenario:
         return self._derived(modules=(*others, *shown), by_role=by_role)
 
     def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
-        """The tables of some worlds, without an environment around them.
+        """Make worlds of this scenario, without an environment around them.
 
         Args:
             count: How many worlds.
@@ -244,14 +247,14 @@ class Scenario:
             **options: Other arguments of ecs.Worlds.
 
         Raises:
-            DeclarationError, NumberError, ScheduleError: As ecs.Worlds.
+            DeclarationError, NumberError, ScheduleError: As for ecs.Worlds.
         """
         options |= {"ordered": self.order, "varied": dict(self.varied)}
         options |= {"observed": self.observed, "roles": self.by_role}
         return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":
-        """The same by name and `about` of another one that it was derived from: for changes that make no other game."""
+        """Return it with the name and `about` of `other`, from which it was derived without becoming another game."""
         made = dataclasses.replace(self, name=other.name, about=other.about)
         object.__setattr__(made, "origin", other.origin or other)
         object.__setattr__(made, "added", self.added)
@@ -259,7 +262,7 @@ class Scenario:
 
     @property
     def file_name(self) -> str:
-        """Its name as a part of the names of files."""
+        """The scenario's name in a form that can be part of a file's name."""
         return as_file_name(self.name).lstrip(".") or "scenario"
 
     def _derived(self, **fields: Any) -> "Scenario":
@@ -281,16 +284,16 @@ class Scenario:
         return made
 
     def numbers(self) -> dict[str, Any]:
-        """Every number of every mechanic, by the name that `replace` takes."""
+        """Return every number of every mechanic, by the name that `replace` takes."""
         return numbers(self.modules)
 
     def to_json(self) -> str:
-        """All of it as JSON: mechanics by the full names of their classes."""
+        """Return the whole scenario as JSON, in which mechanics have the full names of their classes."""
         return json.dumps(as_form(self), indent=1) + "\n"
 
     @classmethod
     def from_json(cls, text: str) -> "Scenario":
-        """The scenario of what `to_json` returned. Nothing is imported: mechanics of your own must be before.
+        """Return the scenario that `to_json` described. It imports nothing: import your own mechanics first.
 
         Raises:
             ScenarioError: The text is something else, or names a mechanic that is not imported.
@@ -312,10 +315,10 @@ class Scenario:
         return made
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_json` to a file, whole or not at all; what was there before is replaced.
+        """Write `to_json` to a file, completely or not at all, replacing what was there before.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         with atomic_write(Path(path)) as place:
             place.write_text(self.to_json(), encoding="utf-8")
@@ -325,7 +328,7 @@ class Scenario:
         """Read what `save` wrote.
 
         Raises:
-            ScenarioError: The file cannot be read, or as for `from_json`.
+            ScenarioError: The file cannot be read, or its text is refused as by `from_json`.
             NumberError: A number is out of its range.
         """
         name = os.fspath(path)
@@ -363,9 +366,9 @@ class Scenario:
         return None
 
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
-        """Module and number that `replace` changes under this name, which may be one of an earlier version.
+        """Return the module and the number that `replace` changes under this name, maybe one of an earlier version.
 
-        NumberError if there is none; it may be meant for one of the `options` of a function.
+        NumberError if there is none; its hint also considers the `options` of a function.
         """
         for key in (in_full(asked), renamed.NUMBERS.get(in_full(asked), "")):
             for module in self.modules:
@@ -377,12 +380,12 @@ class Scenario:
         raise NumberError(f"{self.name} has no number '{asked}'; {hint}known: {', '.join(known)}")
 
     def known_numbers(self) -> list[str]:
-        """Every name that `replace` takes, those of today: "melee_damage", "n_agents"."""
+        """Return every name that `replace` takes, without those of earlier versions: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
 
 
 def sorted_(scenario: Scenario) -> Iterator[Module]:
-    """Its modules by name."""
+    """Iterate over its modules, sorted by name."""
     return iter(sorted(scenario.modules, key=lambda module: module.name))
 
 

@@ -78,19 +78,19 @@ ALIASES = {original: name for name, original, *_ in _ROWS}
 
 
 def base(name: str) -> str:
-    """The name of a variant without its ablations."""
+    """Return the name of a variant without its ablations."""
     return name.partition("+")[0]
 
 
 def variant(name: str) -> Scenario:
-    """One of the paper's variants, with ablations if the name has some.
+    """Return one of the paper's variants, with ablations if the name has any.
 
     Args:
-        name: Our name or the paper's, "teams_2" or "2v2_heals_mid", with ablations behind a plus: "teams_2+health_cap",
-            see ABLATIONS.
+        name: Our name or the paper's, "teams_2" or "2v2_heals_mid". Ablations (see ABLATIONS) follow it, each after a
+            plus: "teams_2+health_cap".
 
     Raises:
-        ScenarioError: There is no such variant, and the error lists all, or no such ablation.
+        ScenarioError: There is no such variant (the message lists all of them) or no such ablation.
     """
     plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))
