@@ -1,7 +1,7 @@
 """Checks of a game: does it keep what its mechanics declare, and is it the same whenever it is played again?
 
-Declarations, such as the bounds of a field, are believed in a step, as looking would take time. Here random agents
-play, and all that comes out is looked at.
+A step trusts declarations, such as the bounds of a field, as checking them would take time. Here random agents play,
+and everything that the environment returns is checked.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ CLOSE = 1e-3  # apart, and relative to the number: such differences are of round
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as it should be.
+    """A problem that `outlast.check` found.
 
     Attributes:
         check: The name of the check.
@@ -50,25 +50,25 @@ def check(
     seed: int = 0,
     passed: Callable[[str, str], None] = lambda name, text: None,
 ) -> list[Finding]:
-    """Let random agents play, and look for what a game of one's own gets wrong without an error.
+    """Let random agents play a game of your own, and look for mistakes that raise no error.
 
-    bounds: all numbers that are observed are in the bounds that fields declare. finite: observations, rewards and
-    statistics are finite. again: an environment that has been played gives the same from `reset(seed=)` on as at first.
-    alone: a world gives the same without the others. state: worlds go on from a saved state as they did before. python:
-    mechanics of one's own give the same as Python, but for rounding, in the first 20 steps.
+    bounds: all observed numbers are within the bounds that fields declare. finite: observations, rewards and statistics
+    are finite. again: an environment that has been played repeats itself from `reset(seed=)` on. alone: a world gives
+    the same results without the others. state: worlds go on from a saved state as they did before. python: your own
+    mechanics give the same results when run as Python, apart from rounding, in the first 20 steps.
 
     Args:
         scenario: A scenario or its name.
-        worlds: How many are played.
+        worlds: How many worlds to play.
         steps: How many ticks.
-        seed: Of the worlds and of the agents.
-        passed: Called after each check with its name, and what was found; "": nothing.
+        seed: Seed of the worlds and of the agents.
+        passed: Called after each check with its name and what was found ("" if nothing).
 
     Returns:
-        What was found, at most one thing of each check: the first one. [] if all is well.
+        The first problem that each check found; [] if all is well.
 
     Raises:
-        ValueError: `steps` is no integer of at least 1. Else what make_vec raises.
+        ValueError: `steps` is not an integer of at least 1. Otherwise what make_vec raises.
     """
     if not is_whole(steps, 1):
         raise ValueError(f"steps = {steps!r}: an integer of at least 1 is needed")

@@ -1,6 +1,6 @@
-"""Errors of environments, files and tools. The environment is as it was before the refused call.
+"""Errors of environments, files and tools. A refused call leaves the environment as it was.
 
-Each one is also the error of Gymnasium, or of Python, that callers expect there.
+Each one is also the error of Gymnasium, or of Python, that callers expect in such a case.
 """
 
 from importlib.metadata import PackageNotFoundError, requires
@@ -11,9 +11,9 @@ from outlast.ecs.errors import NumberError, OutlastError
 
 
 def install(extra: str) -> str:
-    """What installs an extra of outlast, with the versions it takes: "pip install 'outlast[play]' (websockets>=14)".
+    """Return the command that installs an extra, with versions: "pip install 'outlast[play]' (websockets>=14)".
 
-    Wherever outlast was installed from, pip finds it there and needs no index for it, only for what is missing.
+    Wherever outlast was installed from, pip finds it installed, and needs an index only for what is missing.
     """
     try:
         lines = requires("outlast") or []
@@ -30,7 +30,7 @@ class ActionError(OutlastError, error.InvalidAction, ValueError):
 
 
 class NotResetError(OutlastError, error.ResetNeeded, RuntimeError):
-    """A step where there is no running episode."""
+    """A call that needs a running episode where there is none."""
 
 
 class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
@@ -38,7 +38,7 @@ class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
 
 
 class PendingError(OutlastError, error.AlreadyPendingCallError, error.NoAsyncCallError, RuntimeError):
-    """A call between send() and recv() or while another thread is in one, or recv() without send()."""
+    """A call between send() and recv() or while another thread is in a call, or recv() without send()."""
 
     name = "step"  # the call, as in Gymnasium
 
@@ -47,46 +47,46 @@ class PendingError(OutlastError, error.AlreadyPendingCallError, error.NoAsyncCal
 
 
 class FaultError(OutlastError, RuntimeError):
-    """A world is in a state that cannot go on; only a reset of that world helps."""
+    """A world is in a state from which it cannot go on; only a reset of that world helps."""
 
 
 class EndlessError(OutlastError, RuntimeError):
-    """Whole episodes are asked for, and one does not end."""
+    """Whole episodes were requested, but one does not end."""
 
 
 class ScenarioError(OutlastError, ValueError):
-    """An unknown variant or mechanic, or mechanics that do not go together; the message lists the known ones."""
+    """An unknown variant or mechanic (the message lists the known ones), or mechanics that do not go together."""
 
 
 class KeywordError(NumberError, TypeError):
-    """A keyword that is neither a function's own nor a number of the scenario.
+    """A keyword that is neither a parameter of the function nor a number of the scenario.
 
-    Also a TypeError, in Python's words for one: TorchRL's GymEnv tries a keyword, and goes on without it after that.
+    Also a TypeError, worded like Python's own: TorchRL's GymEnv tries a keyword, and goes on without it after that.
     """
 
 
 class StateError(OutlastError, ValueError):
-    """A saved state that is broken, or of another scenario."""
+    """A saved state that is damaged, or of another scenario."""
 
 
 class FilmError(OutlastError, ValueError):
-    """Pictures or a film that cannot be drawn or written as asked; nothing is left half-written."""
+    """Pictures or a film that cannot be drawn or written as requested; nothing is left half-written."""
 
 
 class PageError(OutlastError, ValueError):
-    """A page of worlds that do not exist, or of nothing."""
+    """A page that cannot be written, or whose worlds do not exist."""
 
 
 class RecordingError(OutlastError, ValueError):
-    """A recording that is broken, or cannot be written or replayed."""
+    """A recording that is damaged, or cannot be written or replayed."""
 
 
 class ReplayError(RecordingError):
-    """A replay that differs from its recording: names the first tick record and the components that differ."""
+    """A replay that differs from its recording; the message names the first differing tick and its components."""
 
 
 class ClusterError(OutlastError, RuntimeError):
-    """A Ray cluster that does not exist, or does not do its work."""
+    """A Ray cluster that does not exist, or does not complete its work."""
 
 
 class PlayError(OutlastError, RuntimeError):
@@ -98,4 +98,4 @@ class MessageError(OutlastError, ValueError):
 
 
 class UsageError(OutlastError, ValueError):
-    """A mistake of use: the command line reports it in one line. Other packages derive their errors from it."""
+    """A mistake in usage, which the command line reports in one line. Other packages derive their errors from it."""

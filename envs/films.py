@@ -1,4 +1,4 @@
-"""outlast.film: worlds as a film in one call, of which `outlast frames` and `outlast replay --out` are forms."""
+"""outlast.film: worlds as a film in one call. `outlast frames` and `outlast replay --out` are front ends to it."""
 
 import contextlib
 import logging
@@ -39,11 +39,11 @@ class Looks:
     """How a film looks.
 
     Attributes:
-        size: Pixels along a side of one world's picture.
+        size: Side of one world's picture, pixels.
         mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: Changes of what is shown, as "+vision,-scores,+mylayers.py:Marsh": see envs.rendering.layers.select.
-        every: Every how many ticks are drawn.
-        fps: Frames a second.
+        views: What to add or leave out, as in "+vision,-scores,+mylayers.py:Marsh": see envs.rendering.layers.select.
+        every: Draw every `every`-th tick.
+        fps: Frames per second.
     """
 
     size: int = 512
@@ -77,41 +77,41 @@ def film(
     >>> outlast.film("mygame.py:arena", "arena.apng", policy="random", mosaic=(2, 2), size=256, n_agents=6)
     >>> outlast.film("fights.rec", "fights.webm", worlds=[0, 3])
 
-    There is a whole film or none, also after Ctrl-C or when the disk is full.
+    The film is complete or not there at all, even after Ctrl-C or when the disk is full.
 
     Args:
-        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
-            outlast.Recording, or the path of one, which is replayed and compared with its digests.
+        game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
+            outlast.Recording or its path, which is replayed and compared with its digests.
         out: NAME.webm, .apng, .mp4 or .gif, in which the end of an episode is held for a moment; without an ending a
             folder of numbered PNGs, in which it is not.
-        policy: The name of one, "scripted" if nothing else is given, the path of a saved policy (FILE.zip), or a
-            function from the observations to the actions of all worlds.
-        others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
-            several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}.
-        steps: Ticks after the first reset; without it 300, or all that were recorded.
-        worlds: How many, or of a recording the numbers of those to show, as in tables of its events. Without it, as
-            many as the mosaic has room for, or one; of a recording, at most the first 16.
-        seed: Keys worlds and policies; the same seed gives the same film. Without it, 0.
-        size: Pixels along a side of one world's picture, 64 to 4096. Frames are higher: a title, a scoreboard and
-            the last deaths are beside it.
+        policy: A name ("scripted" by default), the path of a saved policy (FILE.zip), or a function from the
+            observations to the actions of all worlds.
+        others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
+            weight}. The side of `policy` changes from world to world and from episode to episode.
+        steps: Ticks after the first reset; by default 300, or all that were recorded.
+        worlds: How many worlds; for a recording, the numbers of those to show, as in tables of its events. By default,
+            as many as the mosaic has room for, or one; for a recording, at most the first 16.
+        seed: Keys worlds and policies; the same seed gives the same film. 0 by default.
+        size: Side of one world's picture, 64 to 4096 pixels. Frames are higher, as a title, a scoreboard and the last
+            deaths are shown as well.
         mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: What else to show, and what not, as "+vision,-scores,+mylayers.py:Marsh".
-        layers: Layers of your own that are shown, too; see docs/mechanic.md.
+        views: What else to show, and what not, such as "+vision,-scores,+mylayers.py:Marsh".
+        layers: Layers of your own to show as well; see docs/mechanic.md.
         every: Show every `every`-th tick, and the ends of episodes.
-        fps: Frames a second; 30 is real time.
+        fps: Frames per second; 30 is real time.
         progress: Called after each frame with the number of frames so far.
-        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+        **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Returns:
         The path of the film.
 
     Raises:
         ScenarioError: There is no such scenario.
-        NumberError: There is no such number, which is a KeywordError, or it is out of its range.
-        UsageError: A policy that does not exist or cannot play there.
-        RecordingError: The recording is broken or cannot be replayed.
+        NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
+        UsageError: A policy does not exist or cannot play there.
+        RecordingError: The recording is damaged or cannot be replayed.
         ReplayError: A tick of the recording is not what it was.
-        FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
+        FilmError: A path, size, view or number of worlds is not valid, or the film could not be written.
     """
     _check(STEPS if steps is None else steps, mosaic, views)
     check_pictures(size, mosaic or (1, 1), every)  # ahead of worlds, of which there are as many as it has room for
@@ -161,20 +161,20 @@ def write_film_of(
     """Write the film of the worlds `shown` while `played` runs them; see `film` and envs.rendering.video.footage.
 
     Args:
-        out: Where it goes.
+        out: Path of the film.
         worlds: All worlds.
-        played: Each item runs them for a tick; the first one has reset them.
+        played: An iterator whose items each run the worlds for a tick; the first one has reset them.
         shown: Numbers of the worlds to show; those that a mosaic has no room for are left out, with a message.
-        looks: How it looks.
+        looks: How the film looks.
         title: The game and who plays.
         progress: Called after each frame with the number of frames so far.
-        layers: What is shown beside what `looks` asks for.
+        layers: Layers to show besides those that `looks` asks for.
 
     Returns:
         The path.
 
     Raises:
-        FilmError: Something cannot be as asked, or the film could not be written.
+        FilmError: An argument is not valid, or the film could not be written.
     """
     if looks.mosaic is not None and len(shown) > (room := looks.mosaic[0] * looks.mosaic[1]):
         LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))

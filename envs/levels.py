@@ -1,9 +1,9 @@
 """Levels: what one episode of one world is made from, as data to keep, change and play again.
 
-A level is the numbers that vary in its scenario (see Scenario.vary), the floor plan among them, and the key of its
-random numbers, from which drawn walls and roles, start places and everything else follow. Environments tell the levels
-that they are in, and take others for their next episodes: curricula choose among levels, searches mutate them,
-benchmarks keep a list of them in a file.
+A level has values of the numbers that vary in its scenario (see Scenario.vary), which may include the floor plan, and
+the key of its random numbers, from which drawn walls and roles, start places and everything else follow. Environments
+return the levels that they are playing, and accept others for their next episodes: curricula choose among levels,
+searches mutate them, benchmarks keep a list of them in a file.
 """
 
 import json
@@ -39,13 +39,13 @@ class Level:
     >>> env.set_levels([level.mutated(scenario, rng) for _ in range(env.num_worlds)])
 
     Attributes:
-        numbers: Those that vary, by full name ("melee_damage"): a number, a bool, a text or a tuple; numbers and arrays
-            of NumPy become such. Those that are left out are drawn.
-        key: (seed, world, episode), which key the random numbers; episodes count from 1. None: those of the world that
-            plays it.
+        numbers: Values of varied numbers, by full name ("melee_damage"): a number, a bool, a text or a tuple; numbers
+            and arrays of NumPy are converted. Numbers that are left out are drawn.
+        key: (seed, world, episode), the key of the random numbers; episodes count from 1. None: the key of the world
+            that plays the level.
 
     Raises:
-        NumberError: Numbers that are no dict, or a key of something else than three integers.
+        NumberError: `numbers` is not a dict, or `key` is not a valid key.
     """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
@@ -69,17 +69,17 @@ class Level:
     def mutated(
         self, scenario: Scenario | str, rng: np.random.Generator, count: int = 1, rekey: bool = False
     ) -> "Level":
-        """A level like this one, with some numbers drawn anew.
+        """Return a level like this one, with some numbers drawn anew.
 
         Args:
-            scenario: The one that varies them, or its name.
-            rng: Draws which numbers, and their values.
-            count: How many numbers, at most as many as vary; free ones (see outlast.free) stay as they are.
-            rekey: Whether it gets another key, too: other start places and other luck.
+            scenario: The scenario that varies the numbers, or its name.
+            rng: Generator that chooses the numbers, and draws their values.
+            count: How many numbers to draw; if fewer vary, all of them. Free ones (see outlast.free) stay as they are.
+            rekey: Whether to draw another key, too, for other start places and other luck.
 
         Raises:
-            NumberError: A count that is no integer from 0, an `rng` that is no Generator, or a number that the scenario
-                does not vary, or a value that could not be drawn.
+            NumberError: `count` is not an integer from 0, `rng` is not a Generator, the scenario does not vary one of
+                the level's numbers, or one has a value that could not be drawn.
         """
         if not isinstance(rng, np.random.Generator):
             raise NumberError(f"rng = {rng!r:.60}: a generator is needed, as np.random.default_rng(0)")
@@ -95,11 +95,11 @@ class Level:
 
 
 def save(path: str | os.PathLike[str], scenario: Scenario | str, levels: Iterable[Level]) -> None:
-    """Write levels into a JSON file, whole or not at all.
+    """Write levels to a JSON file, completely or not at all.
 
     Args:
-        path: The file, which is replaced.
-        scenario: What they are levels of, or its name; the file says what it varies.
+        path: The file; an existing one is replaced.
+        scenario: The scenario that they are levels of, or its name; the file says what it varies.
         levels: The levels.
 
     Raises:
@@ -123,10 +123,10 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
 
     Args:
         path: The file.
-        scenario: What they are to be played in, or its name; each number must be one that could be drawn there.
+        scenario: The scenario to play them in, or its name; it must be able to draw each of their numbers.
 
     Raises:
-        ScenarioError: It is no file of levels, or of another version.
+        ScenarioError: The file holds no levels, or is of another version.
         NumberError: A level has a number that the scenario does not vary, or a value that could not be drawn.
         OSError: The file cannot be read.
     """

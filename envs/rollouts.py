@@ -1,4 +1,4 @@
-"""outlast.rollout: a whole rollout in one call, of which the command `outlast rollout` is a form."""
+"""outlast.rollout: a whole rollout in one call. The command `outlast rollout` is a front end to it."""
 
 import contextlib
 import os
@@ -57,55 +57,55 @@ def rollout(
     watch: Watch | None = None,
     **numbers: Number,
 ) -> Summary:
-    """Play whole episodes, of every world as many, and sum them up.
+    """Play whole episodes, equally many in every world, and summarise them.
 
     >>> print(outlast.rollout("ffa_2", "scripted", worlds=256, melee_damage=20))
     >>> print(outlast.rollout("mygame.py:arena", "runs/arena-fast-0/steps_0010000000.zip", others="scripted"))
 
-    Worlds that are done go on until all are; what they play then is not counted. Saved policies play on one thread of
-    PyTorch, as their networks are too small for more; the number of threads of the process is put back after each
-    call of theirs.
+    Worlds that have finished their episodes go on until all worlds have; their further episodes are not counted. Saved
+    policies run on one thread of PyTorch, as their networks are too small for more; after each of their calls, PyTorch
+    has its former number of threads again.
 
     Args:
-        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
-            environment of make_vec: all of its worlds are reset, and it stays open; it decides `worlds`, `seed`,
-            `threads`, `specialize`, `interpret` and numbers, which are refused then.
-        policy: A name, as "random" or "scripted", the path of a saved policy (FILE.zip), or a function from the
-            observations to the actions of all worlds. If that has a method `reset`, it gets the worlds in which an
-            episode begins, bool (worlds,), before it acts there.
-        steps: Take so many steps of every world instead, and count the episodes that end in them: their means lean
+        game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
+            environment from make_vec: all of its worlds are reset, and it stays open. As it determines them, `worlds`,
+            `seed`, `threads`, `specialize`, `interpret` and numbers are then refused.
+        policy: A name, such as "random" or "scripted", the path of a saved policy (FILE.zip), or a function from the
+            observations to the actions of all worlds. If the function has a method `reset`, that is called with the
+            worlds in which an episode begins, bool (worlds,), before the function acts there.
+        steps: Instead, take this many steps of every world and count the episodes that end in them. The means then lean
             towards short episodes, as long ones are more likely to be cut off.
-        progress: Called after every step with the summary so far, the one that is returned.
-        worlds: How many; without it, 1024.
-        episodes: How many of each world; without it, 1.
-        seed: Keys worlds and policies; the same seed gives the same episodes. Without it, 0.
-        threads: Threads that share the worlds; without it, 1.
-        others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
-            several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}. One is drawn for each world and
-            episode; `outcomes` of the summary says how often it lost.
-        record: Record everything in this new file, see outlast.record.
+        progress: Called after every step with the summary so far, the object that is returned in the end.
+        worlds: How many worlds; 1024 by default.
+        episodes: How many episodes of each world; 1 by default.
+        seed: Keys worlds and policies; the same seed gives the same episodes. 0 by default.
+        threads: Number of threads among which the worlds are divided; 1 by default.
+        others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
+            weight}, one of which is drawn for each world and episode. The side of `policy` changes from world to world
+            and episode to episode. `outcomes` of the summary counts wins, draws and losses against each of the others.
+        record: Record everything in this new file; see outlast.record.
         record_policy: Also record what a saved policy thinks, for outlast.replay_page.
-        events: Write what happened into this new file, NAME.csv or NAME.parquet.
-        csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
+        events: Write what happens to this new file, NAME.csv or NAME.parquet.
+        csv: Write a row for each episode, with all statistics, to this new file, NAME.csv.
         keep: Keep the statistics of each episode, for `arrays` of the summary.
-        specialize: Whether to compile for this scenario alone, see make_vec.
+        specialize: Whether to compile for this scenario alone; see make_vec.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
-        watch: Called after the reset and after every step with the worlds that count, bool (worlds,).
-        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+        watch: Called after the reset and after every step with the worlds that still count, bool (worlds,).
+        **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Returns:
-        Means and standard errors of all statistics; `str` of it is a table.
+        Means and standard errors of all statistics; `str` turns them into a table.
 
     Raises:
-        ScenarioError: No such scenario.
-        NumberError: No such number, which is a KeywordError, or one that is out of its range.
-        ValueError: A count that is out of its range.
-        UsageError: A policy that does not exist or cannot play there, options that exclude each other, or a file that
-            cannot be written.
-        RecordingError: The recording cannot be written. What `progress` got last is the summary until then.
+        ScenarioError: There is no such scenario.
+        NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
+        ValueError: A count is out of its range.
+        UsageError: A policy does not exist or cannot play there, options exclude each other, or a file cannot be
+            written.
+        RecordingError: The recording cannot be written. The last call of `progress` got the summary so far.
         EndlessError: A world without a limit was in one episode for 100,000 steps. Not with `steps`.
-        KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes have what
-            was until then.
+        KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes contain
+            everything up to then.
     """
     _check_counts(steps=(steps, 0), worlds=(worlds, 1), episodes=(episodes, 1), threads=(threads, 1), seed=(seed, 0))
     if steps and episodes is not None:

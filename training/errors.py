@@ -1,13 +1,13 @@
-"""What training and evaluation refuse."""
+"""Errors of training and evaluation."""
 
 from outlast.envs.errors import UsageError
 
 
 class TrainingError(UsageError):
-    """A run that cannot begin or go on: a folder in use, or a checkpoint that is broken or of something else.
+    """A run cannot begin or go on: its folder is in use, or a checkpoint is damaged or belongs to something else.
 
     Attributes:
-        lost: Whether nothing is wrong but that another process of the run has ended.
+        lost: Whether the only problem is that another process of the run has ended.
     """
 
     def __init__(self, text: str = "", *, lost: bool = False) -> None:
@@ -16,4 +16,4 @@ class TrainingError(UsageError):
 
 
 class EmptyRunError(TrainingError):
-    """A run without a curve, as no episode has ended in it yet."""
+    """A run has no curve, because none of its episodes has ended yet."""

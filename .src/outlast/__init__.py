@@ -4,7 +4,7 @@
 >>> env = outlast.make_vec("ffa_3", 1024, seed=0)
 >>> observations, info = env.reset()
 
-What is in `__all__` is public, and docs/api.md describes it; everything else may change between versions.
+The names in `__all__` are public, and docs/api.md describes them; everything else may change between versions.
 """
 
 import warnings

@@ -1,6 +1,6 @@
 """Every error of outlast, by name. `OutlastError` is the base of all of them.
 
-Each one is also an error that callers of Gymnasium or of Python catch already:
+Each one is also an error of Gymnasium or Python that callers may already catch:
 
 >>> try:
 ...     env.step(actions)

@@ -34,12 +34,12 @@ TAKEN = {  # arguments of make_torchrl that a task cannot have, and where else t
 class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     """A scenario as a task of BenchMARL; vectorised, with a state, and with discrete actions and masks.
 
-    name: That of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario. Sides are
-    groups, and observations scaled, unless it says otherwise. With actions="continuous" there are continuous actions
-    only, and no masks. scenario: It, if it is not found by its name.
+    name: The name of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario; by default,
+    sides are groups and observations are scaled. With actions="continuous" there are only continuous actions, and no
+    masks. scenario: The scenario, if it cannot be found by its name.
 
     Raises:
-        ValueError: An argument of make_torchrl that BenchMARL sets by itself, see TAKEN.
+        ValueError: BenchMARL sets an argument of make_torchrl by itself; see TAKEN.
     """
 
     _evaluates = False  # whether the worlds that were asked for last are those of evaluation
@@ -54,10 +54,10 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """What makes an environment of so many worlds.
+        """Return a function that makes an environment of `num_envs` worlds.
 
-        BenchMARL asks twice, with the same seed: for the worlds of evaluation and then for those of training, which are
-        others: they have other numbers.
+        BenchMARL calls this twice with the same seed, for evaluation and then for training. The worlds of the two have
+        different numbers, and so are different worlds.
         """
         options = {**DEFAULTS, **self.config}
         scenario, self._evaluates = self.scenario or self.name.lower(), not self._evaluates
@@ -71,17 +71,17 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return make
 
     def supports_continuous_actions(self) -> bool:
-        """If the task has actions="continuous"."""
+        """Whether the task has actions="continuous"."""
         return bool(self.config.get("actions") == "continuous")
 
     def supports_discrete_actions(self) -> bool:
-        """Yes, joint ones, if they are not continuous."""
+        """Whether actions are discrete: joint ones, unless they are continuous."""
         return not self.supports_continuous_actions()
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
-        """Ticks of an evaluation: the scenario's limit, where it varies the longest; LONGEST where there is none.
+        """The ticks of an evaluation: the scenario's limit (the longest, if it varies), or LONGEST without a limit.
 
-        BenchMARL goes on for as many ticks, also where all episodes have ended: take max_episode_steps for the task.
+        BenchMARL runs for this many ticks even if all episodes have ended: give the task a max_episode_steps.
         """
         scenario, name = env.vector_env.scenario, "ending_limit"
         drawn = dict(scenario.varied).get(name)
@@ -89,36 +89,36 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return int(max(limits)) if all(limits) else LONGEST
 
     def has_render(self, env: SurvivalTorchEnv) -> bool:
-        """No: films are made by `outlast frames`."""
+        """No: use `outlast frames` to make films."""
         return False
 
     def group_map(self, env: SurvivalTorchEnv) -> dict[str, list[str]]:
-        """Names of agents by group."""
+        """The names of agents by group."""
         return env.group_map
 
     def observation_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Of what agents observe, by group."""
+        """The specs of what agents observe, by group."""
         return _entries(env, "observation")
 
     def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite | None:
-        """Of action masks, by group; None of continuous actions."""
+        """The specs of action masks, by group; None for continuous actions."""
         return None if self.supports_continuous_actions() else _entries(env, "action_mask")
 
     def action_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Of actions, by group."""
+        """The specs of actions, by group."""
         return env.full_action_spec_unbatched
 
     def state_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Of the state."""
+        """The spec of the state."""
         return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def info_spec(self, env: SurvivalTorchEnv) -> None:
-        """There is none."""
+        """None: there is no info."""
         return None
 
     @staticmethod
     def env_name() -> str:
-        """As in BenchMARL's own names of tasks: "outlast/teams_2"."""
+        """The environment's name, used in names of tasks such as "outlast/teams_2"."""
         return "outlast"
 
 
@@ -136,24 +136,24 @@ class OutlastTask(Task):  # type: ignore[misc]  # untyped
 
     @staticmethod
     def associated_class() -> type[TaskClass]:
-        """Of all of them."""
+        """The class of all these tasks."""
         return OutlastClass
 
     def get_from_yaml(self, path: str | None = None) -> TaskClass:
-        """The task as DEFAULTS has it; with a path, as that YAML file says."""
+        """Return the task with DEFAULTS, or with the settings of the YAML file at `path`."""
         return super().get_from_yaml(path) if path else OutlastClass(self.name, {})
 
 
 def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
-    """Any scenario as a task.
+    """Return any scenario as a task.
 
     Args:
-        scenario: It, or the name of one: "teams_2+bounty", "mygame.py:arena".
-        config: Arguments of `outlast.make_torchrl`, but for those of TAKEN, and numbers of the scenario.
+        scenario: A Scenario or the name of one: "teams_2+bounty", "mygame.py:arena".
+        config: Arguments of `outlast.make_torchrl`, except those in TAKEN, and numbers of the scenario.
 
     Raises:
-        ScenarioError: There is none of that name.
-        ValueError: An argument of TAKEN.
+        ScenarioError: There is no scenario of that name.
+        ValueError: An argument is in TAKEN.
     """
     found = resolve(scenario)
     return OutlastClass(found.name, config, found)

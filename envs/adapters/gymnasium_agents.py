@@ -38,12 +38,11 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
 
     ## Info
     info["alive"], bool (num_envs,), with its mask info["_alive"]: whether the agent of this observation is alive; a
-    learner may drop the steps of those that were not. Where worlds end, info["statistics"] has their episodes,
-    (num_envs,) by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is
-    info["_statistics"].
+    learner may drop the steps of dead agents. When worlds end, info["statistics"] describes their episodes, (num_envs,)
+    by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is info["_statistics"].
 
-    Where the number of agents varies, info["present"], bool (num_envs,), says whether the episode has the agent. Who is
-    absent is not alive, observes and is paid 0, and has no statistics; its sub-environment ends with its world.
+    If the number of agents varies, info["present"], bool (num_envs,), says whether the episode has the agent. An absent
+    agent is not alive, has observations and rewards of 0, and no statistics; its sub-environment ends with its world.
 
     ## Version History
     v1: the rules of the paper's runs.
@@ -71,30 +70,30 @@ def make_agents(
     action_masks: bool = False,
     **numbers: Number,
 ) -> SurvivalAgentVectorEnv:
-    """All agents of `num_worlds` worlds as a gymnasium VectorEnv of single agents.
+    """Make a gymnasium VectorEnv whose sub-environments are all agents of `num_worlds` worlds.
 
     >>> env = outlast.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
-        seed: Of the first episodes, as in reset. None: a seed that cannot be foreseen.
+        seed: Seed of the first episodes, as in `reset`. None: an unpredictable seed.
         threads: How many threads step the worlds.
-        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
+        max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
-        copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
-            overwrites them (also under tensors that share their memory, as those of jax.device_put do).
-        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
+        copy: Whether observations are copies. False is faster: they are read-only views, and the next call overwrites
+            them (and any tensors that share their memory, such as those from jax.device_put).
+        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
         render_mode: None, "rgb_array" or "ansi".
-        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
-            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
-        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
-        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
+        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
+            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
+        observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
+        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
         action_masks: Whether info has "action_mask", int8 (num_envs, entries): what `action_masks` returns.
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
+        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalAgentVectorEnv(

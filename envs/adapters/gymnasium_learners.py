@@ -26,34 +26,34 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     >>> envs = gymnasium.make_vec("outlast/Teams3-v1", num_envs=64, others="scripted")
 
     ## Description
-    Sub-environment w, seeded s, is bit for bit `SurvivalEnv` seeded s, in observations, rewards, ends and infos
-    (which have a mask for each key).
+    A sub-environment with the seed s is bit-identical to a `SurvivalEnv` with the seed s, in observations, rewards,
+    ends and infos (which have a mask for each key).
 
     ## Action Space
-    MultiDiscrete (num_envs, actions), see `SurvivalEnv`.
+    MultiDiscrete (num_envs, actions); see `SurvivalEnv`.
 
     ## Observation Space
-    Dict of float32 (num_envs, ...), see `SurvivalEnv`.
+    Dict of float32 (num_envs, ...); see `SurvivalEnv`.
 
     ## Rewards
     float32 (num_envs,), the learner's own.
 
     ## Starting State
-    An int seed s gives sub-environment w the seed s + w, as Gymnasium's own vector environments do: seeds 0 and 1
-    have all worlds but one in common. For independent samples take seeds that are num_envs or more apart.
+    An int seed s gives sub-environment w the seed s + w, as in Gymnasium's own vector environments, so seeds 0 and 1
+    have all worlds but one in common. For independent samples use seeds that are num_envs or more apart.
 
     ## Episode End
     As in `SurvivalEnv`; terminated and truncated are bool (num_envs,).
 
     ## Info
-    After every call info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
+    After every call: info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
 
     ## Arguments
     * num_envs: How many worlds.
     * autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
     * threads: How many threads step the worlds.
-    * copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
-      overwrites them (also under tensors that share their memory, as those of jax.device_put do).
+    * copy: Whether observations are copies. False is faster: they are read-only views, and the next call overwrites
+      them (and any tensors that share their memory, such as those from jax.device_put).
     * scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
       as gymnasium's TimeLimit does.
     * render_mode: None, "rgb_array" or "ansi".

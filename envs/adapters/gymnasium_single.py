@@ -24,54 +24,54 @@ Observation = dict[str, Array]
 
 
 class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
-    """One agent of one world learns; made by `gymnasium.make`.
+    """One world in which one agent learns; made by `gymnasium.make`.
 
     >>> env = gymnasium.make("outlast/Teams3-v1", others="scripted", melee_damage=20)
 
     ## Description
-    Agents in a shrinking safe zone strike each other, fetch heals and push boxes, as the scenario says. One of them
-    is the environment's agent, the learner; the others follow a policy.
+    Agents in a shrinking safe zone strike each other, fetch heals and push boxes, depending on the scenario. One of
+    them is the environment's agent, the learner; the others follow a policy.
 
     ## Action Space
     MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
     With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
-    Dict of float32 arrays, by the keys that the scenario's mechanics declare; with observations="flat" a single one.
-    What is returned is a copy.
+    Dict of float32 arrays, by the keys that the scenario's mechanics declare; with observations="flat" a single array.
+    Observations are copies.
 
     ## Rewards
-    A float, the agent's own, as the scenario's rewards_* numbers say.
+    A float, the agent's own, according to the scenario's rewards_* numbers.
 
     ## Starting State
     reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
     ## Episode End
-    Terminated: the world ended by its rule, or the learner died; with dead="keep" it stays, with its rewards, until
-    its world ends. Truncated: at the time limit, the scenario's (ending_limit) or max_episode_steps.
+    Terminated: the world ended by its rule, or the learner died; with dead="keep" a dead learner stays, with its
+    rewards, until its world ends. Truncated: at the scenario's time limit (ending_limit) or at max_episode_steps.
 
     ## Info
-    The same keys after every call: "alive", bool, and the statistics of the episode so far, Python's numbers
+    The same keys after every call: "alive", bool, and the statistics of the episode so far as Python numbers
     ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
 
     ## Arguments
-    * scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+    * scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
     * learner: Index of the agent that learns.
-    * others: The name of a policy, as "scripted", FILE.zip that `outlast train` saved, a function (observations) ->
-      actions, or weights of these, of which one is drawn for each episode: {"scripted": 2, play: 1},
+    * others: The name of a policy, such as "scripted", a FILE.zip saved by `outlast train`, a function (observations)
+      -> actions, or several of these with weights, one of which is drawn for each episode: {"scripted": 2, play: 1},
       "scripted:2,random:1"; see opponents.Opponents.
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".
     * actions, observations, scaled: As in `outlast.make_agents`.
     * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
-    * numbers: Other numbers of the scenario, as in Scenario.replace.
+    * numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     ## Version History
     v1: the rules of the paper's runs.
 
-    Pickles, and copies by copy.copy, hold how an environment was made, not where it is: what comes out has not been
-    reset. `get_state` and `set_state` are for the rest. copy.deepcopy makes one that goes on from where this one is.
+    Pickles and copies by copy.copy hold how an environment was made, not its state: the new environment has not been
+    reset. Use `get_state` and `set_state` for the state. A copy by copy.deepcopy goes on from where this one is.
     """
 
     metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
@@ -114,13 +114,13 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
 
         Args:
             seed: Start the first episode of this seed; None: the next episode.
-            options: Gymnasium's; nothing is read from it.
+            options: Part of Gymnasium's interface; ignored.
 
         Returns:
-            Observation and info, see the class.
+            Observation and info; see the class.
 
         Raises:
-            ValueError: The seed is no integer from 0 to 2**64 - 1.
+            ValueError: The seed is not an integer from 0 to 2**64 - 1.
         """
         if seed is not None:
             keys(seed, 1, 0)
@@ -131,16 +131,16 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         return _first(observations), _numbers(info)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One tick.
+        """Advance the world by one tick.
 
         Args:
             action: Integers of any type, or a list, in the action space.
 
         Returns:
-            Observation, reward, terminated, truncated and info, see the class.
+            Observation, reward, terminated, truncated and info; see the class.
 
         Raises:
-            ActionError: The action is not in the action space, or `others` returned none.
+            ActionError: The action is not in the action space, or `others` returned one that is not.
             NotResetError: The episode is over, or has not begun.
         """
         if self.base_env._tracker.done[0]:
@@ -151,9 +151,9 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
     def render(self) -> Any:
-        """uint8 (height, width, 3) RGB, or text, or None and a window, as render_mode says; reset and step draw that.
+        """Return uint8 (height, width, 3), RGB, or text, or show a window and return None, depending on render_mode.
 
-        None, with a warning, without a render_mode.
+        `reset` and `step` update the window by themselves. Without a render_mode it warns and returns None.
         """
         frames = self._batch.render()
         if frames is None or self._window is None:
@@ -163,29 +163,29 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
 
     @property
     def state_space(self) -> Any:
-        """Of `state`: Box, float32 (size,)."""
+        """The space of `state`: Box, float32 (size,)."""
         return self.base_env.state_space
 
     def state(self) -> Array:
-        """The whole world, also what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
+        """Return the whole world, even what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
         state: Array = self._batch.state()[0]
         return state
 
     def action_masks(self) -> Array:
-        """Which actions can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        """Return which actions can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
         mask: Array = self._batch.action_masks()[0]
         return mask
 
     def get_state(self) -> State:
-        """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
         return self._batch.get_state()
 
     def set_state(self, state: State) -> Observation:
-        """Go on from `state`; returns the learner's observation. Raises StateError if it is of another scenario."""
+        """Go on from `state`. Returns the learner's observation. Raises StateError if it is of another scenario."""
         return _first(self._batch.set_state(state))
 
     def close(self) -> None:
-        """Close window and world; again does no harm."""
+        """Close the window and the world. Closing again does no harm."""
         if self._window is not None:
             self._window.close()
         self._batch.close()

@@ -19,26 +19,26 @@ Others = Other | Mapping[Any, float]  # by Other
 
 
 class Opponents:
-    """All agents of all worlds but the learner.
+    """Who plays all agents of all worlds except the learners.
 
-    A policy is called for all worlds at once (a single environment is a batch of one world). It gets the observations
-    of the agents that it plays only, in order of id with the learner left out: a dict of float32
-    (worlds, agents - 1, ...), of a function's own. It returns integers (worlds, agents - 1, actions). If it
-    has a memory, it has a method `reset` too: see memory.told. If it has a method `check`, that gets the worlds as a
-    SurvivalVectorEnv beforehand, and raises where it cannot play in them.
+    A policy is called for all worlds at once (a single environment is a batch of one world). It only gets the
+    observations of the agents that it plays, in order of id without the learner: a dict of float32
+    (worlds, agents - 1, ...); functions get copies. It returns integers (worlds, agents - 1, actions). A policy with a
+    memory also has a method `reset`: see memory.told. If it has a method `check`, that is first called with the worlds
+    as a SurvivalVectorEnv, and raises if the policy cannot play in them.
 
-    Of a mixture, one policy is drawn for each world where an episode begins, as a function of (seed, world, episode);
+    From a mixture, one policy is drawn for each world when an episode begins, as a function of (seed, world, episode);
     it plays all of the world's agents but the learner. Each is called for all worlds, but not while it plays in none.
 
-    "random" is a function of (seed, world, episode, tick, agent): a world is played the same alone and in any batch.
+    "random" is a function of (seed, world, episode, tick, agent): it plays a world in the same way in any batch.
 
     Attributes:
         agent_indices: Which agents of a world it plays, a list or a slice.
 
     Args:
-        others: The name of a policy, as "scripted" (envs.rollout.policies has all), FILE.zip that `outlast train`
-            saved, or a function (observations) -> actions. Or a mixture: weights by these, as {"scripted": 2, play: 1},
-            or a text, "scripted:2,runs/a.zip:1".
+        others: The name of a policy, such as "scripted" (envs.rollout.policies has all), a FILE.zip saved by `outlast
+            train`, or a function (observations) -> actions. Or a mixture: weights by these, {"scripted": 2, play: 1},
+            or as a text, "scripted:2,runs/a.zip:1".
         base_env: The worlds.
         learner: Index of the agent that is left out.
     """
@@ -57,9 +57,9 @@ class Opponents:
         self._policy = mixture if mixture.forgetful else told(mixture, base_env)
 
     def actions(self) -> Array:
-        """Their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError.
+        """Return their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError.
 
-        To be called once before each step.
+        Call it once before each step.
         """
         if not self.shape[1]:
             return np.zeros(self.shape, np.int8)
@@ -68,10 +68,10 @@ class Opponents:
 
 
 def checked_others(others: Any) -> Entries:
-    """The entries of the mixture that Opponents is given: names, paths or functions, with their weights.
+    """Return the entries of the mixture given to Opponents: names, paths or functions, with their weights.
 
     Raises:
-        UsageError: Something else, one that is given twice, or a weight that is not above 0. It is a ValueError.
+        UsageError: An entry is something else or given twice, or a weight is not above 0. It is a ValueError.
     """
     try:
         if isinstance(others, str):
@@ -82,7 +82,7 @@ def checked_others(others: Any) -> Entries:
 
 
 def copied_others(others: Others, memo: Any) -> Others:
-    """A copy, as copy.deepcopy makes it, so that no policy plays in two environments.
+    """Return a copy, made by copy.deepcopy, so that no policy plays in two environments.
 
     Raises:
         UsageError: A policy cannot be copied.

@@ -1,4 +1,4 @@
-"""What adapters share in which every agent, and not every world, is an environment."""
+"""What the adapters share in which each agent, rather than each world, is an environment."""
 
 import sys
 from collections.abc import Callable
@@ -30,7 +30,7 @@ DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until i
 
 
 def check_dead(dead: str, worlds: Worlds) -> None:
-    """Raise ValueError unless `dead` is one of DEAD, and "keep" where agents come back."""
+    """Raise ValueError unless `dead` is one of DEAD, and "keep" if agents come back to life."""
     check_choice("dead", dead, DEAD)
     if dead == "end" and Return in worlds:
         raise ValueError("dead = 'end': agents come back in this scenario, so none ends at its death; take dead='keep'")
@@ -39,7 +39,7 @@ def check_dead(dead: str, worlds: Worlds) -> None:
 def requested(
     make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
 ) -> Scenario:
-    """The scenario that the factory `make` was asked for; its time limit is called ending_limit in scenarios."""
+    """Return the scenario that the factory `make` was called with; its time limit becomes the number ending_limit."""
     if (dead := numbers.pop("dead", "keep")) != "keep":  # of those that have no such keyword
         cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
         raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
@@ -55,20 +55,20 @@ def requested(
 
 
 class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
-    """Agents of every world as sub-environments, world by world. All those of a world end, and are reset, together.
+    """Agents of every world as sub-environments, world by world. All agents of a world end and are reset together.
 
-    Episodes end and are reset by base_env, a SurvivalVectorEnv without copies. It resets as autoreset_mode says, but
-    under SAME_STEP, where its own mode is NEXT_STEP: the last observations and infos are taken here before the reset,
-    and only worlds that went on from a state of their end are left for the next step.
+    base_env, a SurvivalVectorEnv without copies, ends episodes and resets worlds according to autoreset_mode. Under
+    SAME_STEP, its own mode is NEXT_STEP: the adapter keeps the last observations and infos, and then resets the worlds
+    itself; only worlds that were set to a state in which they have ended wait for the next step.
 
     Args:
         scenario: The scenario of all worlds, or its name.
-        num_worlds: How many there are.
+        num_worlds: How many worlds there are.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
-        copy: Whether observations are copies, and not views of the engine's memory.
+        copy: Whether observations are copies rather than views of the engine's memory.
         check_actions: Whether to check the range of actions.
         check_joint: Whether base_env checks the range of the actions of all agents.
-        actions: "multi", "joint" or "continuous", see action_spaces.ActionSpace; base_env has "multi".
+        actions: "multi", "joint" or "continuous"; see action_spaces.ActionSpace. base_env has "multi".
         action_masks: Whether info has masks.
         options: Further arguments of base_env: seed, threads, render_mode, observations, scaled.
     """
@@ -105,12 +105,12 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; made when first asked for, as it is as large as a batch of observations."""
+        """`single_observation_space`, batched. Made on first use, as it takes as much memory as a batch does."""
         return batch_space(self.single_observation_space, self.num_envs)
 
     @cached_property
     def action_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; the same object in every call, as its generator goes on from sample to sample."""
+        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
         return batch_space(self.single_action_space, self.num_envs)
 
     def reset(
@@ -122,15 +122,15 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             seed: An integer keys world w by (seed, w), so that no two seeds have a world in common. A sequence has an
                 integer for each sub-environment, equal ones for the agents of a world, and keys that world by
                 (integer, 0). None: every world goes on to its next episode.
-            options: {"reset_mask": bool (num_envs,)} resets the worlds of these sub-environments only; the agents of a
-                world must agree. No other options are known.
+            options: {"reset_mask": bool (num_envs,)} resets the worlds of these sub-environments only; all agents of a
+                world must have the same entry. There are no other options.
 
         Returns:
-            Observations, float32 (num_envs, ...), and info, which has "alive" for those that were reset.
+            Observations, float32 (num_envs, ...), and info, with "alive" for the agents whose worlds were reset.
 
         Raises:
-            ValueError: No such seed or option, or agents of one world that disagree.
-            TypeError: A wrapper is around that cannot work with observations in a dict.
+            ValueError: The seed or an option is not valid, or agents of one world have different mask entries.
+            TypeError: The environment is inside a wrapper that cannot handle observations in a dict.
         """
         refuse_dicts(sys._getframe(1))
         mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
@@ -140,10 +140,10 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return self._observe(), self._info(mask)
 
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """One tick of every world. A refused call changes nothing.
+        """Advance every world by one tick. A refused call changes nothing.
 
-        NEXT_STEP: who ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at once;
-        info["final_obs"] and info["final_info"] are of the end. DISABLED: reset it yourself.
+        NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at
+        once; info["final_obs"] and info["final_info"] hold its end. DISABLED: reset it yourself.
 
         Args:
             actions: Integers of any type, (num_envs, actions); with actions="joint" (num_envs,); with
@@ -154,9 +154,9 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             (num_envs,); info.
 
         Raises:
-            ActionError: Actions of another shape, of another type or out of range.
-            NotResetError: Some world has not started, or has ended and autoreset_mode is DISABLED.
-            FaultError: A world is in a state that physics cannot take; the others have been stepped.
+            ActionError: Actions of the wrong shape or type, or out of range.
+            NotResetError: Some worlds have not been reset, or have ended under DISABLED.
+            FaultError: A world is in a state that the physics cannot handle; the others have been stepped.
         """
         self._check_running()
         shape, who = (self.num_envs,), "sub-environment {0}"
@@ -173,38 +173,39 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
     def render(self) -> tuple[Any, ...] | None:
-        """Draw the world of every sub-environment: a tuple of uint8 (height, width, 3), RGB, or of texts.
+        """Draw the world of every sub-environment: a tuple of images, uint8 (height, width, 3) in RGB, or of texts.
 
-        Agents of a world share one frame. None, with a warning, without a render_mode. NotResetError before reset().
+        Agents of a world share one frame. Without a render_mode it warns and returns None. NotResetError before
+        reset().
         """
         frames = self.base_env.render()
         return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
     @property
     def state_space(self) -> Any:
-        """Of `state`, for a world: Box, float32 (size,)."""
+        """The space of one world's row of `state`: Box, float32 (size,)."""
         return self.base_env.state_space
 
     @property
     def state_names(self) -> list[str]:
-        """What the numbers of `state` are, see SurvivalVectorEnv.state_names."""
+        """The names of the columns of `state`; see SurvivalVectorEnv.state_names."""
         return self.base_env.state_names
 
     def state(self, out: Any = None) -> Array:
-        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
         return self.base_env.state(out)
 
     def action_masks(self) -> Array:
-        """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
+        """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         self.base_env._check_running("action_masks")
         return self._masks()
 
     def get_state(self) -> State:
-        """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        """Return the worlds' state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
         return self.base_env.get_state()
 
     def set_state(self, state: State) -> Arrays:
-        """Go on from `state`, of as many worlds or of one for all; returns the observations. Raises StateError."""
+        """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError."""
         self.base_env.set_state(state)
         return self._observe()
 

@@ -1,4 +1,4 @@
-"""PettingZoo: one world as a ParallelEnv, and as an AECEnv through PettingZoo's own conversion."""
+"""PettingZoo: one world as a ParallelEnv, or, by PettingZoo's own conversion, as an AECEnv."""
 
 import copy
 import warnings
@@ -44,20 +44,20 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description
-    With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves
-    `agents`, as PettingZoo has it. Rewards after death and those of a team for its dead members are then lost. With
-    dead="keep", all stay until the world ends, with their rewards; the masks in observations of the dead are 0.
+    With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves `agents`,
+    as usual in PettingZoo. Rewards after death, such as those of a team for its dead members, are then lost. With
+    dead="keep", all agents stay until the world ends, with their rewards; the masks in observations of the dead are 0.
 
-    Where the scenario varies the number of agents, `agents` are those that the episode has; with dead="keep" all of
-    `possible_agents`, for libraries that need the same agents in every episode. Observations and rewards of those that
-    the episode does not have are 0, and their actions are ignored.
+    If the scenario varies the number of agents, `agents` are those that the episode has; with dead="keep" they are all
+    of `possible_agents`, for libraries that need the same agents in every episode. Agents that the episode lacks then
+    have observations and rewards of 0, and their actions are ignored.
 
     ## Action Space
     MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
     attack, use, give. With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
-    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single one.
+    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single array.
 
     ## Rewards
     A float for each agent.
@@ -66,24 +66,24 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
     ## Episode End
-    When the world ends by its rule, terminated is True for all that are left; at the time limit, truncated is True for
-    all agents reported.
+    When the world ends by its rule, terminated is True for all agents that are left; at the time limit, truncated is
+    True for all agents reported.
 
     ## Info
-    {"alive": 1 or 0} for each agent, after every call. Where the number of agents varies also "present", 1 or 0:
-    whether the episode has the agent.
+    {"alive": 1 or 0} for each agent, after every call. If the number of agents varies, also "present", 1 or 0: whether
+    the episode has the agent.
 
     Attributes:
-        statistics: Of the episode that ended last, by key; {} before that. An episode ends where no agent is left, also
-            in a world that would go on. They are the world's: "return" goes on until then after an agent has left, and
-            so may differ from what the agent was paid with dead="end".
-        statistics_present: Where the number of agents varies, which agents and sides it had, bool (n,) by key.
+        statistics: The statistics of the last episode that ended, by key; {} before that. An episode ends when no agent
+            is left, even if the world could go on. The statistics are the world's: "return" also counts rewards after
+            an agent has left, and so may differ from what the agent was paid with dead="end".
+        statistics_present: If the number of agents varies, which agents and sides that episode had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
         np_random: A generator for wrappers, such as SuperSuit's frame_skip_v0; reset(seed=...) seeds it, and so does
             the constructor's seed. The worlds do not draw from it.
 
-    Pickles, and copies by copy.copy, hold how an environment was made, not where it is: what comes out has not been
-    reset. `get_state` and `set_state` are for the rest. copy.deepcopy makes one that goes on from where this one is.
+    Pickles and copies by copy.copy hold how an environment was made, not its state: the new environment has not been
+    reset. Use `get_state` and `set_state` for the state. A copy by copy.deepcopy goes on from where this one is.
     """
 
     def __init__(
@@ -129,11 +129,11 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
 
     def observation_space(self, agent: str) -> Any:
-        """What the agent sees: Dict of float32 Boxes, or a flat Box; the same object in every call."""
+        """Return the agent's observation space: Dict of float32 Boxes, or a flat Box; always the same object."""
         return self._observation_spaces[self._number(agent)]
 
     def action_space(self, agent: str) -> Any:
-        """What the agent does: MultiDiscrete, [3, 3, 3, 2, 2, 2] in the paper, Discrete, Box; always one object."""
+        """Return the agent's action space: MultiDiscrete, Discrete or Box; always the same object."""
         return self._action_spaces[self._number(agent)]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
@@ -141,13 +141,13 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
         Args:
             seed: Start the first episode of this seed; None: the next episode, or the first of the constructor's seed.
-            options: PettingZoo's; nothing is read from it.
+            options: Part of PettingZoo's interface; ignored.
 
         Returns:
             Observations and infos by agent.
 
         Raises:
-            ValueError: The seed is no integer from 0 to 2**64 - 1.
+            ValueError: The seed is not an integer from 0 to 2**64 - 1.
         """
         self._check_open()
         self.base_env.reset(seed=seed)
@@ -160,17 +160,17 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One tick. A refused call changes nothing.
+        """Advance the world by one tick. A refused call changes nothing.
 
         Args:
-            actions: By agent, integers of any type, as many as its action space has, as an array or a list, or a single
-                one. An agent without one does nothing; actions of the dead are ignored.
+            actions: By agent, integers of any type in its action space, as an array or a list, or a single integer. An
+                agent that is left out does nothing; actions of the dead are ignored.
 
         Returns:
-            Observations, rewards, terminated, truncated and infos, of those who were in `agents` before the call.
+            Observations, rewards, terminated, truncated and infos, for those who were in `agents` before the call.
 
         Raises:
-            ActionError: Unknown agents, or actions that are not in the action space.
+            ActionError: An agent is unknown, or an action is not in the action space.
             NotResetError: The episode is over, or has not begun.
         """
         self._check_open()
@@ -196,31 +196,31 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         )
 
     def state(self) -> Array:
-        """The whole world, also what no agent sees, as a float32 vector; see core.global_state.GlobalState."""
+        """Return the whole world, even what no agent sees, as a float32 vector; see core.global_state.GlobalState."""
         state: Array = self.base_env.state()[0]
         return state
 
     def action_masks(self) -> dict[str, Array]:
-        """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        """Return which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv."""
         self.base_env._check_running("action_masks")
         masks = self._actions.masks()[0]
         return {agent: masks[self._index[agent]] for agent in self.agents}
 
     def get_state(self) -> State:
-        """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
         return self.base_env.get_state()
 
     def set_state(self, state: State) -> Observations:
-        """Go on from `state`; returns the observations. Raises StateError if it is of another scenario.
+        """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario.
 
-        An AECEnv around this one would go on with the agents and observations that it keeps.
+        An AECEnv around this one does not notice, and goes on with the agents and observations that it has stored.
         """
         self.base_env.set_state(state)
         self.agents = self._remaining(self._beginning())
         return self._observe(self.agents)
 
     def render(self) -> Array | str | None:
-        """uint8 (height, width, 3) RGB, or text, or None and a window (which reset and step draw by themselves)."""
+        """Return uint8 (height, width, 3), RGB, or text, or None for a window, which reset and step also update."""
         self.base_env._check_running("render")
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
@@ -235,7 +235,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return None
 
     def close(self) -> None:
-        """Close window and world; again does no harm."""
+        """Close the window and the world. Closing again does no harm."""
         if self._window is not None:
             self._window.close()
         self.base_env.close()
@@ -322,26 +322,26 @@ def parallel_env(
     action_masks: bool = False,
     **numbers: Number,
 ) -> SurvivalParallelEnv:
-    """One world for PettingZoo's learners and wrappers.
+    """Make one world for PettingZoo's learners and wrappers.
 
     >>> env = outlast.parallel_env("teams_3", dead="keep", max_episode_steps=1000, melee_damage=20)
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         render_mode: None, "rgb_array", "ansi" or "human".
-        seed: Of the first episode. None: a seed that cannot be foreseen.
-        dead: "end": who dies leaves. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
-        max_episode_steps: Ticks until the world is truncated: the scenario's ending_limit.
+        seed: Seed of the first episode. None: an unpredictable seed.
+        dead: "end": agents leave when they die. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
+        max_episode_steps: Ticks after which the world is truncated; it sets the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
-        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
-            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
-        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
-        scaled: Whether observations and `state` are divided by the scales of their fields, see `make_vec`.
+        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
+            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
+        observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
+        scaled: Whether observations and `state` are divided by the scales of their fields; see `make_vec`.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
+        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     if max_cycles is not None:
         check_count("max_cycles", max_cycles, 1)
@@ -365,17 +365,17 @@ def parallel_env(
 
 
 def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
-    """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
+    """Make one world as a PettingZoo AECEnv, in which agents act in turns, and the tick follows the last agent's turn.
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         **options: The other arguments of `parallel_env`.
 
     Returns:
         The AECEnv; its `unwrapped` is the SurvivalParallelEnv that `parallel_env` returns.
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `parallel_env`.
+        ScenarioError, NumberError, ValueError: As for `parallel_env`.
     """
     return parallel_to_aec(parallel_env(scenario, **options))
 

@@ -38,29 +38,29 @@ def make_puffer(
     buf: dict[str, Array] | None = None,
     **numbers: Number,
 ) -> "SurvivalPufferEnv":
-    """All agents of `num_worlds` worlds for PufferLib, alone or made by its vector.make.
+    """Make all agents of `num_worlds` worlds for PufferLib, directly or through its vector.make.
 
     >>> vecenv = outlast.make_puffer("ffa_3", 1024)
     >>> vecenv = pufferlib.vector.make(outlast.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
-        seed: World w is keyed by (seed, w), so that environments with different seeds have no world in common. None: a
-            seed that cannot be foreseen. PufferLib resets environment j of worker i with seed + i + j: give every
-            environment a worker of its own (num_workers=num_envs, its default), or some play the same worlds.
+        seed: World w is keyed by (seed, w), so that environments with different seeds have no world in common. None: an
+            unpredictable seed. PufferLib resets environment j of worker i with seed + i + j, so give every environment
+            its own worker (num_workers=num_envs, the default); otherwise some environments play the same worlds.
         threads: How many threads step the worlds.
-        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
-        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
+        max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
+        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
         render_mode: None, "rgb_array" or "ansi".
-        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
-            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
-        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
-        buf: PufferLib's arrays.
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
+            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
+        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
+        buf: Arrays that PufferLib passes in.
+        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
+        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     check_flags(check_actions=check_actions)
@@ -80,9 +80,9 @@ def make_puffer(
 
 
 class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
-    """All agents of all worlds: row w * agents + i of every array is agent i of world w. num_agents is their number.
+    """All agents of all worlds: row w * agents + i of every array is agent i of world w. num_agents counts all rows.
 
-    The arrays are those of PufferLib (buf) or, without it, the environment's own; every call overwrites them:
+    The arrays are those of PufferLib (buf) or, without these, the environment's own; every call overwrites them:
 
     ============ ======= ================== ========================================================================
     observations float32 (num_agents, size) all that an agent sees, flat, in order of the keys
@@ -93,13 +93,13 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
     ============ ======= ================== ========================================================================
 
     As in the paper's training, the dead stay until their world ends, with their rewards (dead="keep" of other
-    adapters); their actions are ignored. A world that ended starts anew in that very step: the observation is already
-    the next episode's. PufferLib's own trainer stops returns at terminals only.
+    adapters); their actions are ignored. A world that ended starts again in that very step: the observation is already
+    the next episode's. PufferLib's own trainer ends returns only at terminals.
 
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
-    of agents and sides one for each that the episode had.
+    with one for each agent or side that the episode had in statistics of agents and sides.
 
-    base_env.flat_names says what the columns of observations are.
+    base_env.flat_names are the names of the columns of observations.
 
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP.
@@ -122,15 +122,15 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         super().__init__(buf)
 
     def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
-        """Start new episodes everywhere: of `seed`, or the next ones. Returns (observations, infos)."""
+        """Start new episodes in all worlds: those of `seed`, or the next ones. Returns (observations, infos)."""
         self.base_env.reset(seed=seed)
         return self._beginning(), []
 
     def step(self, actions: Array) -> Outcome:
-        """One tick of every world, then new episodes where it was the last.
+        """Advance every world by one tick, and start new episodes in worlds that ended.
 
-        actions: as the space has them, of all rows. Returns (observations, rewards, terminals,
-        truncations, infos). A refused call (ActionError, NotResetError, ClosedError) changes nothing.
+        actions: those of all rows, as in the action space. Returns (observations, rewards, terminals, truncations,
+        infos). A refused call (ActionError, NotResetError, ClosedError) changes nothing.
         """
         shape, who = (self.num_agents,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_agents", who=who)
@@ -152,37 +152,37 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 
     def action_masks(self) -> Array:
-        """Which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
+        """Return which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
         self.base_env._check_running("action_masks")
         masks: Array = self._actions.masks().reshape(self.num_agents, -1)
         return masks
 
     def state(self, out: Any = None) -> Array:
-        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
         return self.base_env.state(out)
 
     def get_state(self) -> State:
-        """The state of all worlds as plain arrays; see SurvivalVectorEnv.get_state."""
+        """Return the state of all worlds as plain arrays; see SurvivalVectorEnv.get_state."""
         return self.base_env.get_state()
 
     def set_state(self, state: State) -> Array:
-        """Go on from `state`, of as many worlds or of one for all; returns the observations.
+        """Go on from `state`, of as many worlds or of one for all. Returns the observations.
 
         Raises:
-            StateError: It is of another scenario; nothing was changed.
+            StateError: The state is of another scenario or does not fit; nothing was changed.
         """
         self.base_env.set_state(state)
         return self._beginning()
 
     def render(self) -> Any:
-        """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says. NotResetError before reset()."""
+        """Draw world 0 as uint8 (height, width, 3), RGB, or text, as render_mode says. NotResetError before reset()."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
         self.base_env._check_running("render")
         return render_world(self.base_env.worlds, 0, self.render_mode)
 
     def close(self) -> None:
-        """Close the worlds and their threads; again does no harm."""
+        """Close the worlds and their threads. Closing again does no harm."""
         self.base_env.close()
 
     def _beginning(self) -> Array:

@@ -1,4 +1,4 @@
-"""All scenarios in the registries of Gymnasium and PettingZoo; their modules are imported when an environment is made.
+"""All scenarios in the registries of Gymnasium and PettingZoo. Their modules are imported when an environment is made.
 
 Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
 ``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says
@@ -25,7 +25,7 @@ IDS = {
 
 
 def register() -> None:
-    """Register all scenarios, without importing any; those that are registered already are left alone."""
+    """Register all scenarios, without importing any; those that are already registered are left alone."""
     for name, scenario in (IDS | {f"outlast/{own}-{VERSION}": own for own in installed()}).items():
         if name not in gymnasium.registry:
             gymnasium.register(

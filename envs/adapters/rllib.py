@@ -29,30 +29,30 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
 
-    Observations, actions, rewards, terminated and infos are those of `outlast.parallel_env`. Besides, "__all__" is
-    terminated when the world has ended by its rule, and truncated at the time limit, also if agents died in that tick.
-    Nothing else is in truncated: RLlib takes an episode in which every agent is truncated by its name for terminated,
-    and bootstraps no values then.
+    Observations, actions, rewards, terminated and infos are those of `outlast.parallel_env`. In addition, "__all__" is
+    terminated when the world has ended by its rule, and truncated at the time limit, even if agents died in that tick.
+    truncated has no other entries: if every agent were truncated by name, RLlib would treat the episode as terminated,
+    and would not bootstrap values.
 
-    With config["action_masks"], what an agent observes is {"observations": as before, "action_mask": float32
-    (entries,), 1 for what can do something}, which is where RLlib's ActionMaskingTorchRLModule looks for them; that
-    takes actions="joint" and observations="flat".
+    With config["action_masks"], an agent observes {"observations": as before, "action_mask": float32 (entries,), 1 for
+    actions that can do something}, where RLlib's ActionMaskingTorchRLModule looks for them; this module needs
+    actions="joint" and observations="flat".
 
-    reset(seed=s) gives world 0 of a batch with that seed; in a training run, where copies play a world of their own
-    each, another one: a function of s, config["seed"], worker and copy. Without any seed, worlds cannot be foreseen.
-    RLlib checks an environment before a run, by an episode of its own: that uses up no seed.
+    reset(seed=s) starts world 0 of a batch with that seed. In a training run, where each copy plays a world of its own,
+    the world is a function of s, config["seed"], worker and copy. Without any seed, worlds are unpredictable. The
+    episode by which RLlib checks an environment before a run does not use up a seed.
 
     Args:
         config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
             "observations", "scaled", "action_masks", numbers ...
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `outlast.parallel_env`.
+        ScenarioError, NumberError, ValueError: As for `outlast.parallel_env`.
 
     Attributes:
         base_env: The SurvivalVectorEnv of one world below.
-        state_space: Of `state`: Box, float32 (size,).
-        state_names: What the numbers of `state` are, see SurvivalVectorEnv.state_names.
+        state_space: The space of `state`: Box, float32 (size,).
+        state_names: The names of the columns of `state`; see SurvivalVectorEnv.state_names.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None) -> None:
@@ -72,7 +72,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._cut = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
-        """Start an episode: of `seed`, or the next one. The first reset takes the configuration's seed."""
+        """Start an episode: that of `seed`, or the next one. The first reset uses the configuration's seed."""
         checking, self._unchecked = self._unchecked and (seed, options) == CHECK, False
         if not checking:
             seed, self._seed = self._seed if seed is None else seed, None
@@ -84,7 +84,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     def step(
         self, action_dict: Mapping[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One tick, as SurvivalParallelEnv.step; terminated also has "__all__", and truncated nothing else."""
+        """Take a step as SurvivalParallelEnv does; terminated also has "__all__", and truncated has nothing else."""
         observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
         self.agents = self._parallel.agents
         self._cut |= any(truncated.values())  # what ended is not stepped, and still has ended so
@@ -92,29 +92,29 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         return self._with_masks(observations, infos), rewards, terminated, {"__all__": self._cut}, infos
 
     def render(self) -> Any:
-        """The picture, as config["render_mode"] says."""
+        """Return the picture, depending on config["render_mode"]."""
         return self._parallel.render()
 
     def state(self) -> Array:
-        """The whole world, also what no agent sees, float32 (size,), for critics; see SurvivalVectorEnv.state."""
+        """Return the whole world as a vector, float32 (size,), for critics; see SurvivalVectorEnv.state."""
         return self._parallel.state()
 
     def action_masks(self) -> dict[str, Array]:
-        """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        """Return which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv."""
         return self._parallel.action_masks()
 
     def get_state(self) -> State:
-        """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
         return self._parallel.get_state()
 
     def set_state(self, state: State) -> Observations:
-        """Go on from `state`; returns the observations. Raises StateError if it is of another scenario."""
+        """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario."""
         observations = self._parallel.set_state(state)
         self.agents, self._cut = self._parallel.agents, bool(self.base_env._truncated[0])
         return self._with_masks(observations, self._parallel._infos(self.agents))
 
     def close(self) -> None:
-        """Close window and world; again does no harm."""
+        """Close the window and the world. Closing again does no harm."""
         self._parallel.close()
 
     def _space(self, own: Any) -> Any:

@@ -39,27 +39,27 @@ def make_sb3(
     scaled: bool = False,
     **numbers: Number,
 ) -> "SurvivalVecEnv":
-    """All agents of `num_worlds` worlds for Stable-Baselines3.
+    """Make all agents of `num_worlds` worlds for Stable-Baselines3.
 
     >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.make_sb3("ffa_1", 64, seed=0)))
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
-        seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: a seed that cannot be foreseen.
+        seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: an unpredictable seed.
         threads: How many threads step the worlds.
-        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
-        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
-        render_mode: None, or "rgb_array", which render(mode="human") needs, too.
-        render_worlds: render() shows the first so many worlds.
-        actions: "multi", an integer for each action; "joint", one for all of an agent's: 0 to 215 in the paper; or
-            "continuous", a float from -1 to 1 for each, whose range has an equal part for each value.
-        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other ("MlpPolicy").
-        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+        max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
+        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
+        render_mode: None or "rgb_array"; render(mode="human") also needs "rgb_array".
+        render_worlds: How many worlds, from the first on, render() shows.
+        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
+            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
+        observations: "dict", arrays by key, or "flat", one array that joins those of all keys ("MlpPolicy").
+        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
+        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
+        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     check_count("render_worlds", render_worlds, 1)
     if render_mode not in (None, "rgb_array"):
@@ -81,19 +81,19 @@ def make_sb3(
 class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not follow it
     """All agents of all worlds: sub-environment w * num_agents + i is agent i of world w.
 
-    Observations: dict of float32 (num_envs, ...), or a flat array, copies, because SB3's algorithms keep the last ones
-    during a step. Actions: as the space has them. `action_masks` is what MaskablePPO of
-    sb3-contrib asks for. Rewards: float32 (num_envs,). Dones: bool (num_envs,).
+    Observations: dict of float32 (num_envs, ...), or a flat array; copies, because SB3's algorithms keep the last ones
+    during a step. Actions: as in the action space; `action_masks` is what MaskablePPO of sb3-contrib calls. Rewards:
+    float32 (num_envs,). Dones: bool (num_envs,).
 
-    An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays (dead="keep" of
-    other adapters): it has the rewards and observations of the scenario, and its actions are ignored. Every info has
-    "alive" (1 or 0) and "TimeLimit.truncated"; where the world ended, also "terminal_observation" and "statistics":
-    numbers of the episode, of agents and sides the agent's own entry; and each of these by its name, as "kills", where
-    VecMonitor's info_keywords look for it. There, "alive" is of the terminal observation.
+    An agent is done when its world ends, and starts again in that very step. Until then a dead agent stays (dead="keep"
+    of other adapters): it has the rewards and observations of the scenario, and its actions are ignored. Every info has
+    "alive" (1 or 0) and "TimeLimit.truncated". If the world ended, it also has "terminal_observation"; "statistics" of
+    the episode, where agents and sides have an entry each the agent's own; and each statistic by its name, such as
+    "kills", where VecMonitor's info_keywords look for it. "alive" then refers to the terminal observation.
 
-    Where the number of agents varies, infos also have "present": 1, or 0 of agents that the episode does not have.
-    Those are not alive, observe and are paid 0, are done with their world, and have no "statistics", but 0 by name.
-    VecMonitor does not know of them, and counts their episodes with a return of 0.
+    If the number of agents varies, infos also have "present": 1, or 0 for agents that the episode does not have. Those
+    are not alive, have observations and rewards of 0, are done with their world, and have no "statistics", but 0 for
+    each by its name. VecMonitor does not know of them, and counts their episodes with a return of 0.
 
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is NEXT_STEP.
@@ -115,16 +115,16 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> list[int]:
-        """Key world w by (seed, w) at the next reset; None: by a seed that cannot be foreseen.
+        """Key world w by (seed, w) at the next reset; None: by an unpredictable seed.
 
-        Stable-Baselines3's own environments get seed + their number instead. Here that would give seeds 0 and 1 all
-        worlds but one in common, and a learner trained with both nearly the same sample twice.
+        Stable-Baselines3's own environments get seed + their number instead. Here, seeds 0 and 1 would then have all
+        worlds but one in common, and learners trained with each of them would see nearly the same sample.
 
         Returns:
             The seed, once for each agent.
 
         Raises:
-            ValueError: It is no integer from 0 to 2**64 - 1.
+            ValueError: The seed is not an integer from 0 to 2**64 - 1.
         """
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -133,12 +133,12 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         return self._seeds
 
     def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
-        """Worlds have no options: ValueError for anything but empty ones."""
+        """Do nothing, as worlds have no options: ValueError for anything but empty ones."""
         if any(options) if isinstance(options, list) else options:
             raise ValueError(f"options = {options!r}: worlds take none; change the scenario's numbers instead")
 
     def reset(self) -> Arrays:
-        """Start new episodes everywhere. A step that was begun is dropped."""
+        """Start new episodes in all worlds. A step that has begun is dropped."""
         self._actions = None
         observations, info = self._agents.reset(seed=self._seeds[0])
         self._reset_seeds()
@@ -146,15 +146,16 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         return observations
 
     def step_async(self, actions: Array) -> None:
-        """Take the actions of a step, which `step_wait` checks and does. Raises PendingError."""
+        """Store the actions of a step, which `step_wait` checks and takes. Raises PendingError."""
         if self._actions is not None:
             raise PendingError("step_async() after step_async(): call step_wait(), or reset(), first")
         self._actions = as_array(actions).copy()
 
     def step_wait(self) -> tuple[Arrays, Array, Array, list[dict[str, Any]]]:
-        """One tick of every world, then new episodes where it was the last: observations, rewards, dones, infos.
+        """Advance every world by one tick, and start new episodes where worlds ended.
 
-        A refused call (PendingError, ActionError, NotResetError) changes nothing.
+        Returns observations, rewards, dones, infos. A refused call (PendingError, ActionError, NotResetError) changes
+        nothing.
         """
         if self._actions is None:
             raise PendingError("step_wait() without step_async()")
@@ -176,24 +177,24 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         return observations, rewards, done, infos
 
     def close(self) -> None:
-        """Close threads and window; a later reset or step is a ClosedError."""
+        """Close threads and window; a later reset or step raises ClosedError."""
         if self._window is not None:
             self._window.close()
         self._agents.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of this object, which all sub-environments share, once for each of them."""
+        """Return an attribute of this object, which all sub-environments share, once for each of them."""
         value = getattr(self, attr_name)
         return [value for _ in self._chosen(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of this object. All sub-environments share it: ValueError unless all are meant."""
+        """Set an attribute of this object. As all sub-environments share it, ValueError unless all are given."""
         if len(set(self._chosen(indices))) < self.num_envs:
             raise ValueError(f"'{attr_name}' is shared by all sub-environments; leave out indices")
         setattr(self, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Sub-environments have the methods render(), a picture of their world, and action_masks(), bool (entries,)."""
+        """Call a method of sub-environments: render(), a picture of their world, or action_masks(), bool (entries,)."""
         if method_name not in ("render", "action_masks") or args or kwargs:
             known = "the methods render() and action_masks() and no other"
             raise AttributeError(f"sub-environments have {known}; {method_name} was asked for")
@@ -202,41 +203,41 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         return self._pictures(i // self.num_agents for i in self._chosen(indices))
 
     def action_masks(self) -> Array:
-        """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
+        """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         return self._agents.action_masks()
 
     @property
     def state_space(self) -> Any:
-        """Of `state`, for a world: Box, float32 (size,)."""
+        """The space of one world's row of `state`: Box, float32 (size,)."""
         return self._agents.state_space
 
     def state(self, out: Any = None) -> Array:
-        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
         return self._agents.state(out)
 
     def get_state(self) -> State:
-        """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        """Return the worlds' state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
         return self._agents.get_state()
 
     def set_state(self, state: State) -> Arrays:
-        """Go on from `state`, of as many worlds or of one for all; returns the observations. Raises StateError.
+        """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError.
 
-        A step that was begun is dropped.
+        A step that has begun is dropped.
         """
         observations = self._agents.set_state(state)
         self._actions = None
         return observations
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Never: there are no single environments that could be."""
+        """Return False, always: there are no single environments that could be wrapped."""
         return [False for _ in self._chosen(indices)]
 
     def get_images(self) -> list[Array]:
-        """A picture, uint8 (size, size, 3), for each sub-environment; agents of one world share one array."""
+        """Return a picture, uint8 (size, size, 3), for each sub-environment; agents of one world share one array."""
         return self._pictures(i // self.num_agents for i in range(self.num_envs))
 
     def render(self, mode: str | None = None) -> Array | None:
-        """The first `render_worlds` worlds side by side, uint8 (height, width, 3); with mode "human" in a window."""
+        """Draw the first `render_worlds` worlds side by side, uint8 (height, width, 3); mode "human": in a window."""
         if self.render_mode != "rgb_array" or mode not in (None, "rgb_array", "human"):
             nothing: Array | None = super().render(mode)  # warns
             return nothing

@@ -51,29 +51,30 @@ def make_torchrl(
     device: Any = "cpu",
     **numbers: Number,
 ) -> SurvivalTorchEnv:
-    """Many worlds for TorchRL.
+    """Make many worlds for TorchRL.
 
     >>> env = outlast.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)
     >>> print(env.rollout(100))
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds: the batch size.
-        groups: "all": one group, "agents". "sides": one for each side: "team_0", or "agent_0" in free-for-all.
-            "roles": one for each role, called like it. Or names of agents by group: {"hunters": ["agent_0"], ...}.
-        seed: World w is keyed by (seed, w), as by `set_seed`. None: a seed that cannot be foreseen.
+        groups: "all": a single group, "agents". "sides": a group for each side, "team_0", or "agent_0" in free-for-all.
+            "roles": a group for each role, called by its name. Or names of agents by group: {"hunters": ["agent_0"],
+            ...}.
+        seed: World w is keyed by (seed, w), as by `set_seed`. None: an unpredictable seed.
         threads: How many threads step the worlds.
-        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
-        actions: "joint", an integer for all actions of an agent, as TorchRL's discrete losses need it; "multi"; or
-            "continuous", as its losses with continuous actions do.
+        max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
+        actions: "joint", an integer for all actions of an agent, which TorchRL's discrete losses need; "multi"; or
+            "continuous", which its losses with continuous actions need.
         observations: "flat", an array, or "dict", arrays by key.
-        scaled: Whether observations and the state are divided by the scales of their fields, see `make_vec`.
-        device: Where tensors are; the worlds are on the CPU.
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+        scaled: Whether observations and the state are divided by the scales of their fields; see `make_vec`.
+        device: The device of tensors; the worlds are on the CPU.
+        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError, NumberError: As `outlast.make_vec`.
-        ValueError: An option that is out of its range, or groups that are not the same in all episodes.
+        ScenarioError, NumberError: As for `outlast.make_vec`.
+        ValueError: An option is out of its range, or groups are not the same in all episodes.
     """
     base_env = SurvivalVectorEnv(
         requested(make_torchrl, scenario, numbers, max_episode_steps),
@@ -97,26 +98,26 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     (group, action)      int64 (worlds, n), or (worlds, n, actions); float32 with actions="continuous"
     (group, action_mask) bool (worlds, n, entries), see SurvivalVectorEnv.action_masks; not with actions="continuous"
     (group, mask)        bool (worlds, n): whether the agent is alive
-    (group, present)     bool (worlds, n): whether the episode has the agent; where the number of agents varies
+    (group, present)     bool (worlds, n): whether the episode has the agent; only if the number of agents varies
     (group, reward)      float32 (worlds, n, 1)
-    state                float32 (worlds, size): what no agent sees, for critics, see SurvivalVectorEnv.state
+    state                float32 (worlds, size): the whole world, for critics; see SurvivalVectorEnv.state
     done, terminated,    bool (worlds, 1): worlds end for all of their agents at once. The dead stay until then, with
     truncated            the rewards of the scenario; their actions are ignored
     ==================== ========================================================================================
 
-    Worlds that are done are reset by TorchRL, each by itself ("_reset"). Until then they take no tick in a step, are
-    paid 0 and stay done, as inside a FrameSkipTransform; those that "_step" leaves out take none either.
-    World w of seed s is world w of `outlast.make_vec` with that seed. Every step has tensors of its own, which the
+    TorchRL resets worlds that are done, each by itself ("_reset"). Until then, a step does not advance them, pays them
+    0 and leaves them done, as happens inside a FrameSkipTransform. Worlds that "_step" leaves out do not advance,
+    either. World w of seed s is world w of `outlast.make_vec` with that seed. Every step has its own tensors, which the
     worlds write into.
 
-    `set_seed(s)`, or `reset(seed=s)`, is for all worlds: each gets it at its own next reset. A reset of some worlds
-    leaves the others as they are.
+    `set_seed(s)` and `reset(seed=s)` apply to all worlds: each gets the seed at its own next reset. A reset of some
+    worlds leaves the others as they are.
 
     Attributes:
         vector_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
         group_map: Names of agents by group.
-        statistics: Of the episodes that ended last, by name, (episodes,) or (episodes, n); {} before that.
-        statistics_present: Where counts vary, which entries of agents and sides these episodes had, bool (episodes, n).
+        statistics: Statistics of the last episodes that ended, by name, (episodes,) or (episodes, n); {} before that.
+        statistics_present: If counts vary, which agents and sides these episodes had, bool (episodes, n) by name.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:

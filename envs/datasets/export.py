@@ -1,4 +1,4 @@
-"""Datasets: the samples of a recording in files for other programs. A folder of .npz files is written here."""
+"""Datasets: the samples of a recording in files for other programs. This module writes folders of .npz files."""
 
 import contextlib
 import json
@@ -18,10 +18,10 @@ MINARI = "minari:"
 
 
 def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
-    """Write the selected samples; returns the number of agent-steps.
+    """Write the selected samples, and return the number of agent-steps.
 
-    path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. Nothing of that name may be there,
-    and nothing is there before all is written. Raises RecordingError, ReplayError.
+    path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. Nothing of that name may exist, and
+    the dataset appears only when all of it is written. Raises RecordingError, ReplayError.
     """
     check_new(path)
     target = Path(path)
@@ -41,7 +41,7 @@ def check_new(path: str) -> None:
     """Refuse a dataset that cannot be written, as far as this is known before anything is replayed.
 
     Raises:
-        RecordingError: There is one of that name, none of that name can be, or a library is missing.
+        RecordingError: A dataset of that name exists, the name is not possible, or a library is missing.
     """
     target = Path(path)
     with _said_of(path):

@@ -1,4 +1,4 @@
-"""Samples as a Minari dataset: an episode for each agent that an episode of a world has."""
+"""Samples as a Minari dataset, with an episode for each agent of each episode of a world."""
 
 import contextlib
 import os
@@ -39,7 +39,7 @@ ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for datasets
 
 
 def new_place(name: str) -> Path:
-    """The folder of a new dataset. Raises RecordingError if there is one of that name, or none can be."""
+    """Return the folder of a new dataset. Raises RecordingError if it exists, or the name is not possible."""
     try:
         parse_dataset_id(name)
     except (ValueError, TypeError):
@@ -54,11 +54,12 @@ def new_place(name: str) -> Path:
 
 
 def export_minari(name: str, replay: Replay, selection: Selection) -> int:
-    """Write the local dataset `name`, in Minari's format "arrow"; returns the number of agent-steps.
+    """Write the local dataset `name` in Minari's format "arrow", and return the number of agent-steps.
 
-    Episodes have one observation more than steps, as Minari has it. One that was cut off, by a reset or by the end of
-    the recording, counts as truncated. The options in their metadata hold world, episode and agent. The dataset's
-    `recover_environment` makes the game again: one agent of it acts, the others by a policy (see `recovered`).
+    As usual in Minari, episodes have one observation more than steps. An episode that was cut off, by a reset or the
+    end of the recording, counts as truncated. The options in their metadata hold world, episode and agent. The
+    dataset's `recover_environment` makes the game again, with one agent to control and a policy for the others (see
+    `recovered`).
     """
     place, count = new_place(name), [0]
     observations, actions = _spaces(replay.worlds)
@@ -84,12 +85,12 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
 
 
 def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gymnasium.Env[Any, Any]:
-    """The environment of a dataset: one agent of the recorded scenario, as `gymnasium.make("outlast/Teams-v1")` has it.
+    """Make the environment of a dataset: one agent of the recorded scenario, as in `gymnasium.make("outlast/...")`.
 
     Args:
-        game: The scenario, as recordings describe it.
+        game: The scenario, as described in recordings.
         mechanics: The full names of the classes of its mechanics.
-        options: Arguments of `SurvivalEnv`, given to `recover_environment`: others="scripted", render_mode="ansi".
+        options: Arguments of `SurvivalEnv` given to `recover_environment`: others="scripted", render_mode="ansi".
 
     Raises:
         ScenarioError: The scenario has mechanics that cannot be imported here.

@@ -1,4 +1,4 @@
-"""Samples as a Parquet file, a row an agent-step."""
+"""Samples as a Parquet file, with a row for each agent-step."""
 
 import contextlib
 import json
@@ -25,9 +25,9 @@ RESERVED = {*WORLDS, "agent", "reward", "alive", *ENDS}
 
 
 def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
-    """Write one file; returns the number of its rows. Agents that an episode does not have, have no rows.
+    """Write one file, and return the number of its rows. Agents that an episode lacks have no rows.
 
-    Columns: those of Samples and `agent`, a column for each action, and for each key of the observations a list of
+    Columns are those of Samples, `agent`, one for each action, and for each key of the observations two with lists of
     fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its episode. The
     shapes of the lists are in the file's metadata, as JSON under "outlast".
     """

@@ -1,8 +1,8 @@
 """Samples: the transitions of a recording, made by replaying it.
 
 A sample is a step that a world took, for all of its agents: the observation before the step, the actions, and the
-rewards and ends that came of them. Ticks that only reset a world are no samples. The observation after a step is that
-of the world's next sample; after the last one of an episode it is `final`.
+resulting rewards and ends. Ticks that only reset a world are not samples. The observation after a step is in the
+world's next sample; after the last step of an episode it is `final`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +41,7 @@ COLUMNS = {
 class Selection:
     """Which samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
 
-    verify: compare digests. progress: called with the number of each tick that is replayed.
+    verify: whether to compare digests. progress: called with the number of each tick that is replayed.
     """
 
     worlds: Sequence[int]
@@ -53,7 +53,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples of one tick, n of them in order of worlds, or of several ticks.
+    """n samples of one tick, in order of worlds, or of several ticks.
 
     columns: by name, see COLUMNS: alive and present are bool (n, agents), actions (n, agents, actions), rewards float32
     (n, agents), the others (n,).
@@ -68,7 +68,7 @@ class Samples:
         return len(self.columns["world"])
 
     def row(self, k: int, final: int | None) -> "Samples":
-        """Sample k alone. final: its row of `final`, if it is the last of its episode."""
+        """Return sample k alone. final: its row of `final`, if it is the last of its episode."""
         own = slice(0, 0) if final is None else slice(final, final + 1)
         columns, observations = (
             {key: array[k : k + 1] for key, array in part.items()} for part in (self.columns, self.observations)
@@ -82,12 +82,12 @@ class Samples:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays."""
+        """The size of all arrays in bytes."""
         return sum(array.nbytes for part in (self.columns, self.observations, self.final) for array in part.values())
 
 
 def concatenate(parts: list[Samples]) -> Samples:
-    """The samples of `parts`, one behind the other."""
+    """Join the samples of `parts`."""
 
     def together(tables: Iterable[dict[str, Array]]) -> dict[str, Array]:
         listed = list(tables)
@@ -101,11 +101,11 @@ def concatenate(parts: list[Samples]) -> Samples:
 
 
 def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
-    """The samples of a recording, tick by tick; ticks without any are left out.
+    """Yield the samples of a recording, tick by tick; ticks without any are left out.
 
     Raises:
-        RecordingError: There are none at all, or the file is damaged.
-        ReplayError: A replay is not what was recorded.
+        RecordingError: There are no samples at all, or the file is damaged.
+        ReplayError: The replay differs from what was recorded.
     """
     worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
     buffers = {key: getattr(worlds[c], name) for key, c, name, _ in published(worlds, Observation)}
@@ -174,7 +174,7 @@ def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[in
 
 
 def read_shards(replay: Replay, selection: Selection) -> Iterator[Samples]:
-    """Samples of many ticks together, up to SHARD_BYTES."""
+    """Yield samples of many ticks together, up to SHARD_BYTES."""
     waiting, size = list[Samples](), 0
     for batch in read_samples(replay, selection):
         waiting.append(batch)
@@ -187,7 +187,7 @@ def read_shards(replay: Replay, selection: Selection) -> Iterator[Samples]:
 
 
 def manifest(replay: Replay) -> dict[str, Any]:
-    """What the samples are: JSON-able."""
+    """Return a description of the samples that can be written as JSON."""
     worlds, header = replay.worlds, replay.recording.header
     shapes = {key: list(c.row_shape(name, worlds.dims)[1:]) for key, c, name, _ in published(worlds, Observation)}
     return {

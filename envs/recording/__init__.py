@@ -1,4 +1,4 @@
-"""Recordings: what decides an episode, in about one byte an agent-step, and replays of it that are the same bits.
+"""Recordings: what determines an episode, in about one byte per agent-step, and replays that are bit-identical.
 
 Read in this order: recorder (what is kept of a tick), container (the layout of the file), reader, replay (the ticks
 repeated), digests (how a difference is found).
@@ -25,27 +25,28 @@ def record(
     policy: Any = None,
     plays: Callable[[], Any] | None = None,
 ) -> Recorder:
-    """Record all that `env` does from its next reset on, which must be one of all worlds.
+    """Record everything that `env` does from its next reset on, which must reset all worlds.
 
-    Meanwhile `set_state` is refused, and actions are checked whatever check_actions says. Ends that an adapter adds
-    (stop_when) are not recorded, of which a UserWarning warns: those episodes just break off.
+    Until the recording is closed, `set_state` is refused, as is changing numbers that do not vary, and actions are
+    checked even if check_actions is False. Ends that an adapter adds (stop_when) are not recorded, and a UserWarning
+    says so: in the recording, those episodes break off.
 
     Args:
         env: The environment itself: `wrapper.unwrapped` of a gymnasium wrapper.
         path: A new file.
-        policy: Record what this policy, which `outlast.load_policy` returned, thinks ahead of every tick: the
-            probabilities of its actions, the value that it expects, what it attends to. It is asked once more for
-            that, whoever acts. None: of no policy.
-        plays: Which agents it plays at the moment, a function that returns bool (worlds, agents). None: all.
+        policy: A policy from `outlast.load_policy`. What it thinks before every tick is recorded, too: the
+            probabilities of its actions, the value that it expects, and what it attends to. For that it is called an
+            additional time, whoever acts. None: record no policy.
+        plays: A function that returns which agents it plays at the moment, bool (worlds, agents). None: all.
 
     Returns:
-        The recorder. Use it as a context manager, or close it or the environment.
+        The recorder. Use it as a context manager, or close either it or the environment.
 
     Raises:
-        RecordingError: The file exists or cannot be written, `env` is recorded already, or the policy is none that
-            says what it thinks.
+        RecordingError: The file exists or cannot be written, `env` is being recorded already or has numbers changed by
+            set_numbers, or the policy cannot say what it thinks.
         TrainingError: The policy does not fit the environment.
-        TypeError: `env` is no SurvivalVectorEnv.
+        TypeError: `env` is not a SurvivalVectorEnv.
     """
     if not isinstance(env, SurvivalVectorEnv):
         raise TypeError(

@@ -12,8 +12,8 @@ RECORDS  many chunks: tick records (see tick_records); behind them, packed by it
 DONE     the last chunk, without content: the recording was closed, and nothing is missing
 ======== =========================================================================================
 
-Everything is little-endian; contents are packed with zlib. A chunk is written in one piece, so a file whose writer was
-killed ends inside of a chunk, or without DONE: all chunks before are whole.
+Everything is little-endian; contents are packed with zlib. A chunk is written in one piece, so if a writer was killed,
+the file ends within a chunk or without DONE, and all chunks before are complete.
 """
 
 import hashlib
@@ -36,8 +36,8 @@ HEADER_SIZE = FIELDS.size + CHECKSUM_SIZE
 class Chunk:
     """The header of a chunk.
 
-    offset: of the chunk in the file. stored, unpacked: bytes of its content. ticks: how many tick records it holds.
-    first: the number of the first of them.
+    offset: position of the chunk in the file. stored, unpacked: size of its content in bytes. ticks: how many tick
+    records it holds. first: the number of the first of them.
     """
 
     offset: int
@@ -55,9 +55,9 @@ class Chunk:
 
 
 def encode_chunk(tag: bytes, content: bytes, ticks: int, first: int, behind: bytes = b"") -> bytes:
-    """The bytes of a chunk. behind: more content, which is packed by itself and may be left unread.
+    """Return the bytes of a chunk. behind: more content, which is packed separately and may be left unread.
 
-    Matches of a distance of one only (Z_RLE): random actions have no others, and it is the fastest for those that do.
+    zlib only looks for matches at distance one (Z_RLE): random actions have no others, and for all else it is fastest.
     """
     packer = zlib.compressobj(1, strategy=zlib.Z_RLE)
     stored = packer.compress(content) + packer.flush() + (zlib.compress(behind, 1) if behind else b"")
@@ -66,9 +66,9 @@ def encode_chunk(tag: bytes, content: bytes, ticks: int, first: int, behind: byt
 
 
 def read_chunks(file: BinaryIO, path: str, size: int) -> Iterator[Chunk]:
-    """The whole chunks of the `size` bytes of a file, their contents checked; what was cut off at its end is left out.
+    """Return the complete chunks in the `size` bytes of a file, after checking their contents. Ignores a cut-off end.
 
-    Raises RecordingError where the file is damaged, and where it is no recording.
+    Raises RecordingError if the file is damaged or not a recording.
     """
     offset = _check_magic(file, path)
     while offset + HEADER_SIZE <= size:
@@ -83,7 +83,7 @@ def read_chunks(file: BinaryIO, path: str, size: int) -> Iterator[Chunk]:
 
 
 def read_stored(file: BinaryIO, path: str, chunk: Chunk) -> bytes:
-    """The content of a chunk as it is stored. Raises RecordingError if it is damaged."""
+    """Return the content of a chunk as it is stored. Raises RecordingError if it is damaged."""
     file.seek(chunk.offset + HEADER_SIZE)
     stored = file.read(chunk.stored)
     if _checksum(stored) != chunk.checksum:
@@ -92,7 +92,7 @@ def read_stored(file: BinaryIO, path: str, chunk: Chunk) -> bytes:
 
 
 def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tuple[bytes, bytes]:
-    """The content of a chunk, unpacked, and what is behind it, still packed; see `unpack`.
+    """Return the content of a chunk, unpacked, and what is stored behind it, still packed; see `unpack`.
 
     Raises RecordingError if it is damaged or larger than `max_bytes`.
     """
@@ -106,7 +106,7 @@ def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tup
 
 
 def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
-    """`size` bytes of content, and what is stored behind it. Raises ValueError if there are more or fewer bytes."""
+    """Return `size` bytes of content, and what is stored behind it. ValueError if there are more or fewer bytes."""
     packer = zlib.decompressobj()
     try:
         content = packer.decompress(stored, size + 1)
@@ -118,7 +118,7 @@ def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
 
 
 def damaged(path: str, offset: int) -> RecordingError:
-    """The error for a chunk whose bytes are not those that were written."""
+    """Return the error for a chunk whose bytes are not those that were written."""
     return RecordingError(
         f"{path} is damaged at byte {offset}: a checksum does not fit. What lies before that byte is whole: "
         "a copy that ends there can be replayed, if there are ticks before it"

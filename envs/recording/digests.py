@@ -1,8 +1,8 @@
-"""Digests: sixteen bits for each component, which differ if any byte of it differs in any of the worlds.
+"""Digests: sixteen bits for each component, which change if any of its bytes differs in any of the worlds.
 
-A component's digest is that of its words of four bytes: each is summed over the worlds, times an odd number of the
-world's; the sums are mixed, times an odd number of the word's, and summed; upper and lower half are joined. A word that
-differs in one world always changes the last sum, and goes unseen once in 2**16 times when the halves are joined.
+A component consists of words of four bytes. Each word, times an odd number of its world, is summed over the worlds; the
+sums are mixed, multiplied by an odd number of the word and summed up; finally the upper and lower half are combined. A
+word that differs in one world always changes the last sum; combining the halves hides that in one of 2**16 cases.
 """
 
 import hashlib
@@ -20,10 +20,10 @@ SHIFT = np.uint32(15)
 
 
 class Digests:
-    """Digests of the state of `worlds`, and of its signals. Observations are not in it: they follow from the state.
+    """Digests of the state of `worlds` and of its signals, without observations, which follow from the state.
 
-    names: of the components, in the order of a digest. turns: the digest of tick number t is of the worlds `span(t)`,
-    which are all of them in turn after so many ticks. period: ticks until a digest is made in the same way again.
+    names: the components, in the order of a digest. turns: the digest of tick t covers the worlds `span(t)`, and all
+    worlds have had a turn after this many ticks. period: ticks until a digest is made in the same way again.
     """
 
     def __init__(self, worlds: Worlds, worlds_per_digest: int = WORLDS_PER_DIGEST) -> None:
@@ -47,12 +47,12 @@ class Digests:
         self._sums = np.zeros(len(owners), np.uint32)
 
     def span(self, tick: int) -> slice:
-        """The worlds that the digest of this tick is of."""
+        """Return the worlds that the digest of this tick covers."""
         start = tick % self.turns * self._size
         return slice(start, min(start + self._size, self._count))
 
     def compute(self, tick: int) -> Array:
-        """The digest after the tick of this number: uint16 (components,)."""
+        """Return the digest after the tick of this number: uint16 (components,)."""
         span = self.span(tick)
         self._add(span, tick // self.turns % self._sign_turns)
         words = self._sums[self._order]

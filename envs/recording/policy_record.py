@@ -1,6 +1,6 @@
 """What a policy thought: the probabilities of its actions, its estimate of the value, and what it attended to.
 
-A row of an agent's tick, of the dtype `policy_dtype`, is of what the agent saw ahead of the tick:
+A row for an agent and a tick, of the dtype `policy_dtype`, refers to what the agent saw before the tick:
 
 ============= ======= =============================================================================================
 value         float32 the critic's estimate, in the units that it was trained in; NaN: it has none
@@ -24,7 +24,7 @@ MAX_ENTRIES = 2**16  # probabilities, and rows, of an agent
 
 
 class Explainer(Protocol):
-    """What explains a policy; made by its method `explainer()`. With a memory it has a method `reset`, too."""
+    """Explains what a policy thinks; made by the policy's method `explainer()`. With a memory it also has `reset`."""
 
     entities: list[tuple[str, int]]  # (key of the observation, rows) of each kind that is attended to
 
@@ -33,16 +33,16 @@ class Explainer(Protocol):
 
 
 class PolicyRecorder:
-    """Asks a policy, ahead of each tick of an environment, what it thinks.
+    """Asks a policy what it thinks before each tick of an environment.
 
     Args:
         env: The environment.
-        policy: One with a method `explainer`, as outlast.load_policy returns it.
-        plays: Which agents it plays, a function that returns bool (worlds, agents); None: all.
+        policy: A policy with a method `explainer`, such as outlast.load_policy returns.
+        plays: A function that returns which agents it plays, bool (worlds, agents); None: all.
 
     Raises:
         RecordingError: The policy does not say what it thinks.
-        TrainingError: It does not fit the environment.
+        TrainingError: The policy does not fit the environment.
     """
 
     def __init__(self, env: SurvivalVectorEnv, policy: Any, plays: Callable[[], Array] | None = None) -> None:
@@ -58,7 +58,7 @@ class PolicyRecorder:
         self.dtype = policy_dtype([["", 0, int(size)] for size in env.action_sizes], self.header)
 
     def look(self, steps: Array) -> Array:
-        """What it thinks now: dtype (worlds, agents), of the worlds `steps`, bool (worlds,)."""
+        """Return what it thinks now: dtype (worlds, agents), of the worlds `steps`, bool (worlds,)."""
         found = np.zeros((self._env.num_worlds, self._env.num_agents), self.dtype)
         if steps.any():
             tell(self._explain, self._begins.look())
@@ -69,7 +69,7 @@ class PolicyRecorder:
 
 
 def policy_dtype(actions: Any, policy: Any) -> np.dtype[Any]:
-    """The type of a row. actions, policy: as in the header of a recording."""
+    """Return the type of a row. actions, policy: as in the header of a recording."""
     values, rows = sum(size for _, _, size in actions), sum(count for _, count in policy["entities"])
     return np.dtype([("value", "<f4"), ("probabilities", "<f2", (values,)), ("attention", "<f2", (rows,))])
 

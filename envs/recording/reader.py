@@ -32,11 +32,11 @@ class Recording:
     """A recording of an environment in a file, made by `open`; len(recording) is the number of its ticks.
 
     Attributes:
-        header: What the file says of itself: `outlast`, `machine`, `scenario` ...
+        header: What the file says about itself: `outlast`, `machine`, `scenario` ...
         scenario: The scenario that was played.
-        num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` in each world.
-        entities: If a policy was recorded, what it attended to, (key of the observation, rows) of each kind.
-        cut: Empty, or a sentence that the end of the file is missing, as its writer was killed or still runs.
+        num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` is per world.
+        entities: If a policy was recorded, what it attended to: (key of the observation, rows) for each kind.
+        cut: Empty, or a sentence saying that the end of the file is missing, as its writer was killed or still runs.
     """
 
     def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, chunks: list[Chunk], size: int) -> None:
@@ -63,20 +63,21 @@ class Recording:
     def open(
         cls, path: str | os.PathLike[str], scenario: Scenario | str | None = None, *, trust: bool = False
     ) -> "Recording":
-        """Read a file and check all of it; what a killed writer left unfinished at its end is dropped (see `cut`).
+        """Read a file and check all of it. An unfinished end, left by a killed writer, is ignored (see `cut`).
 
         Args:
-            path: What `outlast.record` or `outlast rollout --record` wrote.
-            scenario: Needed if some of its mechanics are neither outlast's own nor imported, as what a file names is
-                never imported: the recorded scenario; or the name of one, such as "mygame.py:arena", that is imported
-                for its mechanics, whatever its numbers are.
-            trust: Let its worlds take as much memory as they need: unless the file is long, 1 GiB is the limit.
+            path: A file that `outlast.record` or `outlast rollout --record` wrote.
+            scenario: Needed if some of its mechanics are neither outlast's own nor imported, as names in a file are
+                never imported: the recorded scenario, or the name of a scenario, such as "mygame.py:arena", which is
+                imported for its mechanics, whatever its numbers are.
+            trust: Whether its worlds may take as much memory as they need. If not, 1 GiB is the limit, unless the file
+                is long.
 
         Returns:
-            The recording. The file is read again, chunk by chunk, when ticks are asked for.
+            The recording. The file is read again, chunk by chunk, when ticks are requested.
 
         Raises:
-            RecordingError: The file is not a recording, or damaged, or of another scenario.
+            RecordingError: The file is not a recording, is damaged, or is of another scenario.
             OSError: The file cannot be read.
         """
         name, size = os.fspath(path), Path(path).stat().st_size
@@ -93,7 +94,7 @@ class Recording:
 
     @property
     def contents(self) -> str:
-        """In words: "teams_3, 64 worlds, 601 ticks"."""
+        """A description of the recording: "teams_3, 64 worlds, 601 ticks"."""
         return f"{self.scenario.name}, {self.num_worlds} worlds, {len(self):,} ticks"
 
     def __repr__(self) -> str:
@@ -108,10 +109,10 @@ class Recording:
         return self._length
 
     def tick_records(self) -> Generator[TickRecord, None, None]:
-        """What was recorded of each tick, the first of which resets all worlds; read a chunk at a time.
+        """Iterate over what was recorded of each tick, reading a chunk at a time. The first tick resets all worlds.
 
         Yields:
-            Modes, joint actions, keys of random numbers and a digest; resets are ticks, too.
+            Modes, joint actions, keys of random numbers and a digest. Resets are ticks, too.
 
         Raises:
             RecordingError: The file is damaged.

@@ -1,4 +1,4 @@
-"""Recording: what decides each tick goes into a file, and a digest of the state after it."""
+"""Recording: what determines each tick is written to a file, with a digest of the state after the tick."""
 
 import json
 import os
@@ -34,8 +34,8 @@ MAX_PENDING_SECONDS = 5.0  # that they wait, as long as ticks go on
 class Recorder:
     """Runs the worlds of an environment, and records every tick in the file `path`; made by outlast.record.
 
-    A context manager; `close` writes what is left. After that it goes on running the worlds, and records nothing.
-    Raises RecordingError if the file exists, or cannot be made.
+    A context manager; `close` writes the remaining ticks. After that, it still runs the worlds, but records nothing.
+    Raises RecordingError if the file exists or cannot be created.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Recorder:
         policy: PolicyRecorder | None = None,
         wait: Callable[[], None] = lambda: None,
     ) -> None:
-        """wait: Returns when no tick is running in the background, and none is going to."""
+        """wait: A function that returns when no tick runs in the background or is about to."""
         self.path, self._worlds, self._policy, self._wait = Path(path), worlds, policy, wait
         self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
         form = TickFormat(
@@ -70,12 +70,12 @@ class Recorder:
 
     @property
     def recording(self) -> bool:
-        """Whether it has not been closed."""
+        """Whether the recording is still open."""
         return self._finalizer.alive
 
     @property
     def ticks(self) -> int:
-        """Ticks recorded, among them those that are not in the file yet."""
+        """How many ticks have been recorded, including those that are not in the file yet."""
         return self._file.ticks
 
     def __repr__(self) -> str:
@@ -90,10 +90,10 @@ class Recorder:
         self.close()
 
     def run(self, mode: Array) -> None:
-        """Take every world through the tick, as Worlds.run, and record it.
+        """Take every world through the tick, as Worlds.run does, and record it.
 
-        A tick that is interrupted is not recorded; only a reset of all worlds goes on from there. Raises RecordingError
-        if that is missing, or if the file cannot be written, with which the recording ends.
+        An interrupted tick is not recorded; after it, only a reset of all worlds can follow. Raises RecordingError for
+        anything else, or if the file cannot be written, which ends the recording.
         """
         if not self.recording:
             self._worlds.run(mode)
@@ -122,7 +122,7 @@ class Recorder:
         self._continuous = True
 
     def close(self) -> None:
-        """Write what is left, also of a step that was sent, and that this is all. RecordingError if it cannot."""
+        """Write what remains, including a step that was sent, and mark the end. Raises RecordingError if it cannot."""
         self._wait()
         try:
             self._finalizer()

@@ -1,4 +1,4 @@
-"""Replaying: the recorded ticks once more, each compared with the digest of what it was."""
+"""Replaying: running the recorded ticks again, and comparing each with its recorded digest."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -34,19 +34,19 @@ class Replay:
 
     Attributes:
         recording: The recording.
-        worlds: An ecs.Worlds, as it is after the tick that `ticks` yielded; read its tables and its `mode`.
-        summary: Of the episodes that have ended so far.
-        episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` is another
-            number: it begins again where a seed or a level with a key was given.
-        policy: What the recorded policy thought ahead of that tick, policy_record.policy_dtype (worlds, agents), NaN in
+        worlds: An ecs.Worlds, in the state after the tick that `ticks` yielded last; read its tables and its `mode`.
+        summary: The summary of the episodes that have ended so far.
+        episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` may differ: it
+            starts again when a seed is given, and a level with a key sets it.
+        policy: What the recorded policy thought before that tick, policy_record.policy_dtype (worlds, agents), NaN in
             worlds that took no step; None if no policy was recorded.
 
     Args:
-        recording: What `Recording.open` returned, or the path of a file.
-        threads: How many threads share the worlds.
+        recording: A recording from `Recording.open`, or the path of a file.
+        threads: Number of threads among which the worlds are divided.
 
     Raises:
-        RecordingError: The worlds cannot be made, or have other actions or components here than there.
+        RecordingError: The worlds cannot be made, or have other actions or components here than when recorded.
     """
 
     def __init__(self, recording: Recording | str | os.PathLike[str], threads: int = 1) -> None:
@@ -88,22 +88,22 @@ class Replay:
         last: int | None = None,
         worlds: Iterable[int] | None = None,
     ) -> Iterator[int]:
-        """Replay from the beginning, and yield the number of each tick once it is done: 0 resets all worlds.
+        """Replay from the beginning, and yield the number of each tick once it is done; tick 0 resets all worlds.
 
         Args:
-            verify: Compare digests.
+            verify: Whether to compare digests.
             first: Yield nothing before the tick of this number.
-            last: Stop after the tick of this number; None: after all.
-            worlds: Of the ticks after `first`, yield only those in which one of these rows of the tables took part.
+            last: Stop after the tick of this number; None: after the last one.
+            worlds: Rows of the tables. Of the ticks after `first`, yield only those in which one of them took part.
 
         Returns:
-            What yields the numbers of ticks. There is one set of worlds: whoever asks another iterator for its first
-            tick ends this one.
+            An iterator over the numbers of ticks. As there is only one set of worlds, it is of no more use once another
+            one has been asked for its first tick.
 
         Raises:
-            RecordingError: There are no such ticks or rows; or, when ticks are asked for, the file is damaged, or
-                another iterator has begun anew.
-            ReplayError: When ticks are asked for: the state after a tick is not what it was.
+            RecordingError: There are no such ticks or rows; or, while iterating, the file is damaged, or another
+                iterator has started.
+            ReplayError: While iterating: the state after a tick is not what it was.
         """
         if first or last is not None:
             last_tick(self.recording, first, last)
@@ -131,11 +131,11 @@ class Replay:
                 return
 
     def events(self) -> dict[str, Array]:
-        """The events of the last tick, as env.events() returns them, but `episode` counts those of the recording."""
+        """Return the events of the last tick like env.events(), but `episode` counts the recording's episodes."""
         return with_episodes(self.worlds.events(), self.episodes)
 
     def close(self) -> None:
-        """Let the threads go. The tables stay readable."""
+        """Release the threads. The tables stay readable."""
         self.worlds.close()
 
     def _run(self, record: TickRecord) -> None:

@@ -10,12 +10,12 @@ from .reader import Recording
 
 
 def last_tick(recording: Recording, first: int, last: int | None) -> int:
-    """The number of the last tick that is asked for. Raises RecordingError if there are no such ticks.
+    """Return the number of the last tick of a selection. Raises RecordingError if there are no such ticks.
 
     Args:
-        recording: Of which.
+        recording: The recording.
         first: Number of the first tick, from 0 on.
-        last: Number of the last one; None: the last there is.
+        last: Number of the last tick; None: the last of the recording.
     """
     given: list[Any] = [first, 0 if last is None else last]
     if strange := [tick for tick in given if not is_whole(tick)]:
@@ -32,11 +32,11 @@ def last_tick(recording: Recording, first: int, last: int | None) -> int:
 
 
 def rows_of(recording: Recording, worlds: Any) -> list[int]:
-    """The rows of these worlds in the tables. Raises RecordingError if there are no such worlds.
+    """Return the rows of these worlds in the tables. Raises RecordingError if there are no such worlds.
 
     Args:
-        recording: Of which.
-        worlds: Their numbers as tables of events and samples have them: from `first_world` on.
+        recording: The recording.
+        worlds: Numbers of worlds as in tables of events and samples: from `first_world` on.
     """
     if not isinstance(worlds, Iterable):
         raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")

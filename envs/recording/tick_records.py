@@ -1,4 +1,4 @@
-"""Tick records as bytes: what each world did in a tick, the joint actions of those that took a step, and a digest."""
+"""Tick records as bytes: what each world did in a tick, the joint actions of worlds that took a step, and a digest."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ class TickFormat:
 
     @property
     def key_size(self) -> int:
-        """Numbers in a row of TickRecord.keys."""
+        """How many numbers a row of TickRecord.keys has."""
         return KEY_SIZE + self.given
 
     @property
@@ -43,19 +43,19 @@ class TickFormat:
 
     @property
     def max_bytes(self) -> int:
-        """Bytes that a tick record takes, at most."""
+        """How many bytes a tick record takes at most."""
         each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
         return self.worlds * (1 + self.agents * each + 8 * self.key_size) + 2 * self.digest_size + 4
 
 
 @dataclass(frozen=True)
 class TickRecord:
-    """What decided one tick of all worlds.
+    """What determined one tick of all worlds.
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
-    keys: uint64 (n, 4 + given), worlds that were keyed anew just before, or got other numbers, as (row, seed, world,
-        episode, words of numbers); see ecs.Clock and ecs.varied.Given.
-    digest: uint16 (digest_size,), of the state after it; see digests.
+    keys: uint64 (n, 4 + given), worlds that got new keys or other numbers right before the tick, as (row, seed, world,
+        episode, words of numbers); see ecs.Clock and ecs.given.Given.
+    digest: uint16 (digest_size,), digest of the state after the tick; see digests.
     policy: TickFormat.policy (worlds that took a STEP, agents), what the policy thought; None: not recorded.
     """
 
@@ -67,18 +67,18 @@ class TickRecord:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it takes, before they are packed."""
+        """How many bytes it takes before it is packed."""
         thought = 0 if self.policy is None else self.policy.nbytes
         return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4 + thought
 
 
 def encode_policies(records: Sequence[TickRecord]) -> bytes:
-    """What the policy thought in these ticks."""
+    """Return the bytes of what the policy thought in these ticks."""
     return b"".join(record.policy.tobytes() for record in records if record.policy is not None)
 
 
 def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
-    """The bytes of `records` without `policy`; `decode_ticks` reads them."""
+    """Return the bytes of `records` without `policy`; `decode_ticks` reads them."""
     digests = np.array([record.digest for record in records], "<u2").reshape(len(records), form.digest_size)
     changes = digests.copy()  # components that never change become zeros
     changes[form.digest_period :] -= digests[: -form.digest_period]
@@ -91,9 +91,9 @@ def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
 
 
 def decode_ticks(content: bytes, count: int, form: TickFormat, behind: bytes = b"") -> Iterator[TickRecord]:
-    """The `count` tick records of `content`. Raises ValueError if it is not `count` of them in that format.
+    """Return the `count` tick records in `content`. Raises ValueError if it does not hold `count` in that format.
 
-    behind: packed, what encode_policies made of them, if the format has a policy.
+    behind: the packed result of encode_policies, if the format has a policy.
     """
     take = _ArrayReader(content)
     modes = take("i1", count, form.worlds)
@@ -167,16 +167,16 @@ class JointActions:
         self._radix, self._zero = np.array(radix, np.uint32).astype(code), np.uint32(zero).astype(code)
 
     def encode(self, actions: Array) -> Array:
-        """Numbers (worlds, agents) of actions (actions, worlds, agents) as the tables hold them, from low to high.
+        """Return numbers (worlds, agents) for actions (actions, worlds, agents) as in the tables, from low to high.
 
-        All is modulo 2 to the bits of the type, so lows may be negative.
+        Computed modulo 2 to the power of the type's bits, so lows may be negative.
         """
         codes: Array = np.einsum("kwi,k->wi", actions.astype(self._radix.dtype), self._radix)
         codes -= self._zero
         return codes
 
     def decode(self, codes: Array) -> Array:
-        """Actions (actions, worlds, agents) from their numbers (worlds, agents). ValueError for one that is none."""
+        """Return actions (actions, worlds, agents) for numbers (worlds, agents). ValueError if one stands for none."""
         if codes.size and int(codes.max()) >= self.count:
             raise ValueError(f"joint action {int(codes.max())} of {self.count}")
         if not self._sizes:

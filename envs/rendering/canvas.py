@@ -31,10 +31,10 @@ ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
 class Canvas:
     """A picture of the plane around the origin: image is uint8 (height, width, 3), RGB, row 0 on top.
 
-    size: pixels from left to right, and from top to bottom unless `height` is given. half: metres from the origin to
-    the left and right edge. Drawing takes metres, x to the right and y up, and colours (red, green,
-    blue); edges are anti-aliased, positions are kept to 1/16 of a pixel, lines are at least one pixel wide. What has a
-    coordinate that is not a number, or lies a thousand pictures away, is left out.
+    size: width in pixels, and height as well unless `height` is given. half: distance from the origin to the left and
+    right edge, metres. Methods take metres, x to the right and y up, and colours (red, green, blue). Edges are
+    anti-aliased, positions are rounded to 1/16 of a pixel, lines are at least one pixel wide. A shape with a coordinate
+    that is not a number, or a thousand pictures away, is left out.
     """
 
     def __init__(self, size: int, half: float, height: int | None = None) -> None:
@@ -47,11 +47,11 @@ class Canvas:
         self._projection = self._unit, middle, down, self._far
 
     def clear(self, color: Color) -> None:
-        """Paint everything over."""
+        """Fill the whole picture with a colour."""
         cv2.rectangle(self.image, (0, 0), (self.size, self.height), color, cv2.FILLED)
 
     def circle(self, x: float, y: float, radius: float, color: Color, width: float = 0) -> None:
-        """A disc, or with a width (metres) a circle line."""
+        """Draw a disc, or the outline of one if a width (metres) is given."""
         if not abs(x) + abs(y) + abs(radius) < self._far:
             return
         pixels = max(THINNEST, radius * self.scale - (0 if width else BLEED))
@@ -62,13 +62,13 @@ class Canvas:
             cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
     def segment(self, x: float, y: float, to_x: float, to_y: float, color: Color, width: float) -> None:
-        """A straight line."""
+        """Draw a straight line."""
         if abs(x) + abs(y) + abs(to_x) + abs(to_y) < self._far:
             thick = self._thick(width)
             cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
 
     def polygon(self, corners: Sequence[Point], color: Color, width: float = 0) -> None:
-        """A filled convex polygon; or with a width (metres) its outline."""
+        """Draw a filled convex polygon, or its outline if a width (metres) is given."""
         points = _fixed(corners, self._projection)
         if points is None:
             return
@@ -78,20 +78,20 @@ class Canvas:
             cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
     def area(self, corners: Image, color: Color, opacity: float) -> None:
-        """A filled polygon of any form, blended in. corners: float (corners, 2)."""
+        """Draw a filled polygon of any form, blended with the picture below. corners: float (corners, 2)."""
         if not np.abs(corners).sum(1).max() < self._far:
             return
         self._glaze(np.rint(corners * (self._unit, -self._unit) + self._origin).astype(np.int32), color, opacity)
 
     def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
-        """A filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
+        """Draw a filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
         if abs(left) + abs(lower) + abs(right) + abs(upper) < self._far:
             x, y = _whole(self.size / 2 + left * self.scale), _whole(self.height / 2 - upper * self.scale)
             wide, high = _whole((right - left) * self.scale), _whole((upper - lower) * self.scale)
             cv2.rectangle(self.image, (x, y, max(1, wide), max(1, high)), color, cv2.FILLED)
 
     def body(self, scene: Scene, e: int, color: Color, grow: float = 0) -> None:
-        """Entity `e` as its shape is, a disc or a rectangle, `grow` metres larger on all sides."""
+        """Draw the shape of entity `e`, a disc or a rectangle, `grow` metres larger on all sides."""
         body, shape = scene.body, scene.shape
         if shape.radius[e] > 0:
             self.circle(body.x[e], body.y[e], shape.radius[e] + grow, color)
@@ -104,7 +104,7 @@ class Canvas:
             cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
     def dashes(self, x: float, y: float, radius: float, color: Color, width: float, dash: float) -> None:
-        """A dashed circle line; dashes and the gaps between them are `dash` metres long, or a little more."""
+        """Draw a dashed circle; dashes and the gaps between them are `dash` metres long, or a little more."""
         if not abs(x) + abs(y) + abs(radius) < self._far:
             return
         count, thick = max(4, int(math.pi * radius / dash)), self._thick(width)
@@ -113,9 +113,9 @@ class Canvas:
             cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
 
     def text(self, x: float, y: float, words: str, height: float, color: Color, anchor: float = 0.5) -> None:
-        """Words with digits `height` metres high around y; left out where they would be unreadable.
+        """Write text centred on y, with digits `height` metres high; left out if it would be unreadable.
 
-        anchor: which part of their ink is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
+        anchor: which part of the text is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
         """
         if self.readable(height) and abs(x) + abs(y) < self._far:
             scale, thick = self._font(height)
@@ -125,12 +125,12 @@ class Canvas:
             cv2.putText(self.image, words, place, cv2.FONT_HERSHEY_DUPLEX, scale, color, thick, cv2.LINE_AA)
 
     def length(self, words: str, height: float) -> float:
-        """Metres from one end of the words to the other, as `text` writes them."""
+        """Return the length, in metres, of the words as `text` writes them."""
         left, right, _ = _ink(words, *self._font(height))
         return (right - left) / self.scale
 
     def readable(self, height: float) -> bool:
-        """Whether digits `height` metres high are large enough to be read."""
+        """Return whether digits `height` metres high are large enough to be read."""
         return height * self.scale >= READABLE
 
     def _font(self, height: float) -> tuple[float, int]:

@@ -1,4 +1,4 @@
-"""Render modes of environments, and what they give."""
+"""Render modes of environments, and what they return."""
 
 from typing import Any
 
@@ -13,12 +13,12 @@ FPS = 30
 
 
 def render_world(worlds: Worlds, w: int, render_mode: str) -> Any:
-    """World `w` as a picture ("rgb_array", uint8 (512, 512, 3)) or as a map of characters ("ansi", str)."""
+    """Draw world `w` as a picture ("rgb_array", uint8 (512, 512, 3)) or as a map of characters ("ansi", str)."""
     return draw(worlds, w) if render_mode == "rgb_array" else text(worlds, w)
 
 
 def render_worlds(worlds: Worlds, render_mode: str | None) -> tuple[Any, ...] | None:
-    """A frame of each world; None without a mode."""
+    """Draw a frame of each world; None without a mode."""
     if render_mode is None:
         warn(f"render() draws nothing without a render_mode; make the environment with one of {RENDER_MODES}")
         return None

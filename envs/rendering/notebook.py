@@ -1,4 +1,4 @@
-"""Pictures of environments in notebooks. OpenCV is loaded by the first of them."""
+"""Pictures of environments in notebooks. The first picture loads OpenCV."""
 
 from typing import Any
 
@@ -6,9 +6,9 @@ import numpy as np
 
 
 class Pictured:
-    """An environment that shows its first world, as it is, where a notebook's cell ends with it.
+    """An environment that a notebook's cell shows as a picture of its first world, if the cell ends with it.
 
-    A base of SurvivalVectorEnv; the environments on top of one have it as `base_env`, TorchRL's as `vector_env`.
+    A base class of SurvivalVectorEnv and of the adapters, which have that as `base_env`, TorchRL's as `vector_env`.
     """
 
     def _repr_png_(self) -> bytes | None:

@@ -22,23 +22,23 @@ NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None = None) -> Image:
-    """Draw a world as its tables are, which say nothing of the game before the first reset.
+    """Draw a world as its tables are now. Before the first reset, these do not show the game yet.
 
     The same state gives the same bits, and the world is not changed.
 
     Args:
         worlds: All worlds.
-        w: The number of the one to draw.
-        size: Pixels, side of the picture, 64 to 4096.
-        layers: What to draw (default: LAYERS), in any order; those that this scenario has nothing for are left out.
+        w: The number of the world to draw.
+        size: Side of the picture, 64 to 4096 pixels.
+        layers: What to draw (default: LAYERS), in any order; layers that do not fit the scenario are left out.
 
     Returns:
-        The picture, uint8 (size, size, 3), RGB, a new array; higher with layers that lie beside it, such as those
-        of FILM_LAYERS.
+        The picture, uint8 (size, size, 3), RGB, a new array; higher with layers that are drawn above or below it, such
+        as those of FILM_LAYERS.
 
     Raises:
-        ValueError: For a size or world that cannot be.
-        TypeError: For a layer that is none.
+        ValueError: The size is out of range, or there is no such world.
+        TypeError: A layer is not a Layer, or `worlds` is not an ecs.Worlds.
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
@@ -53,11 +53,11 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
 def text(worlds: Worlds, w: int) -> str:
     """Draw world `w` as a map of 40 x 20 characters in a frame, with a line for every agent.
 
-    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item, % a wall inside
-    of the room, or what is outside of one that is no square. Colons are outside of the safe zone.
+    Agents are 0 to 9, a to z, and then @; # is a box, = a broken box, + a heal, * another item. % is a wall inside the
+    room, or the space beside a room that is not square. Colons are outside the safe zone.
 
     Raises:
-        ValueError: For a world that is not there.
+        ValueError: There is no such world.
     """
     scene = _scene(worlds, w)
     grid = [[" "] * COLUMNS for _ in range(LINES)]

@@ -1,4 +1,4 @@
-"""The scene: one world as layers read it."""
+"""The scene: one world in the form that layers read."""
 
 import dataclasses
 import functools
@@ -18,9 +18,9 @@ M = TypeVar("M", bound=Module)
 class Scene:
     """World `w` in plain Python: scene[C] is the table of component C, its columns as lists of Python numbers.
 
-    The lists are copies, made when they are first asked for: a layer cannot change the world, and reading numbers from
-    lists is ten times faster than from arrays. sides: metres from the origin to the edges of the room along x and y;
-    room, half: to the farther ones, and to the edge of the picture, which is a little larger.
+    The lists are copies, made on first use, so a layer cannot change the world; and reading numbers from lists is ten
+    times faster than from arrays. sides: distances from the origin to the edges of the room along x and y, metres.
+    room: the larger of them. half: distance to the edge of the picture, which is a little larger.
     """
 
     def __init__(self, worlds: Worlds, w: int) -> None:
@@ -47,35 +47,35 @@ class Scene:
         return any(isinstance(module, kind) for module in self.worlds.layout.modules)
 
     def events(self, kind: type[Event]) -> list[Any]:
-        """What happened in the last tick: the columns of each event by name, as event.agent, in order."""
+        """Return what happened in the last tick: the columns of each event by name (event.agent), in order."""
         if kind not in self:
             return []
         columns = self[kind]
         return [kind.Table(*entry, count=1) for entry in zip(*columns[:-1])][: columns.count[0]]
 
     def living(self, *components: type[Component]) -> list[int]:
-        """Rows of the entities in the world now that have all of these components."""
+        """Return the rows of entities that have all of these components and are in the world now."""
         alive = self._alive
         return [e for e in _rows(self.worlds.layout, components) if alive[e]]
 
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
-        """Rows of all entities with all of these components, in the world or not; agents in order of their numbers."""
+        """Return the rows of all entities with all of these components, in the world or not; agents in order of id."""
         return _rows(self.worlds.layout, components)
 
     def side_name(self, side: int) -> str:
-        """What a side is called: see Layout.side_names, and its number where a mechanic of the user's makes teams."""
+        """Return a side's name (see Layout.side_names), or its number if a mechanic of the user's makes the teams."""
         layout, teams = self.worlds.layout, Sides in self and self[Sides].teams[0]
         names = layout.side_names if layout.groups() or not teams else ()
         return names[side] if side < len(names) else f"{'team' if teams else 'agent'} {side}"
 
     def prefab(self, component: type[Component]) -> Any:
-        """The table as it is at the start of an episode."""
+        """Return the table as it is at the start of an episode."""
         if self.worlds.layout.per_agent or self.worlds.layout.varied:
             return _table(self.worlds.layout, component, initial_image(self.worlds, self.w))
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 
     def mechanic(self, kind: type[M], agent: int | None = None) -> M:
-        """The mechanic of this class, with the numbers of this world, or of the agent of a row in it.
+        """Return the mechanic of this class with the numbers of this world, or of the agent in a row of it.
 
         KeyError if this scenario lacks it.
         """

@@ -9,7 +9,7 @@ from ..errors import install
 
 
 class Window:
-    """Opens with the first frame, and holds the caller up to `fps` frames a second. Needs pygame: ImportError."""
+    """A window that opens with the first frame and shows at most `fps` frames per second. Needs pygame: ImportError."""
 
     def __init__(self, fps: int) -> None:
         try:
@@ -32,7 +32,7 @@ class Window:
         self.clock.tick(self.fps)
 
     def close(self) -> None:
-        """Close the window; again does no harm."""
+        """Close the window. Closing it again does no harm."""
         if self.surface is not None:
             self.pygame.display.quit()
         self.surface = None

@@ -23,21 +23,21 @@ PLAYED = ("against", "own_side", "result")  # columns of tables of episodes
 class Against:
     """A policy on one side of each world and a mixture on all others, as one policy with a memory.
 
-    Sides: see sides.own_side. Who wins: see sides.own_wins.
+    sides.own_side says which side that is, and sides.own_wins who wins.
 
-    Episodes with one side, where numbers of agents vary, are not counted.
+    If numbers of agents vary, an episode may have one side only; such episodes are not counted.
 
     Attributes:
-        policy: The one on one side.
-        counts: How many episodes the policy won, drew and lost against each of the mixture, int (policies, 3).
+        policy: The policy on one side.
+        counts: How many episodes the policy won, drew and lost against each one of the mixture, int (policies, 3).
 
     Args:
         env: The worlds; they restart in the step after the end (NEXT_STEP).
-        policy: It gets the observations of all agents.
-        others: They do, too.
+        policy: The policy for one side. It gets the observations of all agents.
+        others: The mixture for the other sides. It does so, too.
 
     Raises:
-        UsageError: There is one side only.
+        UsageError: The game has only one side.
     """
 
     def __init__(self, env: SurvivalVectorEnv, policy: Policy, others: Mixture) -> None:
@@ -51,7 +51,7 @@ class Against:
         self._results = np.full(env.num_worlds, len(RESULTS))  # of the episodes that ended last
 
     def reset(self, where: Array) -> None:
-        """Episodes begin in the worlds `where`, bool (worlds,)."""
+        """Choose sides and players for the episodes that begin in the worlds `where`, bool (worlds,)."""
         tell(self.policy, where)
         tell(self._others, where)
         _, worlds, episodes = key_of(self._env.worlds, where)
@@ -64,12 +64,12 @@ class Against:
         return np.where(self.plays()[..., None], self.policy(observations), self._others(observations))
 
     def plays(self) -> Array:
-        """Which agents the policy plays in the episodes that go on, bool (worlds, agents)."""
+        """Return which agents the policy plays in the current episodes, bool (worlds, agents)."""
         mine: Array = side(self._env.worlds) == self._own[:, None]
         return mine
 
     def watch(self, where: Array) -> None:
-        """Count after each step the episodes that ended in it, of the worlds `where`, bool (worlds,)."""
+        """Count the episodes of the worlds `where`, bool (worlds,), that ended in a step; to be called after each."""
         self._life += living_sides(self._env.worlds)
         end = self._env.worlds[End]
         ended = (end.terminated | end.truncated)[:, 0] & where
@@ -79,9 +79,9 @@ class Against:
         np.add.at(self.counts, (self._others.drawn[rows], self._results[rows]), 1)
 
     def played(self, rows: Array) -> dict[str, Array]:
-        """Of the episodes that have just ended in the worlds `rows`, what tables have of them: text, int and text.
+        """Return what tables say about the episodes that have just ended in the worlds `rows`.
 
-        `against` whom the policy played, `own_side`, and the `result`, "" where nobody was on another side.
+        `against` (text): whom the policy played; `own_side` (int); `result` (text), "" if there was no other side.
         """
         names, results = np.array(self._others.names), np.array([*RESULTS, ""])
         found = names[self._others.drawn[rows]], self._own[rows], results[self._results[rows]]
@@ -89,5 +89,5 @@ class Against:
 
     @property
     def outcomes(self) -> dict[str, Array]:
-        """The rows of `counts` by the names of the mixture: views, which go on counting."""
+        """The rows of `counts` by the names of the mixture: views, which are updated as counting goes on."""
         return dict(zip(self._others.names, self.counts, strict=True))

@@ -18,14 +18,14 @@ Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds i
 
 
 def numbered(env: SurvivalVectorEnv, numbers: Array, against: Against | None = None) -> Ended[dict[str, Array]]:
-    """What takes the episodes that count out of info.
+    """Make a function that extracts the episodes that count from info.
 
-    It returns `world`, `episode` (of the world, from 1), with others what Against.played says, and all statistics by
-    name, (episodes,) or (episodes, n). Of agents and sides that not all episodes have, they are masked arrays.
+    It returns `world`, `episode` (of the world, from 1), with others what Against.played returns, and all statistics by
+    name, (episodes,) or (episodes, n); masked arrays if some episodes lack agents or sides.
 
     Args:
         env: The environment.
-        numbers: Of the episode that each world is in, from 1, int (worlds,).
+        numbers: Number of the episode that each world is in, from 1, int (worlds,).
         against: Who plays, if there are others.
     """
 
@@ -48,11 +48,11 @@ def _cells(values: Array) -> Array:
 def episode_file(
     path: str, env: SurvivalVectorEnv, numbers: Array, against: Against | None = None
 ) -> Iterator[Ended[None]]:
-    """A new file for the episodes of a rollout, which is whole or not there.
+    """Open a new file for the episodes of a rollout. In the end it is complete, or not there.
 
     Columns are `world`, `episode` (of the world, from 1), with others those of Against.played, and the statistics in
-    alphabetical order; what has an entry an agent or side has a column for each, return_0, return_1, which is empty
-    where the episode had no such agent or side. That of a moment, first_death, is empty where it did not come. Rows are
+    alphabetical order. A statistic with an entry per agent or side has a column for each (return_0, return_1), which is
+    empty if the episode had no such agent or side; that of a moment (first_death) is empty if it never came. Rows are
     in the order in which episodes end.
 
     Args:
@@ -62,7 +62,7 @@ def episode_file(
         against: Likewise.
 
     Yields:
-        What adds a row for each episode that counts.
+        A function that adds a row for each episode that counts.
 
     Raises:
         UsageError: See table_file.

@@ -17,23 +17,23 @@ TYPES = {"world": "int64", "episode": "int64", "tick": "int64", "amount": "float
 
 
 class EventFile:
-    """Events on their way into a file."""
+    """A file that events are added to."""
 
     def __init__(self, layout: Layout, table: TableFile, first_world: int) -> None:
         self._layout, self._table, self._first_world = layout, table, first_world
 
     def add(self, events: Mapping[str, Array], where: Array | None = None) -> None:
-        """Add the events of a step, as env.events() returns them, of the worlds `where`, bool (worlds,)."""
+        """Add the events of a step, as returned by env.events(), of the worlds `where`, bool (worlds,)."""
         self._table.add(event_table(self._layout, events, self._first_world, where))
 
 
 @contextlib.contextmanager
 def event_file(path: str, layout: Layout, first_world: int = 0) -> Iterator[EventFile]:
-    """A new file for events, which is whole or not there; columns: see inspect.event_table.COLUMNS.
+    """Open a new file for events, in the end complete or not there. Columns: see inspect.event_table.COLUMNS.
 
     Args:
         path: NAME.csv or NAME.parquet.
-        layout: Of the worlds.
+        layout: The layout of the worlds.
         first_world: Number of the first world.
 
     Raises:

@@ -14,18 +14,18 @@ from .saved import common_scenario, load_saved
 
 
 def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
-    """Load what is saved, and find the scenario with observations that all can play with.
+    """Load saved policies, and find the scenario with observations that all policies can play with.
 
     Args:
-        names: Of policies, paths of saved ones, or functions.
+        names: Names of policies, paths of saved ones, or functions.
         asked: The scenario.
-        seed: Of all policies; each draws numbers of its own.
+        seed: Seed of all policies; each draws its own random numbers.
 
     Returns:
-        The scenario, and for each name itself, or the policy in that file.
+        The scenario, and the names, in which the loaded policies replace paths.
 
     Raises:
-        UsageError: One cannot play there, or there is no PyTorch.
+        UsageError: A policy cannot play there, or PyTorch is not installed.
     """
     chosen = loaded(names, seed)
     players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
@@ -38,7 +38,7 @@ def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> 
 
 
 def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
-    """The names and functions, with the policies in the place of their files' paths. Raises UsageError."""
+    """Return the names and functions, with loaded policies in place of their files' paths. Raises UsageError."""
     seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
     return [
         load_saved(name, own) if isinstance(name, str) and name not in POLICIES else name
@@ -47,5 +47,5 @@ def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
 
 
 def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """What makes the policy of that name, or is done with that policy: see POLICIES."""
+    """Return a function that makes the policy for an environment and a seed, as in POLICIES, or returns `chosen`."""
     return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen

@@ -1,4 +1,4 @@
-"""Rollouts on this machine: run a policy in many worlds and sum up their episodes."""
+"""Rollouts on this machine: run a policy in many worlds and summarise their episodes."""
 
 import itertools
 import time
@@ -31,21 +31,21 @@ def rollout(
     watch: Callable[[Array], None] | None = None,
     ended: Callable[[Mapping[str, Any], Array], None] | None = None,
 ) -> Summary:
-    """Reset everything, play whole episodes, of every world as many, and sum them up.
+    """Reset everything, play whole episodes, equally many in every world, and summarise them.
 
-    Worlds that are done go on until all are; what they play then is not counted.
+    Worlds that have finished their episodes go on until all worlds have; their further episodes are not counted.
 
     Args:
         env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds. If it has a method `reset`, that gets the
-            worlds in which an episode begins, bool (worlds,), before it acts there: first all, then those that
-            restarted.
-        steps: Take so many steps of every world instead, and count all episodes that end in them.
-        progress: Called after every step with the summary so far, the one that is returned.
-        episodes: How many of each world; without effect if `steps` are given.
-        watch: Called after the reset and after every step with the worlds that count, bool (worlds,): look at the
-            environment there, as at env.events().
-        ended: Called where episodes end, with info and the worlds in which one counts, bool (worlds,).
+        policy: A function from the observations to the actions of all worlds. If it has a method `reset`, that is
+            called with the worlds in which an episode begins, bool (worlds,), before the policy acts there: first all
+            worlds, later those that restarted.
+        steps: Instead, take this many steps of every world, and count all episodes that end in them.
+        progress: Called after every step with the summary so far, the object that is returned in the end.
+        episodes: How many episodes of each world; without effect if `steps` are given.
+        watch: Called after the reset and after every step with the worlds that still count, bool (worlds,). It can look
+            at the environment, at env.events() for example.
+        ended: Called when episodes end, with info and the worlds in which an ended episode counts, bool (worlds,).
 
     Returns:
         Means and standard errors of the statistics of the episodes.
@@ -109,15 +109,15 @@ def _endless(env: SurvivalVectorEnv, long: Array) -> Array:
 
 
 def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
-    """Reset everything, then take a step whenever the next item is asked for; between items, look at the worlds.
+    """Reset everything, then take a step for each further item, so that a loop can look at the worlds after each step.
 
     Args:
         env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds, see `rollout`.
-        steps: How many to take.
+        policy: A function from the observations to the actions of all worlds; see `rollout`.
+        steps: How many steps to take.
 
     Yields:
-        The number of steps done: 0, when the worlds are just reset, to `steps`.
+        The number of steps done, from 0 (right after the reset) to `steps`.
     """
     act = told(policy, env)
     observations, _ = env.reset()
@@ -129,7 +129,7 @@ def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
 
 @dataclass(frozen=True)
 class Task:
-    """A rollout as data. policy: makes one for an environment and a seed, see POLICIES. The rest: see `rollout`."""
+    """A rollout as data. policy: makes one for an environment and a seed (see POLICIES). For the rest see `rollout`."""
 
     scenario: Scenario
     policy: Callable[[SurvivalVectorEnv, int], Policy]
@@ -139,7 +139,7 @@ class Task:
 
 
 def run_task(task: Task, first: int, count: int) -> Summary:
-    """The summary of `count` worlds from `first` on: the same as theirs in a rollout of all."""
+    """Return the summary of `count` worlds from number `first` on. They play as they do in a rollout of all worlds."""
     env = SurvivalVectorEnv(task.scenario, count, seed=task.seed, first_world=first, copy=False, check_actions=False)
     try:
         return rollout(env, task.policy(env, task.seed), task.steps, episodes=task.episodes)
@@ -148,6 +148,6 @@ def run_task(task: Task, first: int, count: int) -> Summary:
 
 
 def split_worlds(worlds: int, workers: int) -> list[tuple[int, int]]:
-    """(first world, number of worlds) of each batch: something for every worker, none larger than MAX_BATCH."""
+    """Return (first world, number of worlds) of batches of at most MAX_BATCH worlds, with some work for each worker."""
     size = min(MAX_BATCH, -(-worlds // workers))
     return [(first, min(size, worlds - first)) for first in range(0, worlds, size)]

@@ -16,10 +16,10 @@ Array = np.ndarray[Any, Any]
 
 
 class Begins:
-    """In which worlds an episode begins, or goes on from a state that was set.
+    """Finds the worlds in which an episode begins, or goes on from a state that was set.
 
     Args:
-        env: The worlds. Look at them once before each of their steps.
+        env: The worlds. Call `look` once before each of their steps.
     """
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
@@ -27,19 +27,19 @@ class Begins:
         self._seen = self._set - 1
 
     def look(self) -> Array:
-        """Where that happened since the last look, bool (worlds,); at the first one, everywhere."""
+        """Return where that has happened since the last call, bool (worlds,); in the first call, all worlds."""
         begins: Array = (self._tick == 0) | (self._set != self._seen)
         self._seen[:] = self._set
         return begins
 
 
 def has_memory(policy: Policy) -> bool:
-    """Whether it has a method `reset`."""
+    """Whether the policy has a method `reset`."""
     return callable(getattr(policy, "reset", None))
 
 
 def check_memories(policies: Sequence[Any]) -> None:
-    """UsageError if one of the policies has a memory and is there twice, which would be moved on twice a tick."""
+    """UsageError if a policy with a memory is listed twice, as its memory would be updated twice in each tick."""
     for k, policy in enumerate(policies):
         if has_memory(policy) and any(policy is other for other in policies[:k]):
             raise UsageError(
@@ -55,13 +55,13 @@ def tell(policy: Any, where: Array) -> None:
 
 
 def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
-    """The policy, told where episodes begin before it acts there; itself, if it has no memory.
+    """Return the policy with a memory that is reset where episodes begin; the policy itself, if it has no memory.
 
     Args:
-        policy: A function from observations to actions. If it has a method `reset`, that is called before the policy
-            where in some worlds an episode begins, or goes on from a state that was set, since the policy was called
-            last. It gets these worlds, bool (worlds,); before the first call of all, all worlds.
-        env: The worlds. The result is to be called once before each of their steps.
+        policy: A function from observations to actions. A method `reset` makes it a policy with a memory: if since its
+            last call episodes have begun in some worlds, or have gone on from a state that was set, `reset` is called
+            first, with these worlds, bool (worlds,). Before the very first call it gets all worlds.
+        env: The worlds. Call the result once before each of their steps.
     """
     if not has_memory(policy):
         return policy

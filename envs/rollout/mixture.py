@@ -29,18 +29,18 @@ STREAM = np.uint64(0x6D697874757265)  # "mixture": sets these draws apart from o
 
 
 def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
-    """The weights in a text as "scripted:0.5,runs/a.zip:0.3,random".
+    """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
-        text: Names, or paths of saved policies (FILE.zip, or the folder of a run), each with a weight behind a colon,
-            or without for 1.
+        text: Names, or paths of saved policies (FILE.zip, or the folder of a run), each followed by a colon and its
+            weight; without these, the weight is 1.
         names: The names that are allowed.
 
     Returns:
         Weights by name or path of a file, in the order of the text.
 
     Raises:
-        UsageError: An unknown name, one that is given twice, or a weight that is no finite number above 0.
+        UsageError: A name is unknown or given twice, or a weight is not a finite number above 0.
     """
     pairs = []
     for part in text.split(","):
@@ -52,15 +52,15 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
 
 
 def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = tuple(POLICIES)) -> Entries:
-    """Policies with their weights.
+    """Check policies with their weights, and return them.
 
     Args:
-        pairs: A name, the path of a saved policy, or of the folder of a run, whose newest one is taken; or a function
-            (observations) -> actions; and its weight, a finite number above 0.
+        pairs: Pairs of a policy and its weight, a finite number above 0. A policy is a name, the path of a saved
+            policy, the folder of a run, whose newest policy is taken, or a function (observations) -> actions.
         names: The names that are allowed.
 
     Raises:
-        UsageError: There are none, or one that is something else or there twice.
+        UsageError: There are no pairs, one of them is something else, or a policy is given twice.
     """
     entries: Entries = []
     for given, weight in pairs:
@@ -78,20 +78,20 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
 
 
 def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: Any) -> Array:
-    """Draw an entry for each world: a function of the weights and of (seed, world, episode), in any batch the same.
+    """Draw an entry for each world: a function of the weights and (seed, world, episode), the same in any batch.
 
     Args:
-        weights: Finite numbers >= 0, one of them above: (entries,), or of each world its own, (worlds, entries). An
+        weights: Finite numbers >= 0, at least one above 0: (entries,), or a row for each world, (worlds, entries). An
             entry with twice the weight is drawn twice as often.
         seeds: The seed that keys each world, integers (worlds,).
         worlds: The number of each world, integers (worlds,).
-        episodes: The number of the episode of each world, integers (worlds,). See `key_of` for all three.
+        episodes: The number of the episode of each world, integers (worlds,). `key_of` returns all three.
 
     Returns:
         The index of an entry for each world, int64 (worlds,).
 
     Raises:
-        ValueError: Weights that cannot be.
+        ValueError: The weights are not valid.
     """
     weights = np.asarray(weights, np.float64)
     if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any(-1).all()):
@@ -103,28 +103,28 @@ def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: An
 
 
 def key_of(worlds: Worlds, where: Any = slice(None)) -> tuple[Array, Array, Array]:
-    """Seeds, numbers of worlds and of episodes, uint64 (worlds,), of the worlds `where` as they are now."""
+    """Return the present seeds, world numbers and episode numbers of the worlds `where`, uint64 (worlds,) each."""
     clock = worlds[Clock]
     return clock.seed[where, 0], clock.world[where, 0], clock.episode[where, 0]
 
 
 class Mixture:
-    """Policies as one policy with a memory: which of them plays is drawn for each world where an episode begins.
+    """Several policies as one policy with a memory: at the beginning of each episode, it draws which of them plays.
 
-    Each is called for all worlds at once, but not while it plays in none.
+    Each is called for all worlds at once, but not while it plays in none of them.
 
     Attributes:
-        names: Of the policies.
+        names: The names of the policies.
         drawn: Index of the policy that plays in each world, int (worlds,).
 
     Args:
-        entries: The policies with their weights; see `checked_entries` and `draw`. A method `check` of a policy, if it
-            has one, gets `env`, and raises if the policy cannot play there.
+        entries: The policies with their weights; see `checked_entries` and `draw`. If a policy has a method `check`,
+            that is called with `env`, and raises if the policy cannot play there.
         env: The worlds.
-        agents: Which agents of a world they play, whose observations they get, indices.
-        names: What the policies are called in errors and results; without, by their names or paths.
+        agents: Indices of the agents of a world that they play, and whose observations they get.
+        names: What the policies are called in errors and results; by default their names or paths.
         what: What their actions are called in errors, with {0} for the name.
-        axes: What the shape of these is called there.
+        axes: What the shape of the actions is called in errors.
     """
 
     def __init__(
@@ -157,11 +157,11 @@ class Mixture:
 
     @property
     def forgetful(self) -> bool:
-        """Whether nothing is drawn and no policy has a memory, so that it need not be told of episodes."""
+        """Whether nothing is drawn and no policy has a memory, so that `reset` need not be called."""
         return len(self.names) == 1 and not has_memory(self._policies[0])
 
     def reset(self, where: Array) -> None:
-        """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
+        """Draw who plays in the worlds `where`, bool (worlds,), as episodes begin there."""
         self.drawn[where] = draw(self._weights, *key_of(self._env.worlds, where))
         for policy in self._policies:
             if has_memory(policy) and where.all():

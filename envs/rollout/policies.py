@@ -1,6 +1,6 @@
 """Policies that need no training. A policy is a function (observations) -> actions for a whole batch of worlds.
 
-One with a memory also has a method `reset`, see memory.told.
+A policy with a memory also has a method `reset`; see memory.told.
 """
 
 import math
@@ -26,10 +26,10 @@ STYLES = {"scripted": scripted, "camper": camper, "hunter": hunter, "hoarder": h
 
 
 def plain(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
-    """The environment, if its observations and actions are as policies take and give them.
+    """Return the environment, if policies can use its observations and actions.
 
     Raises:
-        UsageError: Observations are flat or scaled, or actions joint; or it is no environment.
+        UsageError: Its observations are flat or scaled, its actions are not "multi", or it is not an environment.
     """
     if not isinstance(env, SurvivalVectorEnv):
         raise UsageError(
@@ -46,17 +46,17 @@ def plain(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
 
 
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Every action uniform and independent: one draw among all joint actions (216 in the paper).
+    """Make a policy whose actions are uniform and independent: a draw among all joint actions (216 in the paper).
 
     Each agent draws from a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
 
     Args:
         env: The environment that the policy is to play in.
-        seed: Actions are a function of (seed, world, agent, number of the step), so a world's are the same in every
-            batch.
+        seed: Actions are a function of (seed, world, agent, number of the step), so those of a world are the same in
+            every batch.
 
     Returns:
-        A policy; the observations do not matter to it.
+        A policy, which ignores the observations.
     """
     draw = joint_action_sampler(env.action_sizes)
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
@@ -71,21 +71,23 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Do nothing: motors idle, nothing attacked, used or given.
+    """Make a policy that does nothing: it does not move, attack, use or give.
 
     Args:
         env: The environment that the policy is to play in.
         seed: Without effect; all policies are made with one.
 
     Returns:
-        A policy; the observations do not matter to it.
+        A policy, which ignores the observations.
     """
     actions = np.broadcast_to(env.noop, (env.num_worlds, env.num_agents, *env.noop.shape))
     return lambda observations: actions
 
 
 def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile.
+    """Make a policy that stays in the zone, fetches heals, uses them when wounded, and strikes enemies in reach.
+
+    Until it sees an enemy, it looks around.
 
     Args:
         env: The environment that the policy is to play in.
@@ -98,10 +100,10 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Wait where the zone is going to be, never go after anybody, and strike who comes into reach.
+    """Make a policy that waits where the next zone will be, chases nobody, and strikes whoever comes into reach.
 
-    It looks around from there, and turns to the enemy that it sees. It fetches the heals around its place, and uses
-    them when wounded. Boxes nearby it breaks, picks up, and sets up between itself and an enemy that comes close.
+    It looks around from its post, and turns towards an enemy in sight. It fetches heals around its post, and uses them
+    when wounded. It breaks boxes nearby, picks them up, and sets them up between itself and an enemy that comes close.
 
     Args:
         env: The environment that the policy is to play in.
@@ -114,9 +116,9 @@ def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Go for the nearest enemy in sight, wherever the zone is; go around in search of one, turning.
+    """Make a policy that chases the nearest enemy in sight, wherever the zone is, and circles in search of one.
 
-    When it has few hit points left it fetches heals in sight, uses what it has, and keeps to the zone.
+    When it has few hit points left, it fetches heals in sight, uses what it has, and keeps to the zone.
 
     Args:
         env: The environment that the policy is to play in.
@@ -129,9 +131,10 @@ def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Fetch heals and box items wherever they are seen, and keep away from enemies.
+    """Make a policy that fetches all heals and box items that it sees, and keeps away from enemies.
 
-    It uses them when it is nearly dead, or when nothing more fits into its bag, and strikes who corners it.
+    It uses an item when it is nearly dead, or when it stands at another one that does not fit into its bag, and strikes
+    whoever corners it.
 
     Args:
         env: The environment that the policy is to play in.
@@ -144,9 +147,9 @@ def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Stay with team-mates, give heals to those that are worse off, and strike only who is in reach.
+    """Make a policy that stays with its team-mates, gives heals to those worse off, and strikes enemies in reach.
 
-    It fetches heals on the way, and uses one itself when it is nearly dead; without teams, at the first wounds.
+    It fetches heals on the way, and uses one itself when it is nearly dead; without teams, as soon as it is wounded.
 
     Args:
         env: The environment that the policy is to play in.
@@ -170,10 +173,10 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 
 
 def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
-    """One of POLICIES for some agents only, whose observations it gets by key and unscaled, whatever `env` returns.
+    """Make one of POLICIES for some agents only. It gets their observations by key and unscaled, whatever env returns.
 
     Args:
-        name: Of the policy. "random" is a function of (seed, world, episode, tick, agent), whenever it is called.
+        name: Name of the policy. "random" is a function of (seed, world, episode, tick, agent), whenever it is called.
         env: The environment that the policy is to play in.
         agents: The indices of the agents, integers (agents,).
     """
@@ -188,7 +191,7 @@ def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
 
 
 def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
-    """A function from uniform uint64 numbers to joint actions, all of them equally likely: int16 (..., actions)."""
+    """Make a function from uniform uint64 numbers to equally likely joint actions, int16 (..., actions)."""
     half = np.uint64(32)
     if math.prod(int(size) for size in sizes) > MOST:  # a table would be too large, and each action has its own bits
 
@@ -216,7 +219,7 @@ def mix64(words: Any) -> Any:
 
 
 def hashed(*parts: Any) -> Any:
-    """A uniform uint64 for each combination of the parts, uint64 arrays that broadcast."""
+    """Return a uniform uint64 for each combination of the parts, which are uint64 arrays that broadcast."""
     word = np.zeros(1, np.uint64)
     for part in parts:
         word = mix64((word ^ part) + GOLDEN)

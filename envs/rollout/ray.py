@@ -29,8 +29,8 @@ CONNECT_TIMEOUT = 10.0  # seconds that the head of a cluster has to answer
 def connected(address: str = "") -> Iterator[None]:
     """Connect to the Ray cluster at `address`, unless this process is connected to one already.
 
-    "": the one that $RAY_ADDRESS names or that runs on this machine, else a new one on this machine for as long as the
-    connection is open. Raises ClusterError where there is no cluster.
+    The address "" stands for the cluster that $RAY_ADDRESS names or that runs on this machine; without one, a new
+    cluster runs on this machine as long as the connection is open. Raises ClusterError if there is no cluster.
     """
     if ray.is_initialized():
         yield
@@ -49,22 +49,22 @@ def connected(address: str = "") -> Iterator[None]:
 
 
 def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], None] = lambda summary: None) -> Summary:
-    """The summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
+    """Return the summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
 
-    A batch counts when all of it is done, and then once: one whose worker is lost starts anew elsewhere.
+    A batch counts once, when all of it is done; if its worker is lost, it starts again elsewhere.
 
     Args:
         task: What to roll out.
-        worlds: How many.
-        progress: Called with the numbers of episodes and world-steps done, and no sums; ahead of an error with the
-            summary of the finished batches.
+        worlds: How many worlds.
+        progress: Called with a summary that has the numbers of episodes and world-steps done, but no sums; before an
+            error is raised, with the summary of the finished batches.
 
     Returns:
-        The same as that of one machine.
+        The same summary as on one machine.
 
     Raises:
         ClusterError: A batch lost too many workers.
-        OutlastError: What a worker raised, such as a FaultError of a world.
+        OutlastError: A worker raised it, such as a FaultError of a world.
         KeyboardInterrupt: After Ctrl-C, with the summary of the finished batches as its argument.
     """
     remote = ray.remote(max_retries=MAX_RETRIES)(_run_on_worker)

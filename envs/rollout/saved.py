@@ -1,4 +1,4 @@
-"""Saved policies, where environments play them: where they lie, loading, and the observations that they need."""
+"""Saved policies for environments that play them: finding and loading them, and the observations that they need."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -15,19 +15,19 @@ MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of c
 
 
 def cameras_mode(scenario: Scenario) -> str | None:
-    """What cameras_mode is there, or what it is drawn from; None without cameras."""
+    """Return the scenario's cameras_mode, or the distribution it is drawn from; None without cameras."""
     mode = dict(scenario.varied).get("cameras_mode", scenario.numbers().get("cameras_mode"))
     return None if mode is None else str(mode)
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """The saved policies in the folder of a run, by their steps; files with other names beside them are none."""
+    """Return the saved policies in the folder of a run, by their steps. Files with other names are ignored."""
     found = [(found[1], path) for path in folder.glob("*") if (found := STEPS.fullmatch(path.name))]
     return [path for _, path in sorted(found, key=lambda each: (int(each[0]), each[1]))]
 
 
 def runs_in(place: Path) -> list[Path]:
-    """The folder of a run itself, or the folders of runs in it; each with a checkpoint. Raises UsageError."""
+    """Return the folder itself, if it has checkpoints, or those in it that have some. UsageError if there are none."""
     found = [place] if checkpoints(place) else sorted(path for path in place.iterdir() if checkpoints(path))
     if not found:
         raise UsageError(f"there is no checkpoint in {place} yet, nor in folders in it")
@@ -35,7 +35,7 @@ def runs_in(place: Path) -> list[Path]:
 
 
 def newest(place: Path) -> Path:
-    """The file itself; of the folder of a run, or around a single one, that with the most steps. Raises UsageError."""
+    """Return the file itself, or the policy with the most steps of the run in a folder. Raises UsageError."""
     if not place.is_dir():
         return place
     found = runs_in(place)
@@ -45,12 +45,12 @@ def newest(place: Path) -> Path:
 
 
 def policy_file(name: str, names: Collection[str]) -> str:
-    """A name, if it is one of `names`, or a path; of the folder of a run that of its newest policy. See `newest`."""
+    """Return a name if it is one of `names`, else a path: for the folder of a run that of its `newest` policy."""
     return str(newest(Path(name))) if name and name not in names and Path(name).is_dir() else name
 
 
 def load_saved(path: str, seed: int = 0) -> Any:
-    """outlast.load_policy(path, seed); UsageError if there is no PyTorch, or no such policy."""
+    """Return outlast.load_policy(path, seed). Raise UsageError if there is no PyTorch, or no such policy."""
     import outlast  # here, as the package imports the environments
 
     try:
@@ -60,17 +60,17 @@ def load_saved(path: str, seed: int = 0) -> Any:
 
 
 def forms(scenario: Scenario) -> list[Scenario]:
-    """All that `common_scenario` may make of a scenario, by who plays."""
+    """Return every scenario that `common_scenario` may return for this one, depending on who plays."""
     if cameras_mode(scenario) != MASKED:
         return [scenario]
     return [scenario, scenario.replace(cameras_mode=REVEALED).titled_as(scenario)]
 
 
 def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
-    """The scenario with observations that all saved policies can play with. Raises UsageError.
+    """Return the scenario with observations that all saved policies can play with. Raises UsageError.
 
-    What agents do and see does not depend on cameras_mode, only what the rows of hidden entities hold. Policies by name
-    and networks of presets with "masked" rows ignore those, so all can play where they are "revealed".
+    cameras_mode does not change what agents do or see, only what the rows of hidden entities hold. Policies by name and
+    networks of presets with "masked" rows ignore those rows, so all policies can play where they are "revealed".
     """
     if players and (mode := cameras_mode(scenario)) not in (None, MASKED, REVEALED):
         raise UsageError(

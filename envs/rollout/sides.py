@@ -13,38 +13,38 @@ ROLES = 2
 
 
 def role_of(side: Any, world: Any, episode: Any) -> Any:
-    """Which role plays a side: they alternate, and swap from world to world and from episode to episode."""
+    """Return which role plays a side: roles alternate, and swap from world to world and from episode to episode."""
     return (side + world + episode) % ROLES
 
 
 def own_side(world: Any, episode: Any, sides: Any) -> Any:
-    """The one side that a policy plays against all others; of two sides, the one that role 0 plays.
+    """Return the one side that a policy plays against all others; with two sides, the one that role 0 plays.
 
     Args:
         world: Numbers of worlds, as in `ecs.Clock`.
         episode: Numbers of their episodes.
-        sides: How many there are, of all or of each.
+        sides: How many sides there are, in all worlds or in each.
 
     Returns:
-        A number from 0 to sides - 1, another one in the next world and in the next episode.
+        A number from 0 to sides - 1, a different one in the next world and in the next episode.
     """
     return (world + episode) % sides
 
 
 def living_sides(worlds: Worlds) -> Array:
-    """Which sides have a living member: bool (worlds, sides). A side lives for the ticks to whose end it has one."""
+    """Return which sides have a living member, bool (worlds, sides). A side lives in ticks at whose end it has one."""
     return np.asarray(worlds[Score].alive > 0)
 
 
 def own_wins(life: Array, own: Array) -> Array:
-    """Who wins where one side of each world plays against all others: see `wins`.
+    """Return whether one side of each world wins against all others; see `wins`.
 
     Args:
         life: Ticks that each side lived, (worlds, sides).
         own: The one side of each world, (worlds,).
 
     Returns:
-        float64 (worlds,): 1 where it wins, 0 where another one does, 0.5 in a draw.
+        float64 (worlds,): 1 where it wins, 0 where another side does, 0.5 for a draw.
     """
     mine = own[:, None] == np.arange(life.shape[1])
     best: Array = wins(np.stack([np.where(mine, life, 0).max(1), np.where(mine, 0, life).max(1)], 1))[:, 0]
@@ -52,9 +52,9 @@ def own_wins(life: Array, own: Array) -> Array:
 
 
 def shares_outlived(life: Array, own: Array, sides: Array) -> Array:
-    """How one side of each world does against each other side: of sides that play equally well, 1/2 on average.
+    """Return the share of the other sides that one side of each world outlived.
 
-    That holds for any number of sides; of two sides it is what `own_wins` is.
+    For sides that play equally well it is 1/2 on average, whatever their number; for two sides it is `own_wins`.
 
     Args:
         life: Ticks that each side lived, (worlds, sides).
@@ -62,7 +62,7 @@ def shares_outlived(life: Array, own: Array, sides: Array) -> Array:
         sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
 
     Returns:
-        float64 (worlds,): the share of the other sides that it outlived; one that ended at the same time is half.
+        float64 (worlds,): the share; a side that ended at the same time counts half.
     """
     number = np.arange(life.shape[1])
     others = (number < sides[:, None]) & (number != own[:, None])
@@ -72,7 +72,7 @@ def shares_outlived(life: Array, own: Array, sides: Array) -> Array:
 
 
 def wins(life: Array) -> Array:
-    """Who wins: the role whose longest-lived side lives longer.
+    """Return who wins: the role whose longest-lived side lives longer.
 
     Args:
         life: Ticks that the longest-lived side of each role lived, (..., ROLES).

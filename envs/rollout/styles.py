@@ -1,7 +1,7 @@
-"""Scripted styles: ways to play that need no training, each a function of what agents observe at that moment.
+"""Scripted styles: ways to play that need no training, each a function of what agents observe at the moment.
 
-A style is a function from Seen to Plan, for all agents of all worlds at once; `follow` makes a policy of it. It finds
-numbers by the names of their fields, so it plays wherever these are, and does without what a game lacks.
+A style is a function from Seen to Plan, for all agents of all worlds at once; `follow` turns it into a policy. It finds
+numbers by the names of their fields, so it can play any game with such fields, and does without those a game lacks.
 """
 
 from collections.abc import Callable
@@ -35,26 +35,26 @@ SMALLEST = np.float32(1e-6)  # metres, in place of 0 where a division is by a di
 
 
 class Target(NamedTuple):
-    """What agents see of a kind: its place, float32 (..., 2), metres, and distance, float32 (...), infinite if none."""
+    """One thing that each agent sees: its place, float32 (..., 2), metres, and distance, float32 (...); inf if none."""
 
     place: Any
     distance: Any
 
     @property
     def seen(self) -> Any:
-        """Which agents see one, bool (...)."""
+        """Which agents see it, bool (...)."""
         return np.isfinite(self.distance)
 
     def only(self, condition: Any) -> "Target":
-        """The same where the condition holds, bool (...), and nothing elsewhere."""
+        """Return the target where the condition, bool (...), holds, and none elsewhere."""
         return Target(self.place, np.where(condition, self.distance, np.inf))
 
     def within(self, radius: float) -> "Target":
-        """The same if it is closer than that, metres."""
+        """Return the target where it is closer than this distance, metres, and none elsewhere."""
         return self.only(self.distance < radius)
 
     def place_or(self, place: Any) -> Any:
-        """Its place, and another one, float32 (..., 2), where none is seen."""
+        """Return its place, or another one, float32 (..., 2), where no target is seen."""
         return np.where(self.seen[..., None], self.place, place)
 
 
@@ -81,13 +81,13 @@ class Seen:
         health: Hit points, float32 (...).
         position: float32 (..., 2), metres. velocity: likewise, metres a second.
         angle: float32 (...), radians. omega: likewise, radians a second.
-        centre: Of the next zone, float32 (..., 2), metres; without zones the middle of the room.
-        outside: Who is outside of the present zone, or close to its rim, bool (...).
-        has_teams: Whether there are any, bool.
+        centre: Centre of the next zone, float32 (..., 2), metres; without zones the middle of the room.
+        outside: Whether the agent is outside the present zone or close to its rim, bool (...).
+        has_teams: Whether there are teams, bool.
         enemies: Which of the others are enemies in sight, 1 or 0, (..., others).
 
     Args:
-        fields: Those of the environment.
+        fields: `fields` of the environment.
         observations: Of some agents, as a rule (worlds, agents, ...).
     """
 
@@ -111,18 +111,18 @@ class Seen:
         return self.observations["others_mask"] - self.enemies
 
     def of(self, key: str, *names: str) -> Any:
-        """The numbers of these names in the rows of that key."""
+        """Return the fields of these names in the rows of that key."""
         return self.observations[key][..., columns_of(self.fields[key], *names)]
 
     def nearest(self, key: str, mask: Any = None, origin: Any = None, beyond: float = 0.0, lead: float = 0.0) -> Target:
-        """What is nearest of a kind.
+        """Return the nearest entity of a kind.
 
         Args:
-            key: Of observations; where there is none, nothing is seen.
-            mask: Above 0 for those that count, (..., entities); None: all in sight.
-            origin: From where distances are measured, metres, (..., 2); None: from each agent.
-            beyond: Those that are closer do not count, metres.
-            lead: Take them for where they will be in so many seconds, if they go on as they do.
+            key: Key of the observation; if the game lacks it, nothing is seen.
+            mask: Above 0 for entities that count, (..., entities); None: all in sight.
+            origin: Where distances are measured from, metres, (..., 2); None: from each agent.
+            beyond: Entities closer than this, in metres, do not count.
+            lead: Aim at where entities will be after this many seconds if they keep their velocity.
         """
         if key not in self.observations or self.observations[key].shape[-2] == 0:
             return Target(np.zeros_like(self.position), np.full(self.health.shape, np.inf, np.float32))
@@ -139,17 +139,17 @@ class Seen:
         return Target(place, np.take_along_axis(distance, index, -1)[..., 0])
 
     def holds(self, *keys: str) -> Any:
-        """Who has that in the last slot of its bag, "heal_slot" or "box_slot", bool (...)."""
+        """Whether the last slot of the agent's bag holds that kind of item, "heal_slot" or "box_slot", bool (...)."""
         held = [self.observations[f"{key}_mask"][..., 0] > 0 for key in keys if key in self.observations]
         return np.logical_or.reduce(held) if held else np.False_
 
     def towards(self, target: Target, otherwise: float) -> Any:
-        """How far to the left the target is, float32 (...), radians; for who sees none `otherwise`."""
+        """Return how far to the left the target is, float32 (...), radians; `otherwise` where none is seen."""
         bearing = rotated(target.place - self.position, -self.angle)
         return np.where(target.seen, np.arctan2(bearing[1], bearing[0]), otherwise)
 
     def post(self) -> Any:
-        """Where to wait for the next zone: in the present one, close to it, float32 (..., 2), metres."""
+        """Return where to wait for the next zone: in the present one, close to the next, float32 (..., 2), metres."""
         if "zone" not in self.observations:
             return self.centre
         middle = self.of("zone", "x", "y")
@@ -157,7 +157,7 @@ class Seen:
         return middle + offset * np.minimum(1, radius / np.maximum(length(offset), SMALLEST))[..., None]
 
     def patrol(self) -> Any:
-        """The next place on a circle around the centre of the next zone, to the left, float32 (..., 2), metres."""
+        """Return the next place to the left on a circle around the next zone's centre, float32 (..., 2), metres."""
         place = self.fields["own"]["x"]
         radius = self.of("zone", "next_radius")[..., None] if "zone" in self.observations else np.float32(place.scale)
         offset = unit(self.position - self.centre + SMALLEST)  # so that it also leaves the centre itself
@@ -166,7 +166,7 @@ class Seen:
 
 
 def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
-    """The style as a policy for an environment: a function from observations to actions."""
+    """Turn the style into a policy for an environment: a function from observations to actions."""
     idle = {key: -low for key, low in env.action_columns}  # also how many levels there are each way
     widths = {key: width(fields) for key, fields in env.worlds.layout.fields.items()}
 
@@ -194,7 +194,7 @@ def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[A
 
 
 def scripted(seen: Seen) -> Plan:
-    """Go to the next zone, and on the way to heals in sight and to enemies that are close."""
+    """Go to the next zone, and on the way there to enemies that are close and to heals in sight."""
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals")
     goal = first(enemy.within(2 * REACH), heal).only(~seen.outside).place_or(seen.centre)
     use = (seen.health <= WOUNDED) & seen.holds("heal_slot")
@@ -202,7 +202,7 @@ def scripted(seen: Seen) -> Plan:
 
 
 def camper(seen: Seen) -> Plan:
-    """Stay at a post, but for what lies around it; behind a box, where there is one to be had."""
+    """Stay at a post, leaving it only for things nearby; behind a box, if there is one."""
     post, armed = seen.post(), seen.holds("box_slot")
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals", origin=post).within(HOME)
     idle = ~(armed | enemy.seen | seen.outside)
@@ -215,7 +215,7 @@ def camper(seen: Seen) -> Plan:
 
 
 def hunter(seen: Seen) -> Plan:
-    """Go for the nearest enemy in sight, and in circles until there is one."""
+    """Chase the nearest enemy in sight, and go in circles until there is one."""
     weak = seen.health <= WEAK
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals").only(weak)
     goal = first(heal, seen.nearest("others", seen.enemies, lead=LEAD)).place_or(seen.patrol())
@@ -225,7 +225,7 @@ def hunter(seen: Seen) -> Plan:
 
 
 def hoarder(seen: Seen) -> Plan:
-    """Go for what can be picked up, away from enemies, and use it late."""
+    """Fetch whatever can be picked up, keep away from enemies, and use items late."""
     enemy, item = seen.nearest("others", seen.enemies), closer(seen.nearest("heals"), seen.nearest("box_items"))
     threat, post = enemy.within(WARY), seen.post()
     away = seen.position + 2 * unit(seen.position - enemy.place) + unit(post - seen.position)
@@ -235,7 +235,7 @@ def hoarder(seen: Seen) -> Plan:
 
 
 def healer(seen: Seen) -> Plan:
-    """Stay with team-mates, whose wounds come before its own, and fight who is in reach."""
+    """Stay with team-mates, treat their wounds before its own, and fight whoever is in reach."""
     enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
     hurt, health = seen.of("others", "health"), seen.health[..., None]
     worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)
@@ -248,7 +248,7 @@ def healer(seen: Seen) -> Plan:
 
 
 def first(*targets: Target) -> Target:
-    """Of each agent the first one that it sees."""
+    """Return for each agent the first of the targets that it sees."""
     chosen = targets[-1]
     for target in reversed(targets[:-1]):
         distance = np.where(target.seen, target.distance, chosen.distance)
@@ -257,30 +257,31 @@ def first(*targets: Target) -> Target:
 
 
 def closer(one: Target, other: Target) -> Target:
-    """Of each agent the closer one."""
+    """Return for each agent the closer of the targets."""
     return first(one.only(one.distance <= other.distance), other)
 
 
 def length(vectors: Any) -> Any:
-    """The lengths of vectors (..., 2)."""
+    """Return the lengths of vectors (..., 2)."""
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
 def unit(vectors: Any) -> Any:
-    """The vectors (..., 2) with length 1; 0 stays 0."""
+    """Return the vectors (..., 2) scaled to length 1; 0 stays 0."""
     return vectors / np.maximum(length(vectors), SMALLEST)[..., None]
 
 
 def rotated(vectors: Any, angle: Any) -> tuple[Any, Any]:
-    """Components x and y of vectors (..., 2), rotated to the left by an angle (...), radians."""
+    """Return components x and y of vectors (..., 2), rotated to the left by an angle (...), radians."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
 
 
 def level(values: Any, idle: int) -> Any:
-    """The action for a motor at the nearest whole level, of which there are `idle` each way.
+    """Return the action for a motor at the nearest whole level; there are `idle` levels in each direction.
 
-    Values are in levels of the paper's motors, which have 1, and of Steering, which has 3. Of more, 1 is the last.
+    Values count levels of the paper's motors, which have 1, and of Steering, which has 3. With more levels than that, a
+    value of 1 stands for the highest.
     """
     each = idle if idle > FEW else 1
     return idle + np.clip(np.rint(values * each), -idle, idle).astype(np.int16)

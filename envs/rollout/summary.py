@@ -20,23 +20,23 @@ MOMENTS = ("first_death",)  # when something happened, 0 in episodes in which it
 class Summary:
     """Means and standard errors of all statistics of episodes; `str(summary)` is a table.
 
-    Kept are sums for each world, and of single episodes what `arrays` returns, if it was asked for. Sums are exact
-    before they are rounded once, so worlds may be summed up in any order and in any parts.
+    It keeps sums for each world and, if asked to, what `arrays` returns about single episodes. Sums are exact and
+    rounded only once, so worlds may be summed up in any order and in any parts.
 
     Attributes:
-        episodes: How many were counted.
-        episodes_per_world: How many of every world, its first ones; means and standard errors are unbiased. 0: all that
-            ended before the worlds were stopped. Long ones are more likely to be cut off then, so means lean towards
-            short ones.
-        world_steps: How many were taken, of all worlds.
-        sums: Of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
+        episodes: How many episodes were counted.
+        episodes_per_world: How many were counted in every world, its first ones; means and standard errors are then
+            unbiased. 0: all episodes that ended before the worlds were stopped. Long ones are then more likely to be
+            cut off, so means lean towards short ones.
+        world_steps: How many steps were taken, added up over worlds.
+        sums: The sum of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
         squares: The sums of squares, likewise.
-        counts: Of statistics that not all episodes have, those of agents and sides and MOMENTS, how many episodes had
-            each, int64 (worlds, n) or (worlds,). Of others, all are counted.
+        counts: For statistics that some episodes lack (those of agents and sides, and MOMENTS), how many episodes had
+            each, int64 (worlds, n) or (worlds,). For all others, every episode counts.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
-        kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
-        seconds: Wall time spent in "policy", the others' included, and in "worlds"; of several machines, the sums.
+        kept: The statistics of single episodes, in the order in which they ended; None if they were not asked for.
+        seconds: Wall time spent in "policy", that of the others included, and in "worlds"; summed over machines.
     """
 
     episodes: int = 0
@@ -51,7 +51,7 @@ class Summary:
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
-        """The summary of all worlds of `parts`, none of which may be in two of them."""
+        """Return the summary of all worlds of `parts`; no world may be in two of them."""
         parts = list(parts)
         per_world = min((part.episodes_per_world for part in parts), default=0)
         world_steps = sum(part.world_steps for part in parts)
@@ -91,16 +91,16 @@ class Summary:
             self.squares[key] += values**2
 
     def arrays(self) -> dict[str, Array]:
-        """The statistics of every episode, in order of worlds, and of each world in order of time.
+        """Return the statistics of every episode, in order of worlds, and within a world in order of time.
 
         Returns:
-            By name, (episodes,) or (episodes, n), n agents, sides ...; and as in the files of episodes `world` and
-            `episode`, int64 (episodes,), with others `against`, `own_side` and `result`, too. Of agents and sides that
-            not all episodes have, they are masked arrays. `first_death` is 0 where nobody died. Empty if no episode
-            ended.
+            Statistics by name, (episodes,) or (episodes, n), n agents, sides ...; and, as in files of episodes, `world`
+            and `episode`, int64 (episodes,), and with others also `against`, `own_side` and `result`. If some episodes
+            lack agents or sides, their statistics are masked arrays. `first_death` is 0 where nobody died. Empty if no
+            episode ended.
 
         Raises:
-            UsageError: They were not kept.
+            UsageError: The statistics were not kept.
         """
         if self.kept is None:
             raise UsageError("the statistics of single episodes were not kept: say outlast.rollout(..., keep=True)")
@@ -109,9 +109,9 @@ class Summary:
         return {key: values[order] for key, values in found.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """The numbers for JSON; `unbiased` says whether the means lean towards short episodes, see episodes_per_world.
+        """Return the numbers for JSON. Where `unbiased` is False, means lean towards short episodes.
 
-        Names of statistics are those of `column_names`.
+        See `episodes_per_world`. Names of statistics are those of `column_names`.
         """
         names = [name for key, values in self.sums.items() for name in column_names(key, values)]
         found = dict(zip(names, self._numbers(list(self.sums)), strict=True))
@@ -131,7 +131,7 @@ class Summary:
         }
 
     def episodes_of(self, between: str = "_") -> dict[str, int]:
-        """How many episodes had each agent and side, or moment, by name of statistic; of those that some lack only."""
+        """Return how many episodes had each agent, side or moment that some lack, by name of statistic."""
         return {
             name: int(count)
             for key, counts in self.counts.items()
@@ -140,9 +140,9 @@ class Summary:
         }
 
     def rows(self) -> list[tuple[str, float, float]]:
-        """(name, mean, standard error); statistics with an entry an agent or side get a row for each.
+        """Return (name, mean, standard error) of each statistic; those with an entry per agent or side get a row each.
 
-        Both are NaN of agents and sides that no episode had.
+        Mean and error are NaN for agents and sides that no episode had.
         """
         keys = sorted(self.sums)
         names = [name for key in keys for name in column_names(key, self.sums[key], " ")]
@@ -219,7 +219,7 @@ def _finite(value: float) -> float | None:
 
 
 def column_names(key: str, values: Any, between: str = "_") -> list[str]:
-    """Names of the columns of a statistic: itself, or key_0, key_1 ... for an entry an agent or side.
+    """Return the names of a statistic's columns: its own, or key_0, key_1 ... if it has entries per agent or side.
 
     values: (worlds,) or (worlds, n).
     """
@@ -227,7 +227,7 @@ def column_names(key: str, values: Any, between: str = "_") -> list[str]:
 
 
 def against_table(outcomes: Mapping[str, Array]) -> str:
-    """Shares of the episodes won, drawn and lost against each, with standard errors. outcomes: see Summary."""
+    """Return a table: shares of episodes won, drawn and lost against each, with errors. outcomes: see Summary."""
     width = max(20, *map(len, outcomes))
     lines = [f"{'against':<{width}} {'episodes':>12}" + "".join(f" {name:>17}" for name in RESULTS)]
     for name, counts in ((name, counts.tolist()) for name, counts in outcomes.items()):

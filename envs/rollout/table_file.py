@@ -1,4 +1,4 @@
-"""A file with one long table, .csv or .parquet, written row by row; whole or not there."""
+"""A file with one long table, .csv or .parquet, written row by row; in the end complete or not there."""
 
 import contextlib
 import csv
@@ -21,17 +21,17 @@ ROWS = 100_000  # rows that are kept in memory, and written together
 
 
 class TableWriter(Protocol):
-    """What writes the tables of a file."""
+    """Writes tables to a file."""
 
     def write(self, table: Table) -> None:
         """Write more rows."""
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows."""
 
 
 class TableFile:
-    """Rows on their way into a file. Ctrl-C leaves no half row."""
+    """A file that rows are added to. Ctrl-C leaves no incomplete row."""
 
     def __init__(self, writer: TableWriter) -> None:
         self._writer = writer
@@ -44,7 +44,7 @@ class TableFile:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write the rows that are still waiting."""
         with interrupts_held():
             if self._waiting:
                 tables, self._waiting = self._waiting, []
@@ -55,17 +55,18 @@ class TableFile:
 def table_file(
     path: str, what: str, columns: Sequence[str], types: Mapping[str, str] | None = None
 ) -> Iterator[TableFile]:
-    """A new file for a table, which is whole or not there.
+    """Open a new file for a table. In the end it is complete, or not there.
 
     Args:
         path: NAME.csv; with `types`, NAME.parquet, too.
         what: What the rows are, for messages: "events".
-        columns: Their names.
+        columns: Names of the columns.
         types: Arrow's names of the types in a .parquet file, by column; the others hold text.
 
     Raises:
-        UsageError: Another ending, a file that is there, no folder, a full disk, or no pyarrow for .parquet. If another
-            process has made the file meanwhile, the rows are in one with a number in its name, which the error says.
+        UsageError: The ending is another one, the file exists, the folder does not, the disk is full, or pyarrow is
+            missing for .parquet. If another process has made the file meanwhile, the rows are in a file with a number
+            in its name, which the error names.
     """
     target = checked_target(path, what, (".csv",) if types is None else TYPED)
     held = contextlib.ExitStack()
@@ -84,7 +85,7 @@ def table_file(
 
 
 def checked_target(path: str, what: str, endings: Sequence[str]) -> Path:
-    """The path of a new file of `what`. Raises UsageError if it has another ending, is there, or has no folder."""
+    """Return the path of a new file of `what`. Raises UsageError for another ending, an existing file, or no folder."""
     target = Path(path)
     if target.suffix not in endings:
         raise UsageError(f"{path}: {what} are written as {' or '.join(f'NAME{ending}' for ending in endings)}")

@@ -1,8 +1,8 @@
-"""The state of worlds as plain arrays: snapshots that are restored, copied onto other worlds, or saved in a file.
+"""The state of worlds as plain arrays: snapshots that are restored, copied to other worlds, or saved in a file.
 
-A State holds everything that decides how its worlds go on: their blocks of tables, the buffers of actions, observations
-and signals, whether they run, and the events of their last tick. Whatever continues from it is bit-identical to never
-having stopped.
+A State holds everything that determines how its worlds go on: their blocks of tables, the buffers of actions,
+observations and signals, whether they run, and the events of their last tick. Going on from it is bit-identical to
+never having stopped.
 """
 
 import functools
@@ -36,11 +36,11 @@ Array = np.ndarray[Any, Any]
 class State:
     """The state of some worlds of a scenario.
 
-    state[k], state[a:b], state[mask] are the states of some of them.
+    state[k], state[a:b] and state[mask] are states of some of these worlds.
 
     Attributes:
-        scenario: Its name and numbers, which must be the same where the state is restored.
-        arrays: By name, one row a world.
+        scenario: The scenario's name and numbers, which must be the same where the state is restored.
+        arrays: Arrays by name, with a row for each world.
     """
 
     scenario: dict[str, Any]
@@ -68,13 +68,13 @@ class State:
         return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all.
+        """Write an uncompressed .npz file without pickle, with a version and a checksum; completely or not at all.
 
         Args:
-            path: The file; what was there before is replaced.
+            path: The file; an existing one is replaced.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: The file cannot be written.
         """
         header = {"version": VERSION, "scenario": self.scenario, "checksum": _checksum(self.arrays)}
         named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
@@ -83,13 +83,13 @@ class State:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
-        """Read what `save` wrote. Its numbers are checked when it is restored, as their ranges depend on the scenario.
+        """Read what `save` wrote. Values are checked when it is restored, as their ranges depend on the scenario.
 
         Args:
             path: The file.
 
         Raises:
-            StateError: It is no saved state, of another version, or damaged.
+            StateError: The file is not a saved state, is of another version, is damaged or cannot be read.
             FileNotFoundError: There is no such file.
         """
         try:
@@ -102,7 +102,7 @@ class State:
 
 
 def read(file: BinaryIO, name: str) -> State:
-    """The state in a file, which errors call by that name. Raises StateError."""
+    """Read the state in a file; errors call the file by `name`. Raises StateError."""
     try:
         arrays = {key.removesuffix(".npy"): safe_npz.array(content) for key, content in safe_npz.entries(file).items()}
         header = json.loads(arrays.pop(HEADER).tobytes())
@@ -123,7 +123,7 @@ def read(file: BinaryIO, name: str) -> State:
 
 
 def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:
-    """The state of the worlds `where` (mask, indices or slice). masks: what is kept of each world beside its tables."""
+    """Return the state of the worlds `where` (mask, indices or slice). masks: what worlds have besides their tables."""
     rows = _rows(worlds, where)
     arrays = {name: array[rows] for name, array in _arrays(worlds, masks).items()}
     counts, lists = (arrays[name] for name in _events(worlds))
@@ -132,7 +132,7 @@ def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where:
 
 
 def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> None:
-    """Make the worlds `where` go on from `state`: one for each of them, or one for all.
+    """Make the worlds `where` go on from `state`, which has one world for each of them, or one for all.
 
     Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
     """

@@ -1,16 +1,16 @@
-"""Validation of saved states: what is used as an index is in range, and booleans are 0 or 1.
+"""Validation of saved states: everything used as an index is in range, and booleans are 0 or 1.
 
-Compiled kernels do not check an index: one that is out of range would read and write somewhere else. Columns of
-outlast's own components that kernels or views use as an index, a length or a part of an address declare their range.
-The others do no harm, whatever they hold: they are compared, counted or computed with.
+Compiled kernels do not check indices: one out of range would read or write other memory. Columns of outlast's own
+components that kernels or views use as an index, a length or a part of an address declare their range. The others do no
+harm, whatever they hold: they are only compared, counted or used in calculations.
 
-A mechanic of one's own whose columns hold an index declares that, too. Without that they are not checked, and its
-states are to be loaded from people one trusts only:
+Mechanics of your own should declare columns that hold an index, too. Otherwise these are not checked, and you should
+only load states from people you trust:
 
     owner: Array = column("i4", fill=-1, unit="entity")   # a row, -1: none
     phase: Array = column("i4", low=0, high=7)
 
-A valid state need not be one to which any game leads: items may be in two bags, or agents in a wall.
+A valid state need not be one that can occur in a game: an item may be in two bags, or an agent in a wall.
 """
 
 import functools
@@ -32,9 +32,9 @@ Array = np.ndarray[Any, Any]
 
 
 def check(layout: Layout, arrays: dict[str, Array]) -> None:
-    """Raise StateError unless the arrays of a state, "world" among them, are valid in worlds of that layout.
+    """Raise StateError unless the arrays of a state, including "world", are valid in worlds of that layout.
 
-    Worlds that have not started are reset before anything runs in them: they may hold initial values.
+    Worlds that have not started are reset before anything runs in them, so they may hold initial values.
     """
     for name, array in arrays.items():
         if array.dtype == bool and (array.view(np.uint8) > 1).any():
@@ -58,12 +58,12 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
 
 
 def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
-    """The events in a state's arrays: int32 (worlds, kinds), and uint8 (worlds, bytes), which it is a view of."""
+    """Return the events in a state's arrays, int32 (worlds, kinds) and uint8 (worlds, bytes), as a view of these."""
     return EventMemory(counts, lists.view(layout.event_type).reshape(-1))
 
 
 def check_events(layout: Layout, counts: Array, given: Array) -> None:
-    """Raise StateError unless the events of a state are lists that there can be.
+    """Raise StateError unless the events of a state are valid lists.
 
     counts: int32 (worlds, kinds). given: the lists, uint8 (worlds, bytes).
     """
@@ -84,7 +84,7 @@ def check_events(layout: Layout, counts: Array, given: Array) -> None:
 
 @dataclass(frozen=True)
 class Span:
-    """A column that is checked: where it lies in a world, its rows that count, its smallest and its largest number."""
+    """A column to check: its place in a world, the rows that count, and the smallest and largest number allowed."""
 
     name: str
     place: Place
@@ -94,7 +94,7 @@ class Span:
     last: int
 
     def values(self, block: Array) -> Array:
-        """What the column holds in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
+        """Return what the column holds in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
         inner = np.empty(self.place.shape, self.dtype).strides
         shape = (len(block), *self.place.shape)
         column: Array = np.ndarray(shape, self.dtype, block, self.place.offset, (block.strides[0], *inner))

@@ -1,4 +1,4 @@
-"""Layers: one file a mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
+"""Layers: one file for each mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
 
 @dataclass(frozen=True)
 class MarshLayer(Layer):
@@ -115,14 +115,14 @@ FILM_LAYERS: tuple[Layer, ...] = tuple(
 
 
 def select(changes: str) -> tuple[Layer, ...]:
-    """FILM_LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
+    """Return FILM_LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
 
-    Layers of one's own are added as FILE.py:NAME or package.module:NAME, where NAME is a layer, a class of layers that
-    needs no arguments, or a list of layers, of which those that are shown already are left out.
+    Your own layers are added as FILE.py:NAME or package.module:NAME, where NAME is a layer, a class of layers that
+    needs no arguments, or a list of layers. Layers that are shown already are not added again.
 
     Raises:
-        FilmError: For an unknown name, or one that is no layer.
-        ScenarioError: A file or module of one's own that is not there or raises an exception.
+        FilmError: A name is unknown, or is not that of a layer.
+        ScenarioError: A file or module of your own does not exist, or raises an exception.
     """
     shown, own = {name: name not in FILM_OPTIONAL for name in FILM_LAYERS_BY_NAME}, list[Layer]()
     for change in filter(None, (part.strip() for part in changes.split(","))):

@@ -1,4 +1,4 @@
-"""Cameras: vision cones up to what hides, and a line to every visible entity. Off unless asked for."""
+"""Cameras: vision cones up to what blocks sight, and a line to every visible entity. Not shown by default."""
 
 import math
 from collections.abc import Collection
@@ -27,10 +27,10 @@ ARC = math.radians(5)  # of a sector's rim, drawn as a straight line
 
 @dataclass(frozen=True)
 class CamerasLayer(Layer):
-    """What living agents see, or only those with the numbers `agents`.
+    """What living agents see: all of them, or those with the numbers `agents`.
 
     Raises:
-        FilmError: `agents` are no numbers of agents; of those that a game does not have, when it is drawn.
+        FilmError: `agents` are not numbers of agents; for agents that a game does not have, when it is drawn.
     """
 
     zorder = ZOrder.SIGHT
@@ -47,11 +47,11 @@ class CamerasLayer(Layer):
             raise FilmError(f"CamerasLayer: agents = {self.agents!r}: numbers of agents are needed, as in [0, 2]")
 
     def fits(self, scene: Scene) -> bool:
-        """Not where observations hold everything, as cameras are not used then."""
+        """Return whether the layer fits: not if observations show everything, as cameras are then not used."""
         return super().fits(scene) and scene.mechanic(systems.Cameras).mode != MODES[OMNISCIENT]
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All cones first, then all lines."""
+        """Draw all cones, then all lines."""
         alive = set(scene.living(Body, Side))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         if unknown := [i for i in wanted if i >= len(scene.rows(Side))]:
@@ -80,7 +80,7 @@ class CamerasLayer(Layer):
 
 
 def blind_until(scene: Scene, e: int) -> int:
-    """The tick before which the agent in row `e` sees nothing; 0: it sees from the first one on."""
+    """Return the tick before which the agent in row `e` sees nothing; 0: it sees from the first tick on."""
     if systems.Preparation not in scene:
         return 0
     wait = scene.mechanic(systems.Preparation, e)
@@ -88,14 +88,14 @@ def blind_until(scene: Scene, e: int) -> int:
 
 
 def cone_corners(cameras: systems.Cameras) -> list[Point]:
-    """Corners of a vision cone, metres ahead and to the left: a kite, or a sector with a rim of short lines."""
+    """Return the corners of a vision cone, metres ahead and to the left: a kite, or a sector edged by short lines."""
     steps = 2 if cameras.cone == "kite" else 2 * math.ceil(cameras.fov / 2 / ARC)
     bearings = [cameras.fov * (k / steps - 0.5) for k in range(steps + 1)]
     return [(0.0, 0.0), *((cameras.depth * math.cos(a), cameras.depth * math.sin(a)) for a in bearings)]
 
 
 def seen_rows(scene: Scene, i: int) -> list[int]:
-    """Rows in the world that agent number `i` sees, in ascending order; without walls, which are seen, too."""
+    """Return the rows that agent number `i` sees, in ascending order; walls are left out, although it sees them."""
     words, fixed = scene[Sight].visible[i], {*walls(scene)} if Solid in scene else {}
     rows = (e for e in scene.living(Body, Shape) if e not in fixed)
     return [e for e in rows if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1]

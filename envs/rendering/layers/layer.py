@@ -14,7 +14,7 @@ from ..style import INK
 
 
 class ZOrder(IntEnum):
-    """Lower ones are drawn first; any number between is possible, too."""
+    """The order of drawing: layers with lower values are drawn first. Numbers between these are possible, too."""
 
     GROUND = 0
     ZONE = 10
@@ -31,9 +31,9 @@ class Layer:
     """Base of all layers. Instances hold options.
 
     Attributes:
-        zorder: Layers with a lower one are drawn first.
-        needs: Components and mechanics without which there is nothing to draw; without one the layer is left out.
-        shows: Components whose entities the layer draws, so that the default look of other bodies leaves them out.
+        zorder: Layers with a lower value are drawn first.
+        needs: Components and mechanics that the layer draws; if the scenario lacks one, the layer is left out.
+        shows: Components whose entities the layer draws, so that they are not drawn in the default look as well.
     """
 
     zorder: ClassVar[float] = ZOrder.BODIES
@@ -41,7 +41,7 @@ class Layer:
     shows: ClassVar[tuple[type[Component], ...]] = ()
 
     def fits(self, scene: Scene) -> bool:
-        """Whether this scenario has all that the layer needs."""
+        """Return whether this scenario has everything that the layer needs."""
         return all(need in scene for need in self.needs)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
@@ -50,23 +50,23 @@ class Layer:
 
 
 class Strip(Layer):
-    """Base of layers beside the picture: as wide as it, above or below, on a canvas of their own.
+    """Base of layers above or below the picture, as wide as the picture, each on a canvas of its own.
 
-    There, lengths are pixels, and the origin is the middle of the strip.
+    On that canvas, lengths are in pixels, and the origin is the middle of the strip.
 
     Attributes:
-        above: Whether it lies above the picture; else below.
+        above: Whether the strip is above the picture, else below.
     """
 
     above: ClassVar[bool] = False
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """How high it is beside a picture of `size` pixels, the same for all worlds and ticks; 0: left out."""
+        """Return its height for a picture of `size` pixels, the same for all worlds and ticks; 0: left out."""
         raise NotImplementedError(f"{type(self).__name__} has no method pixels(self, scene, size): a strip needs one")
 
 
 def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:
-    """Draw the layers, those with a lower zorder first, equal ones in order of their names. Returns the image."""
+    """Draw the layers, those of lower zorder first, equal ones in order of their names. Returns the image."""
     drawn = sorted(layers, key=lambda layer: (layer.zorder, type(layer).__name__))
     scene.shown = {component for layer in drawn for component in layer.shows}
     for layer in drawn:
@@ -75,7 +75,7 @@ def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:
 
 
 def paint_strips(size: int, strips: Iterable[Strip], scene: Scene) -> list[Image]:
-    """The strips that have a height, each as an image of `size` pixels from left to right."""
+    """Draw the strips that have a height, each as an image `size` pixels wide."""
     images = []
     for strip in strips:
         if pixels := strip.pixels(scene, size):

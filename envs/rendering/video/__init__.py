@@ -1,4 +1,4 @@
-"""Films and folders of pictures: `footage` draws the frames, `write_film` writes them, whole or not at all."""
+"""Films and folders of pictures: `footage` draws the frames, `write_film` writes them, completely or not at all."""
 
 from .footage import footage
 from .writer import write_film

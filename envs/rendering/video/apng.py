@@ -22,7 +22,7 @@ KEEP, OVER = 0, 0  # frames stay where the next one does not cover them; pixels 
 
 
 def write_apng(path: Path, frames: Iterator[Image], fps: int) -> None:
-    """Write frames, uint8 (height, width, 3) RGB of one size, as they come: one of them is in memory, and the last."""
+    """Write frames, uint8 (height, width, 3) RGB of one size, as they come; only two of them are in memory."""
     with path.open("wb") as file:
         numbers, before, total = count(), None, 0
         for frame in frames:
@@ -47,7 +47,7 @@ def write_apng(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 
 def count_apng(path: Path) -> tuple[int, int, int]:
-    """Frames, height and width of an animated PNG that is whole. ValueError if it is not."""
+    """Return the number of frames, height and width of an animated PNG. ValueError if it is not complete."""
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             raise ValueError("it does not begin as a PNG does")

@@ -1,4 +1,4 @@
-"""How frames become files: a writer and a reader for each format. Everything is streamed, nothing held in memory."""
+"""How frames become files: a writer and a reader for each format. Everything is streamed, not held in memory."""
 
 import contextlib
 import errno
@@ -50,14 +50,14 @@ class Codec:
 
 
 def write_folder(path: Path, frames: Iterator[Image], fps: int) -> None:
-    """Numbered PNGs in a new folder; it keeps nothing of fps."""
+    """Write numbered PNGs to a new folder; fps is not kept."""
     path.mkdir()
     for k, frame in enumerate(frames):
         (path / f"frame_{k:06}.png").write_bytes(cv2.imencode(".png", frame[..., ::-1])[1].tobytes())
 
 
 def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
-    """VP8, by OpenCV."""
+    """Write VP8, by OpenCV."""
     first = next(frames)
     with _stderr_muted(), _openable(path) as name:
         writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, first.shape[1::-1])
@@ -108,12 +108,12 @@ def _openable(path: Path) -> Iterator[str]:
 
 
 def write_mp4(path: Path, frames: Iterator[Image], fps: int) -> None:
-    """H.264 that every browser plays, by FFmpeg."""
+    """Write H.264 that every browser plays, by FFmpeg."""
     _encode(path, frames, fps, H264)
 
 
 def write_gif(path: Path, frames: Iterator[Image], fps: int) -> None:
-    """One palette for all frames, no dithering. Choosing it takes a look at them all: until then they are on disk."""
+    """Write a GIF with one palette for all frames, which are kept on disk until it is chosen; no dithering."""
     whole = path.with_name("whole.mkv")
     _encode(whole, frames, fps, LOSSLESS)
     _ffmpeg(path, "-i", whole.name, "-i", whole.name, "-filter_complex", PALETTE, "-fps_mode", "passthrough")
@@ -121,14 +121,14 @@ def write_gif(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 
 def read_folder(path: Path) -> tuple[int, int, int]:
-    """Frames, height and width of a folder of pictures."""
+    """Return the number of frames, height and width of a folder of pictures."""
     files = (np.frombuffer(file.read_bytes(), np.uint8) for file in sorted(path.iterdir()))
     pictures = (cv2.imdecode(file, cv2.IMREAD_COLOR) if file.size else None for file in files)
     return _size([() if picture is None else picture.shape for picture in pictures])
 
 
 def read_video(path: Path) -> tuple[int, int, int]:
-    """Frames, height and width of what OpenCV decodes."""
+    """Return the number of frames, height and width of what OpenCV decodes."""
     shapes = list[tuple[int, ...]]()
     with _stderr_muted(), _openable(path) as name:
         video = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
@@ -157,7 +157,7 @@ CODECS = {
 
 
 def find_ffmpeg(suffix: str) -> str:
-    """The path of the program that comes with imageio-ffmpeg. Raises FilmError."""
+    """Return the path of the program that comes with imageio-ffmpeg. Raises FilmError."""
     try:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ModuleNotFoundError, RuntimeError) as error:

@@ -39,22 +39,22 @@ def footage(
 
     Args:
         worlds: All worlds.
-        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset.
+        ticks: An iterator whose items each run the worlds for a tick; the first item comes right after a reset.
         chosen: Numbers of the worlds to draw.
-        size: Pixels, side of one world's picture.
-        layers: See rgb.draw. With a TitleStrip there is a title, with an EndLayer the ends of episodes are held.
-        mosaic: Rows and columns of pictures, filled row by row, cells without a world black; None: nearly a square.
-        every: The first state is drawn, and after it every `every`-th one.
+        size: Side of one world's picture, pixels.
+        layers: See rgb.draw. A TitleStrip adds a title; with an EndLayer, the ends of episodes are held.
+        mosaic: Rows and columns of pictures, filled row by row; cells without a world are black. None: nearly a square.
+        every: The first state is drawn, and then every `every`-th one.
         title: What the title says: the game, and who plays.
-        hold: For how many frames the end of an episode is shown after its first one. A single world stands still
-            meanwhile. In a mosaic the worlds go on, so it is shown for as many ticks, in one frame at least, and
-            the first ticks of that world's next episode are not seen.
+        hold: For how many more frames the end of an episode is shown. A single world stands still meanwhile. In a
+            mosaic the worlds go on, so the end is shown for this many ticks, in at least one frame, and the first ticks
+            of that world's next episode are not seen.
 
     Returns:
-        Frames, uint8 (height, width, 3), RGB, each a new array, drawn when they are asked for.
+        Frames, uint8 (height, width, 3), RGB, each a new array, drawn on demand.
 
     Raises:
-        FilmError: For worlds, grids, sizes and numbers that cannot be.
+        FilmError: The worlds, the grid, the size or a number is not valid.
     """
     grid = near_square(len(chosen)) if mosaic is None else mosaic
     _check(worlds, chosen, size, grid, every)
@@ -68,7 +68,7 @@ def footage(
 
 
 def near_square(count: int) -> Grid:
-    """Rows and columns of the smallest grid for `count` pictures that is a square, or has one row less."""
+    """Return rows and columns of the smallest grid for `count` pictures that is square or has one row less."""
     columns = max(1, math.isqrt(max(0, count - 1)) + 1)
     return max(1, -(-count // columns)), columns
 
@@ -158,7 +158,7 @@ def _header(width: int, title: str, seeds: Image) -> Image:
 
 
 def check_pictures(size: int, grid: Grid, every: int) -> None:
-    """FilmError unless there can be such pictures, of whatever worlds; what they are is said by `footage`."""
+    """FilmError unless such pictures are possible, whatever the worlds. For the arguments see `footage`."""
     given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
     for name, value in given:
         if not is_whole(value):

@@ -1,4 +1,4 @@
-"""Writing films: a file that is whole and was read back, or none."""
+"""Writing films: a file that is complete and was read back, or none."""
 
 import contextlib
 import itertools
@@ -24,23 +24,22 @@ NUMBERED = re.compile(r"frame_\d{6,}\.png")
 def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
     """Write a film, or a folder of pictures.
 
-    It is written to a temporary file, read back, and moved to its place: after an error, Ctrl-C or a full disk there is
-    what was there before.
+    It is written to a temporary file, read back, and moved into place: an error, Ctrl-C or a full disk leaves whatever
+    was there before.
 
     Args:
         path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`;
-            .webm (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder
-            of pictures, frame_000000.png and so on, of which those of an earlier film are replaced.
+            .webm (VP8) and .apng (lossless) do not. A path without a suffix, or of an existing folder, is a folder of
+            pictures, frame_000000.png and so on; pictures of an earlier film in it are replaced.
         frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
-            they wait on disk. Odd sizes get one more row or column in .mp4 and .webm.
-        fps: Frames a second.
+            they are first kept on disk. In .mp4 and .webm, odd sizes get one more row or column.
+        fps: Frames per second.
 
     Returns:
         The number of frames.
 
     Raises:
-        FilmError: For paths, frames and rates that cannot be, without FFmpeg where it is needed, and if the disk is
-            full.
+        FilmError: The path, frames or rate is not valid, FFmpeg is needed but missing, or the disk is full.
     """
     target, codec = _checked(Path(path), fps)
     try:
@@ -56,7 +55,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
 
 
 def ending(path: Path) -> str:
-    """What a film is, in small letters: ".webm"; "" for a folder of pictures."""
+    """Return the film's format by its suffix, in lower case: ".webm"; "" for a folder of pictures."""
     return "" if path.is_dir() else path.suffix.lower()
 
 

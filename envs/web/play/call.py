@@ -1,4 +1,4 @@
-"""outlast.play: a game against policies in one call, of which `outlast play` is a form."""
+"""outlast.play: a game against policies in one call. The command `outlast play` is a front end to it."""
 
 import asyncio
 import contextlib
@@ -27,31 +27,31 @@ def play(
     record: str | os.PathLike[str] | None = None,
     **numbers: Number,
 ) -> None:
-    """Serve a page in which a person steers an agent, until Ctrl-C. Needs `pip install 'outlast[play]'`.
+    """Serve a page in which a person controls an agent, until Ctrl-C. Needs `pip install 'outlast[play]'`.
 
     >>> outlast.play("teams_3", others="runs/teams_3-fast-0/steps_0010000000.zip", record="game.rec")
 
-    The address is printed. Only this machine can open it, and only with the token in it.
+    The address is printed. It can be opened only on this machine, and only with the token that it contains.
 
     Args:
-        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME.
-        agent: Number of the agent that the person steers.
+        game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME.
+        agent: Number of the agent that the person controls.
         others: Who plays all other agents: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or
-            {policy: weight}, of which one is drawn for each episode.
+            {policy: weight}, one of which is drawn for each episode.
         seed: The same seed gives the same episodes.
-        fps: Ticks a second, above 0, up to 1000; None: in real time. An episode begins at half of it.
-        port: Of 127.0.0.1; 0: one that is free.
+        fps: Ticks per second, above 0, up to 1000; None: real time. An episode begins at half that speed.
+        port: Port on 127.0.0.1; 0: any free one.
         browser: Whether to open the page in a browser.
-        record: Record the game in this new file, see outlast.record.
-        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+        record: Record the game in this new file; see outlast.record.
+        **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
         ScenarioError: There is no such scenario.
-        NumberError: There is no such number, which is a KeywordError, or it is out of its range.
-        UsageError: One of the others does not exist, or cannot play there.
+        NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
+        UsageError: One of the others does not exist or cannot play there.
         RecordingError: The recording cannot be written.
-        PlayError: There is no such agent, the port is taken, websockets are not installed, or an event loop runs here
-            already, as in a notebook.
+        PlayError: There is no such agent, the port is taken, websockets is not installed, or an event loop is already
+            running, as in a notebook.
     """
     try:
         from .game import Game  # here, as these need websockets

@@ -1,4 +1,4 @@
-"""Pages of recordings, in one call; `outlast replay --html` is this function."""
+"""Pages of recordings, in one call; `outlast replay --html` calls this function."""
 
 import contextlib
 import os
@@ -34,24 +34,24 @@ def replay_page(
     >>> outlast.replay_page("fights.rec", "fights.html", worlds=[0, 3], last=400)
 
     Args:
-        recording: A Recording, or the path of one; for a game of one's own, Recording.open(path, scenario).
-        out: Of the page, an HTML file; one that is there is replaced.
-        beside: Another recording, of the same scenario or of another, which plays beside it in step.
-        worlds: Numbers of the worlds to show, as in tables of events; None: the first. Of the recording beside it those
-            in the same places, if its worlds begin at another number.
+        recording: A Recording or its path; for a game of your own, Recording.open(path, scenario).
+        out: The page, an HTML file; an existing one is replaced.
+        beside: Another recording, of the same scenario or of another, which is played next to it in step.
+        worlds: Numbers of the worlds to show, as in tables of events; None: the first world. If the worlds of `beside`
+            begin at another number, those in the same positions are shown.
         first: First tick to show, counted from the beginning of the recording.
-        last: Last tick to show; None: the last there is, of each recording.
-        title: Of the page; None: names of scenario and file.
-        verify: Compare every tick with its recorded digest.
-        threads: How many threads share the worlds of a recording.
-        quiet: Show no progress.
+        last: Last tick to show; None: the last one of each recording.
+        title: Title of the page; None: the names of the scenario and the file.
+        verify: Whether to compare every tick with its recorded digest.
+        threads: Number of threads among which the worlds of a recording are divided.
+        quiet: Whether to show no progress.
 
     Returns:
-        The path of the page, which is whole.
+        The path of the complete page.
 
     Raises:
-        RecordingError: A file is no recording or damaged, or has no such worlds or ticks.
-        ReplayError: A replay is not what was recorded.
+        RecordingError: A file is not a recording, is damaged, or has no such worlds or ticks.
+        ReplayError: A replay differs from what was recorded.
         PageError: The page cannot be written.
         OSError: A recording cannot be read.
     """
@@ -78,5 +78,5 @@ def replay_page(
 
 
 def title_of(recording: Recording) -> str:
-    """Scenario and file, printable whatever the file is called."""
+    """Return a title from the scenario and the file, printable whatever the file is called."""
     return f"{recording.scenario.name}: {os.fsencode(Path(recording.path).name).decode(errors='backslashreplace')}"

@@ -14,11 +14,11 @@ HEIGHT = 780  # pixels
 
 
 def frame(recording: Recording) -> str:
-    """HTML in which the first world plays, of its first `MOST` ticks; needs no network and no file beside it.
+    """Return HTML that plays the first `MOST` ticks of the first world; it needs no network and no other file.
 
     Raises:
         RecordingError: The file is damaged.
-        ReplayError: The replay is not what was recorded.
+        ReplayError: The replay differs from what was recorded.
     """
     if not len(recording):
         return f"<p>{html.escape(repr(recording))}</p>"

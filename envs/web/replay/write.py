@@ -1,4 +1,4 @@
-"""Writing a page: the ticks of some worlds, and all that is needed to play them, in one HTML file."""
+"""Writing a page: the ticks of some worlds, and everything needed to play them, in one HTML file."""
 
 import base64
 import os
@@ -26,25 +26,25 @@ SCRIPTS = (*SHARED, *PLAYING, "replay.js")
 def write_page(
     path: str | os.PathLike[str], worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], *, title: str
 ) -> None:
-    """Write what happens in some worlds as a page that needs no server and no network; whole or not at all.
+    """Write what happens in some worlds as a page that needs no server and no network; completely or not at all.
 
     Args:
         path: The file.
         worlds: All worlds.
-        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset. Takes a
-            kilobyte of memory for each tick of a world of 4 agents.
+        ticks: An iterator whose items each run the worlds for a tick; the first item comes right after a reset. Each
+            tick of a world of 4 agents takes a kilobyte of memory.
         chosen: Numbers of the worlds to show.
-        title: Of the page.
+        title: Title of the page.
 
     Raises:
-        PageError: For worlds or folders that are not there, if there are no ticks, and if the disk is full.
+        PageError: A world or folder does not exist, there are no ticks, or the disk is full.
     """
     target = checked(path)
     save(target, [Room(title, record_ticks(worlds, ticks, chosen))], title)
 
 
 def save(target: Path, rooms: Sequence[Room], title: str) -> None:
-    """Write a page of recordings side by side. Raises PageError."""
+    """Write a page that shows recordings side by side. Raises PageError."""
     if not all(any(room.recorded.values()) for room in rooms):
         raise PageError("there is nothing to show: not one tick")
     page = page_html(rooms, title)
@@ -56,7 +56,7 @@ def save(target: Path, rooms: Sequence[Room], title: str) -> None:
 
 
 def page_html(rooms: Sequence[Room], title: str) -> str:
-    """The page itself, as HTML."""
+    """Return the page itself, as HTML."""
     data = base64.b64encode(pack(rooms)).decode()
     return assemble(title, SCRIPTS, data, PACKING=PACKING)
 
@@ -64,10 +64,10 @@ def page_html(rooms: Sequence[Room], title: str) -> str:
 def record_ticks(
     worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], replay: Replay | None = None
 ) -> dict[int, list[EpisodeTrack]]:
-    """The episodes of each of the `chosen` worlds by its number, as far as the ticks go. chosen: rows of the tables.
+    """Return the episodes of each `chosen` world by its number, as far as the ticks go. chosen: rows of the tables.
 
-    A world whose clock stands still was not run and is not recorded again; where the clock jumps, an episode starts.
-    replay: what runs them, if it is a recording, which may have a policy to show. Its episodes are numbered from 1.
+    A world whose clock stands still was not run, and is not recorded again; if its clock jumps, an episode starts.
+    replay: what runs the worlds if it is a replay, which may have a policy to show; its episodes count from 1.
     """
     recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
     _check(worlds, recorded)
@@ -118,7 +118,7 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
 
 
 def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
-    """The path of a page; PageError if no page can be written there, before anything is run. sources: what it shows."""
+    """Return the path of a page. PageError, before anything runs, if it cannot be written. sources: what it shows."""
     target = Path(path)
     if target.suffix != ".html":
         raise PageError(f"{target}: a page is written as NAME.html")
