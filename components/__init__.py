@@ -1,4 +1,4 @@
-"""The components of the game: its state. What changes it is in systems/."""
+"""The components of the game: its state. The systems that change it are in systems/."""
 
 from .agent import OthersView, SelfView, Side, Sides
 from .behaviour import Aggression, Care, Condition, Cover, Encounters, Exposure, Track, Travelled

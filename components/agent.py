@@ -9,14 +9,14 @@ from .health import full_health
 
 
 class Side(Component):
-    """The side an agent belongs to: its team, or in free-for-all its own index. -1 of who is absent."""
+    """The side that an agent belongs to: its team, or in free-for-all its own index; -1 for an absent agent."""
 
     side: Array = column("i4", fill=-1, unit="side")
 
 
 @kernel
 def present(entities: Array, agents: Array) -> int:
-    """How many agents this episode has, dead or alive: the first ones."""
+    """Return how many agents this episode has, dead or alive. They are the first ones."""
     count = 0
     for e in agents:
         count += exists(entities, e)
@@ -30,7 +30,7 @@ class Sides(Singleton):
 
 
 class SelfView(Observation):
-    """The observer's own row; zeros but for id and team once dead. With teams, the id is followed by the team."""
+    """The observer's own row; once it is dead, all zeros except id and team. With teams, the team follows the id."""
 
     own: Array = column(
         "f4",
@@ -48,7 +48,7 @@ class SelfView(Observation):
 
 
 class OthersView(Observation):
-    """The other agents in order of id, self left out; rows as in SelfView. Mask: 1 = visible."""
+    """The other agents in order of id, without the observer; rows as in SelfView. Mask: 1 = visible."""
 
     others: Array = column("f4", "agents", "others", fields="own")
     others_mask: Array = column("f4", "agents", "others", low=0, high=1)

@@ -1,10 +1,10 @@
-"""What each agent did in an episode, as numbers for searches and curricula."""
+"""Descriptors of what each agent did in an episode, for searches and curricula."""
 
 from outlast.ecs import Array, Singleton, Statistic, column
 
 
 class Track(Singleton):
-    """What the descriptors of an agent are computed from, from tick to tick. Written by behaviour."""
+    """What an agent's descriptors are computed from, updated in every tick. Written by behaviour."""
 
     x: Array = column("f4", "agents")  # metres, at the end of the last tick
     y: Array = column("f4", "agents")
@@ -16,7 +16,7 @@ class Track(Singleton):
 
 
 class Condition(Singleton):
-    """The hit points of agents, by which a heal is needed. Written by behaviour."""
+    """The hit points of agents, which determine whether they need a heal. Written by behaviour."""
 
     start: Array = column("i4", "agents")  # hit points at the start of the episode
     last: Array = column("i4", "agents")  # at the end of the last tick that it was alive in
@@ -31,7 +31,7 @@ class Travelled(Statistic):
 
 
 class Encounters(Statistic):
-    """How near each agent was to others, over the ticks at whose end it was alive."""
+    """How near each agent was to others, over the ticks at the end of which it was alive."""
 
     enemy_distance: Array = column("f8", "agents")  # metres to the nearest living enemy, mean; 0: never any
     mate_distance: Array = column("f8", "agents")  # metres to the nearest living agent of its side, likewise
@@ -39,7 +39,7 @@ class Encounters(Statistic):
 
 
 class Exposure(Statistic):
-    """How long each agent was outside of the safe zone."""
+    """How long each agent was outside the safe zone."""
 
     outside_zone: Array = column("f8", "agents", low=0, high=1)  # share of ticks
 
@@ -60,6 +60,6 @@ class Care(Statistic):
 
 
 class Cover(Statistic):
-    """How each agent set up boxes."""
+    """How each agent used boxes as cover."""
 
     boxes_between: Array = column("i4", "agents")  # so that they stood between it and the nearest enemy

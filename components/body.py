@@ -26,7 +26,7 @@ class Body(Component):
 class Shape(Component):
     """Outline: a circle, or with radius 0 a rectangle along the body's own axes.
 
-    Blocks sight and melee; cameras see what has one.
+    It blocks sight and strikes, and cameras see only entities that have one.
     """
 
     requires = (Body,)
@@ -37,7 +37,7 @@ class Shape(Component):
 
 
 class Solid(Component):
-    """Takes part in contacts. Without it a body is intangible, as items are."""
+    """A body that takes part in contacts. Without this component, a body is intangible, as items are."""
 
     requires = (Body, Shape)
     dynamic: Array = column("u1", high=1)  # 1: can be pushed; 0: static, as walls are
@@ -49,7 +49,7 @@ class Solid(Component):
 
 
 class Push(Component):
-    """The impulse of motors in this tick, world frame, which physics applies."""
+    """The impulse of motors in this tick, in the world frame, which the physics applies."""
 
     x: Array = column("f4")  # newton-seconds of the whole tick, spread evenly over its substeps
     y: Array = column("f4")
@@ -57,7 +57,7 @@ class Push(Component):
 
 
 class Spawned(Component):
-    """Gets a cell of the spawn grid at reset."""
+    """An entity that gets a cell of the spawn grid at reset."""
 
     requires = (Body,)
     cell: Array = column("i4", fill=-1)
@@ -70,13 +70,13 @@ class Floor(Singleton):
 
 
 class Fault(Singleton):
-    """An unrecoverable error in this world; an environment that finds it set raises."""
+    """An unrecoverable error in this world; if it is set, the environment raises an error."""
 
     physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, 1e6 and more, no size)
 
 
 def room_sides(layout: Layout) -> tuple[float, float] | None:
-    """Metres, width and height of the room; None without one."""
+    """Return width and height of the room, metres; None without a room."""
     if Floor not in layout.singletons:
         return None
     sides = np.ravel(layout.singletons[Floor].fills["size"])
@@ -84,7 +84,7 @@ def room_sides(layout: Layout) -> tuple[float, float] | None:
 
 
 def half_room(layout: Layout) -> float:
-    """Metres from the middle of the room to the farther walls, the scale of positions; 1 without a room."""
+    """Return the distance from the middle of the room to the farther walls, metres: the scale of positions (or 1)."""
     return max(room_sides(layout) or (2.0, 2.0)) / 2
 
 
@@ -93,5 +93,5 @@ PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # 
 
 @kernel
 def inverse(quantity: Any) -> Any:
-    """1 / mass or 1 / inertia, float32; 0 for a body that has none, as nothing moves it."""
+    """Return 1 / mass or 1 / inertia, float32; 0 for a body without mass, which nothing moves."""
     return ONE / quantity if quantity > 0 else ZERO

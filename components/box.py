@@ -1,4 +1,4 @@
-"""Boxes: breakable objects, and the items they turn into. Box k and box item k are one object in two states."""
+"""Boxes: breakable objects, and the items they turn into. Box k and box item k are the same object in two states."""
 
 import math
 
@@ -10,7 +10,7 @@ VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each as if the b
 
 
 class Box(Component):
-    """An intact box while alive."""
+    """A box, which is intact while alive."""
 
     broken: Array = column("u1")  # 1 for the one tick between box and item
     placed: Array = column("u1")  # 1 once it was placed from its item
@@ -18,20 +18,20 @@ class Box(Component):
 
 
 class BoxItem(Component):
-    """A broken box, on the ground or in a bag. Its shape is that of box `index`."""
+    """A broken box, on the ground or in a bag. It has the shape of box `index`."""
 
     index: Array = column("i4", below="boxes")
 
 
 class BoxView(Observation):
-    """Boxes that stand: four vertices as if centred at the origin, where it is. Mask: 1 = visible."""
+    """Standing boxes: four vertices in the box's own frame, its place and its angle. Mask: 1 = visible."""
 
     boxes: Array = column("f4", "agents", "boxes", fields=(VERTICES, *PLACE, Field("angle", "rad", scale=math.pi)))
     boxes_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
 
 
 class BoxItemView(Observation):
-    """Broken boxes on the ground, and the last slot if it holds one."""
+    """Broken boxes on the ground, and the last slot of the bag if it holds one."""
 
     box_items: Array = column("f4", "agents", "boxes", fields=(VERTICES, *PLACE))
     box_items_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
@@ -40,20 +40,20 @@ class BoxItemView(Observation):
 
 
 class BoxesPlaced(Statistic):
-    """Boxes placed from their item in this episode, by anybody."""
+    """How many boxes all agents have set up from items in this episode."""
 
     boxes_placed: Array = column("i4")
 
 
 class BoxPlaced(Event, capacity=Box, whom="box"):
-    """A box that was set up from its item."""
+    """A box was set up from its item."""
 
     agent: Array = column("i4", unit="entity")
     box: Array = column("i4", unit="entity")
 
 
 class BoxBroken(Event, capacity=Box, who="by", whom="box"):
-    """A box that broke."""
+    """A box broke."""
 
     box: Array = column("i4", unit="entity")
     by: Array = column("i4", unit="entity")  # the agent whose hit of this tick it was, -1: nobody's

@@ -12,12 +12,12 @@ class Heal(Component):
 
 
 def usual_amount(layout: Layout) -> float:
-    """Hit points that a heal gives, the scale of what the last slot holds; 1 if heals give none."""
+    """Return the hit points that a heal gives, the scale of the observed last slot; 1 if heals give none."""
     return layout.numbers("heals").get("amount") or 1.0
 
 
 class HealView(Observation):
-    """Heals on the ground, one row for each heal of the episode, and the last slot if it holds a heal."""
+    """Heals on the ground, a row for each heal of the episode, and the last slot of the bag if it holds a heal."""
 
     heals: Array = column("f4", "agents", "heals", fields=PLACE)
     heals_mask: Array = column("f4", "agents", "heals", low=0, high=1)
@@ -26,6 +26,6 @@ class HealView(Observation):
 
 
 class HealsUsed(Statistic):
-    """Heals used in this episode, by anybody."""
+    """How many heals all agents have used in this episode."""
 
     heals_used: Array = column("i4")

@@ -1,4 +1,4 @@
-"""Hit points, who may take them, and who took them last."""
+"""Hit points, who can take them away, and who did so last."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ LARGEST = 2**31 - 1  # hit points that a column holds
 
 
 class Guard(Component):
-    """Immunity: which sides can damage this entity."""
+    """Immunity: which sides can damage the entity."""
 
     immune_to: Array = column("i4", fill=-1)  # the side whose attacks do nothing, -1: none
     vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks do anything, -1: all do
 
 
 class Health(Component):
-    """Hit points; at zero or below the entity dies at the next check. A maximum is up to Mortality."""
+    """Hit points. At zero or below, the entity dies at the next check. Mortality may set a maximum."""
 
     requires = (Guard,)
 
@@ -30,7 +30,7 @@ class Health(Component):
 
 
 class Died(Component):
-    """How an agent died, kept until the episode's end. What happens at a death goes by the event `Death`."""
+    """How an agent died, kept until the end of the episode. Systems that act on a death read the event `Death`."""
 
     now: Array = column("u1")  # 1 in the tick of death
     damage_type: Array = column("i4", fill=-1, unit="damage type")
@@ -38,7 +38,7 @@ class Died(Component):
 
 
 class Hit(Event, capacity="hits"):
-    """Damage that an entity took: of whatever calls `hurt`."""
+    """An entity took damage, from any caller of `hurt`."""
 
     agent: Array = column("i4", unit="entity")  # who did it, -1: nobody
     target: Array = column("i4", unit="entity")
@@ -48,7 +48,7 @@ class Hit(Event, capacity="hits"):
 
 
 class Death(Event, capacity=Died, who="by", whom="agent"):
-    """The death of an agent."""
+    """An agent died."""
 
     agent: Array = column("i4", unit="entity")  # who died
     by: Array = column("i4", unit="entity")  # whose hit of this tick it was, -1: nobody's
@@ -57,14 +57,14 @@ class Death(Event, capacity=Died, who="by", whom="agent"):
 
 
 def full_health(layout: Layout) -> float:
-    """Hit points of an agent at the start, the scale of its health; 1 without the mechanic that says it."""
+    """Return an agent's hit points at the start, the scale of its health; 1 without a mechanic that sets them."""
     points: float = layout.numbers("agents").get("health", 1.0)
     return points
 
 
 @kernel
 def immune(guard: Any, e: int, source: int) -> bool:
-    """Whether entity `e` takes no damage from `source` (a side, or -1 for damage that no side causes)."""
+    """Return whether entity `e` takes no damage from `source` (a side, or -1 for damage that no side causes)."""
     return source >= 0 and (
         guard.immune_to[e] == source or (guard.vulnerable_only_to[e] >= 0 and guard.vulnerable_only_to[e] != source)
     )
@@ -74,24 +74,24 @@ def immune(guard: Any, e: int, source: int) -> bool:
 def hurt(
     health: Any, guard: Any, hits: Any, e: int, amount: int, damage_type: int, source: int, tick: int, agent: int = -1
 ) -> bool:
-    """Take `amount` hit points from `e` unless it is immune; True, and a `Hit` is emitted, if it was hurt.
+    """Take `amount` hit points from `e` unless it is immune. If it was hurt, emit a `Hit` and return True.
 
-    An amount of 0 hurts nobody: it is no hit, and nobody gets credit for it.
+    An amount of 0 hurts nobody: it is not a hit, and nobody gets credit for it.
 
-    The recorded source is that of the last loss in the tick that brings the points to 0 or below: who hits an
+    The recorded source is that of the last loss in the tick that brings the points to 0 or below: whoever hits the
     entity in a later tick gets no credit (reference rules, section 7, point 6).
 
     Args:
         health: The table of Health, to write.
         guard: The table of Guard.
-        hits: The table of Hit, to write. A mechanic that calls this adds to the dimension "hits" how often it may do so
-            in a tick, and brings Hit().
+        hits: The table of Hit, to write. A mechanic that calls this function adds the number of possible calls per tick
+            to the dimension "hits", and returns Hit() among its singletons.
         e: Row of the entity.
         amount: Hit points.
         damage_type: Number of the damage type.
-        source: The side that does it, -1: none.
-        tick: Of the episode.
-        agent: Row of who does it, -1: nobody.
+        source: The side that does the damage, -1: none.
+        tick: Tick of the episode.
+        agent: Row of the agent that does the damage, -1: nobody.
     """
     if amount == 0 or immune(guard, e, source):
         return False
@@ -110,7 +110,7 @@ def hurt(
 
 @kernel
 def fatal_agent(health: Any, hits: Any, e: int, tick: int) -> int:
-    """Row of the agent whose hit in this tick brought `e` to 0 or below, with the credit as in `hurt`; -1: nobody's."""
+    """Return the row of the agent whose hit in this tick brought `e` to 0 or below (credit as in `hurt`); -1: none."""
     if health.fatal_tick[e] == tick:
         for k in range(hits.count[0] - 1, -1, -1):
             if hits.target[k] == e:

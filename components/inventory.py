@@ -1,4 +1,4 @@
-"""Items and the bags they are carried in."""
+"""Items, and the bags in which they are carried."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ from outlast.ecs import Action, Array, Component, Event, Worlds, column, kernel
 
 
 class Item(Component):
-    """Can be picked up, given, dropped and used. On the ground it is alive; carried it is not, and has a holder.
+    """An item can be picked up, given, dropped and used. It is alive on the ground; while carried it has a holder.
 
-    A kind of item is an archetype with this component and a system in phase EFFECT that looks at `user`.
+    To make a kind of item, declare an archetype with this component, and a system in phase EFFECT that reads `user`.
     """
 
     holder: Array = column("i4", fill=-1, unit="entity")  # row of the agent that carries it, -1: none
@@ -28,7 +28,7 @@ class Bag(Component):
 
 
 class Gift(Component):
-    """To whom an agent gives in this tick."""
+    """To whom an agent gives its item in this tick."""
 
     taker: Array = column("i4", fill=-1, unit="entity")  # row of the taker, -1: none
 
@@ -40,7 +40,7 @@ class Use(Action, order=2):
 
 
 class Give(Action, order=3):
-    """Give the last item of the bag to an agent in reach; `give_last_nearest` says to which."""
+    """Give the last item of the bag to an agent in reach; the number `give_last_nearest` says to which."""
 
     give: Array = column("i1", "agents", low=0, high=1)
 
@@ -52,21 +52,21 @@ class Drop(Action, order=4):
 
 
 class ItemPicked(Event, capacity=Item, whom="item"):
-    """An item that came from the ground into a bag."""
+    """An item was picked up from the ground into a bag."""
 
     agent: Array = column("i4", unit="entity")
     item: Array = column("i4", unit="entity")
 
 
 class ItemUsed(Event, capacity=Item, whom="item"):
-    """An item that was used; it has left the bag."""
+    """An item was used, and has left the bag."""
 
     agent: Array = column("i4", unit="entity")
     item: Array = column("i4", unit="entity")
 
 
 class ItemGiven(Event, capacity=Gift, who="giver", whom="taker"):
-    """An item that went from bag to bag."""
+    """An item was given: it went from one bag to another."""
 
     giver: Array = column("i4", unit="entity")
     taker: Array = column("i4", unit="entity")
@@ -74,18 +74,18 @@ class ItemGiven(Event, capacity=Gift, who="giver", whom="taker"):
 
 
 class ItemDropped(Event, capacity=Item, whom="item"):
-    """An item that came from a bag onto the ground, by choice or at a death."""
+    """An item was dropped from a bag to the ground, by choice or at a death."""
 
     agent: Array = column("i4", unit="entity")
     item: Array = column("i4", unit="entity")
 
 
 def empty_handed(worlds: Worlds, received: Any) -> Array:
-    """Who cannot hand on an item in the next tick: with an empty bag.
+    """Return which agents cannot pass on an item in the next tick, because their bags are empty.
 
     Args:
-        worlds: As they are now.
-        received: Whether what an agent is given in a tick can be handed on in the same one, bool, or (worlds,). Then
+        worlds: The worlds as they are now.
+        received: Whether an agent can pass on an item in the tick in which it receives it, bool or bool (worlds,). Then
             all bags of a world must be empty.
 
     Returns:
@@ -98,19 +98,19 @@ def empty_handed(worlds: Worlds, received: Any) -> Array:
 
 @kernel
 def last(bag: Any, e: int) -> int:
-    """Row of the last item in the bag of agent `e`, -1 if it is empty."""
+    """Return the row of the last item in the bag of agent `e`, -1 if it is empty."""
     return int(bag.items[e, bag.count[e] - 1]) if bag.count[e] > 0 else -1
 
 
 @kernel
 def full(bag: Any, e: int) -> bool:
-    """Whether the bag of agent `e` has no free slot."""
+    """Return whether the bag of agent `e` has no free slot."""
     return bool(bag.count[e] >= bag.items.shape[1] or bag.items[e, bag.count[e]] == CLOSED)
 
 
 @kernel
 def push(bag: Any, item: Any, e: int, row: int) -> bool:
-    """Put the item of row `row` into the bag of `e`; False, and nothing happens, if it is full."""
+    """Put the item in row `row` into the bag of `e` and return True. If it is full, do nothing and return False."""
     if full(bag, e):
         return False
     bag.items[e, bag.count[e]] = row
@@ -121,7 +121,7 @@ def push(bag: Any, item: Any, e: int, row: int) -> bool:
 
 @kernel
 def pop(bag: Any, item: Any, e: int) -> int:
-    """Take the last item out of the bag of `e` and return its row, -1 if the bag is empty."""
+    """Take the last item out of the bag of `e`, and return its row; -1 if the bag is empty."""
     if bag.count[e] == 0:
         return -1
     bag.count[e] -= 1
@@ -133,6 +133,6 @@ def pop(bag: Any, item: Any, e: int) -> int:
 
 @kernel
 def place(body: Any, entities: Any, row: int, x: float, y: float) -> None:
-    """Put the entity of row `row` into the world at (x, y)."""
+    """Put the entity in row `row` into the world at (x, y)."""
     body.x[row], body.y[row] = x, y
     entities.alive[row] = 1

@@ -1,4 +1,4 @@
-"""Lidar: what stands around an agent, as distances along rays."""
+"""Lidar: the surroundings of an agent, as distances along rays."""
 
 from outlast.ecs import Array, Component, Field, Layout, Observation, column
 
@@ -12,11 +12,11 @@ class Rays(Component):
 
 
 def usual_depth(layout: Layout) -> float:
-    """Metres, the scale of distances."""
+    """Return the scale of distances, metres."""
     return layout.numbers("lidar").get("depth") or 1.0
 
 
 class LidarView(Observation):
-    """Metres from each agent's centre to what its rays hit, from right to left; zeros once dead, and while blind."""
+    """Metres from each agent's centre to what its rays hit, from right to left; zeros while it is dead or blind."""
 
     lidar: Array = column("f4", "agents", fields=(Field("distance", "m", low=0, scale=usual_depth, size=RAYS),))

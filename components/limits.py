@@ -1,4 +1,4 @@
-"""The largest numbers that scenarios can have: beyond them something hangs, wraps or leaves the range of float32."""
+"""The largest numbers that scenarios can have; beyond them, something hangs, wraps or leaves the range of float32."""
 
 MANY = 65_536  # rows of a kind: more would take gigabytes, or minutes to lay out
 FAR = 100_000.0  # metres: float32 still tells places 8 mm apart, and physics takes what is nearer than 1e6

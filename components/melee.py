@@ -17,7 +17,7 @@ class Weapon(Component):
 
 
 class Strike(Event, capacity=Weapon):
-    """A strike, whether it hits something or not; what it does to entities with health is a `Hit`."""
+    """An agent struck, whether it hit something or not. Damage to entities with health is a `Hit`."""
 
     agent: Array = column("i4", unit="entity")
     target: Array = column("i4", unit="entity")  # what it hits, -1: nothing

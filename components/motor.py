@@ -8,11 +8,11 @@ HUNDREDTH = np.float32(0.01)  # of Throttle
 
 
 class Control:
-    """What agents move by: Motors, Steering or the fine ones; a scenario has at most one (see ecs.Module.slot)."""
+    """The slot of what moves agents, Motors, Steering or the fine ones: a scenario has at most one. See Module.slot."""
 
 
 class Drive(Action, order=0):
-    """Direction of push in the agent's own frame: ahead, to the left, and counter-clockwise."""
+    """Direction of the push in the agent's own frame: ahead, to the left, and counter-clockwise."""
 
     ahead: Array = column("i1", "agents", low=-1, high=1)
     left: Array = column("i1", "agents", low=-1, high=1)
@@ -20,7 +20,7 @@ class Drive(Action, order=0):
 
 
 class Steer(Action, order=0):
-    """Speed in the agent's own frame, in thirds of the most: ahead, to the left, and counter-clockwise."""
+    """Speed in the agent's own frame, in thirds of the maximum: ahead, to the left, and counter-clockwise."""
 
     ahead: Array = column("i1", "agents", low=-3, high=3)
     left: Array = column("i1", "agents", low=-3, high=3)
@@ -28,7 +28,7 @@ class Steer(Action, order=0):
 
 
 class Throttle(Action, order=0):
-    """Push or speed in the agent's own frame, in hundredths of the most: ahead, to the left, and counter-clockwise."""
+    """Push or speed in the agent's own frame, in hundredths of the maximum: ahead, left and counter-clockwise."""
 
     ahead: Array = column("i1", "agents", low=-100, high=100)
     left: Array = column("i1", "agents", low=-100, high=100)

@@ -1,11 +1,11 @@
-"""The phases of a tick, in the order of the paper's experiments; each states what is true when it ends."""
+"""The phases of a tick, in the order of the paper's experiments. Each states what is true when it ends."""
 
 from outlast import ecs
 from outlast.ecs import When
 
 
 class Phase(ecs.Phase):
-    """Order of events in one tick (and, where it says reset, in the tick that starts an episode)."""
+    """The order of a tick. Phases with When.RESET or When.ALWAYS also run in the tick that starts an episode."""
 
     DRAW = When.RESET, "what is random in an episode is drawn"
     SPAWN = When.RESET, "every body stands on a cell of its own"

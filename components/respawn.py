@@ -4,14 +4,14 @@ from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, World
 
 
 class Return(Component):
-    """When an agent that is dead comes back, and with how many hit points."""
+    """When a dead agent comes back, and with how many hit points."""
 
     tick: Array = column("i8", fill=-1)  # of the episode; -1: it does not
     health: Array = column("i4")  # hit points: what it began the episode with
 
 
 def inactive(worlds: Worlds) -> Array:
-    """Who does nothing in the next tick, whatever they are told: the dead and absent that do not come back in it.
+    """Return which agents do nothing in the next tick, whatever their actions: dead or absent, and not coming back.
 
     Returns:
         bool (worlds, agents), a new array.
@@ -25,12 +25,12 @@ def inactive(worlds: Worlds) -> Array:
 
 
 class Respawned(Event, capacity=Return, who="agent"):
-    """An agent that came back."""
+    """An agent came back."""
 
     agent: Array = column("i4", unit="entity")
 
 
 class Respawns(Statistic):
-    """Times that agents came back in this episode."""
+    """How often agents came back in this episode."""
 
     respawns: Array = column("i4")

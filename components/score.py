@@ -4,7 +4,7 @@ from outlast.ecs import Array, Signal, Singleton, Statistic, column
 
 
 class Score(Singleton):
-    """By side: members alive, and deaths and kills of this tick."""
+    """For each side: how many members are alive, and the deaths and kills of this tick."""
 
     alive: Array = column("i4", "sides")
     deaths: Array = column("i4", "sides")
@@ -25,7 +25,7 @@ class End(Signal):
 
 
 class Episode(Statistic):
-    """What every episode reports, whatever the mechanics."""
+    """The statistics that every episode reports, whatever the mechanics."""
 
     length: Array = column("i4")  # ticks
     returns: Array = column("f8", "agents", key="return")

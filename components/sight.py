@@ -10,7 +10,7 @@ MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Visibility bitsets: one bit per entity (see ecs.simd), one row per observer. Without cameras all is visible."""
+    """Visibility bitsets: one bit per entity (see ecs.simd), one row per observer. All is visible without cameras."""
 
     visible: Array = column("i4", "agents", "blocks")
     mode: Array = column("i4", fill=OMNISCIENT, low=0, high=len(MODES) - 1)  # index into MODES
@@ -19,8 +19,8 @@ class Sight(Singleton):
 class ObservationMasks(Singleton, packed=False):
     """Which rows of the observations to write: one bit per entity, one row per observer.
 
-    Stored beside the observations, which outlive an episode: only rows that are filled, or were in the tick before,
-    are written again. All others are zero and stay so.
+    Kept alongside the observations, which outlive an episode: only rows that are filled, or were filled in the tick
+    before, are written again. All others are zero and stay so.
     """
 
     mask: Array = column("i4", "agents", "blocks")  # the observation's mask is 1
@@ -30,12 +30,12 @@ class ObservationMasks(Singleton, packed=False):
 
 @kernel
 def is_set(bitsets: Any, i: int, e: int) -> int:
-    """Bit of row `e` in bitset number `i`, as 0 or 1."""
+    """Return the bit of row `e` in bitset number `i`, as 0 or 1."""
     return int((bitsets[i, e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1)) & 1)
 
 
 @kernel
 def set_bit(bitsets: Any, i: int, e: int, on: bool) -> None:
-    """Set the bit of row `e` in bitset number `i`: whether observer `i` sees `e`, in Sight.visible."""
+    """Set the bit of row `e` in bitset number `i`. In Sight.visible it says that observer `i` sees `e`."""
     bit, word = 1 << (e & SIMD_WIDTH - 1), bitsets[i, e >> SIMD_SHIFT]
     bitsets[i, e >> SIMD_SHIFT] = word | bit if on else word & ~bit

@@ -1,4 +1,4 @@
-"""Walls inside of the room: static blocks, and what keeps bodies out of them."""
+"""Walls inside the room: static blocks, and what keeps bodies out of them."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of
 
 
 class Wall(Component):
-    """A static block inside of the room, while alive: a rectangle that collides, hides and stops blows."""
+    """A static block inside the room, while alive: a rectangle that collides, blocks sight and stops strikes."""
 
     half_x: Array = column("f4")  # metres, half the sides of the upright rectangle around it; computed at reset
     half_y: Array = column("f4")
@@ -24,12 +24,12 @@ class Before(Singleton):
 
 
 class Unplaced(Singleton):
-    """Bodies for which the room had no free place at reset; an environment that finds any raises."""
+    """How many bodies found no free place in the room at reset; if there are any, the environment raises an error."""
 
     bodies: Array = column("i4")
 
 
 @kernel
 def is_inner_wall(entities: Array, e: int) -> bool:
-    """Whether row `e` is a block, in scenarios with and without any."""
+    """Return whether row `e` is a block; also for scenarios without blocks."""
     return bool(entities.identity[e] >> SHIFT == KIND)

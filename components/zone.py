@@ -8,7 +8,7 @@ from .body import PLACE, half_room
 
 
 class Zone(Singleton):
-    """The safe circle now and the one it is on the way to. Radius 0: void, nowhere is safe."""
+    """The present safe circle, and the next one, which it moves towards. Radius 0: void, nowhere is safe."""
 
     x: Array = column("f4")  # metres
     y: Array = column("f4")
@@ -37,7 +37,7 @@ class ZoneView(Observation):
 
 @kernel
 def outside(zone: Any, body: Any, e: int) -> bool:
-    """Whether the centre of `e` is beyond the rim of the zone; of a void one, all are."""
+    """Return whether the centre of `e` is beyond the rim of the zone; everything is outside a void zone."""
     x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
     beyond: bool = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
     return beyond

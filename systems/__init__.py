@@ -1,4 +1,4 @@
-"""The mechanics of the game, one per file. They share components, and do not import each other."""
+"""The mechanics of the game, one per file. They share components, but do not import each other."""
 
 import warnings
 from typing import Any

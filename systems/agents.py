@@ -80,7 +80,7 @@ class Agents(Module):
         check_fits(layout, "agents.radius", self.radius, 2 * self.radius)
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        """Health has no lower bound: damage may exceed what is left, and is observed before the check for deaths."""
+        """Return bounds in which health has no lower end: damage may exceed it, and is observed before deaths are."""
         place, most = ends(farthest_body(layout)), layout.numbers("mortality").get("limit") or math.inf
         return {"own": {"id": (0, layout.dims["agents"] - 1), "health": (-math.inf, most), **place}}
 
@@ -101,8 +101,9 @@ def update_masks(
 ) -> None:
     """Set the masks of observations, and which rows are filled.
 
-    masked: both only for what is visible. revealed: masks for what is visible, rows of all that exists are filled.
-    omniscient: all that exists has both. A dead observer's masks are 0. Only masked mode hides other agents' rows.
+    masked: only visible entities have a mask of 1 and a filled row. revealed: visible entities have a mask of 1, and
+    all that exist have a filled row. omniscient: all that exist have both. A dead observer's masks are 0. Only masked
+    mode hides other agents' rows.
     """
     mode = sight.mode[0]
     for b in range(peers.size):
@@ -137,7 +138,7 @@ def see_self(
     own_vy: Offset,
     own_omega: Offset,
 ) -> None:
-    """Each agent's own row. Once it is dead, only its id is not 0."""
+    """Write each agent's own row. Once it is dead, only its id is not 0."""
     me = view.own
     for i in range(agents.size):
         e = agents[i]
@@ -152,7 +153,7 @@ def see_self(
 
 @kernel
 def fill_other(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
-    """The row of agent `e`, as it observes itself."""
+    """Copy the row of agent `e` as it observes itself."""
     own, index = tables
     for f in range(own.shape[1]):
         row[f] = own[index[e], f] if filled else 0
@@ -166,5 +167,5 @@ def see_others(
     peers: Bitset[Side],
     index: RowIndex[Side],
 ) -> None:
-    """The other agents' own rows, with all that mechanics add to them; a dead one's is what it observes of itself."""
+    """Write the other agents' own rows, with all that mechanics add to them, even those of dead agents."""
     write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.own, index), True)

@@ -1,4 +1,4 @@
-"""Behaviour: descriptors of what each agent did in an episode, as quality-diversity search and curricula use them."""
+"""Behaviour: descriptors of what each agent did in an episode, for quality-diversity search and curricula."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -42,11 +42,11 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 @dataclass(frozen=True)
 class Behaviour(Module):
-    """Statistics of each agent; nothing else of the game changes.
+    """Adds statistics of each agent's behaviour; nothing else in the game changes.
 
-    They are of the ticks at whose end the agent is alive, and of the world as it is then: as observations show it.
-    What belongs to a mechanic that the scenario lacks stays 0. cells: an agent visits the one that its centre is in.
-    need: a heal is needed by who had fewer hit points at the end of the tick before.
+    They cover the ticks at the end of which the agent is alive, and the world as it then is, as observations show it.
+    Statistics of a mechanic that the scenario lacks stay 0. cells: an agent visits the cell that contains its centre.
+    need: an agent needs a heal if it had fewer hit points at the end of the previous tick.
     """
 
     cells: int = number(8, low=1, high=MOST_CELLS, about="of the grid of which agents visit cells, each way")
@@ -63,13 +63,13 @@ class Behaviour(Module):
 
 @kernel
 def average(means: Array, i: int, value: Any, count: int) -> None:
-    """Take the value number `count` of agent `i` into the mean of those before."""
+    """Update the mean of agent `i` with a value, which is its number `count`."""
     means[i] += (value - means[i]) / count
 
 
 @kernel
 def arrive(track: Array, i: int, body: Array, floor: Array, e: int, cells: int) -> None:
-    """Note where agent `i` is, of row `e`, and that it visits the cell there; outside of the room there is none."""
+    """Record the position of agent `i`, in row `e`, and the cell that it visits; outside the room there are none."""
     track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
     x, y = body.x[e] / floor.size[0] + HALF, body.y[e] / floor.size[floor.size.size - 1] + HALF
     if ZERO <= x < ONE and ZERO <= y < ONE:
@@ -80,7 +80,7 @@ def arrive(track: Array, i: int, body: Array, floor: Array, e: int, cells: int) 
 
 @kernel
 def nearest(body: Array, side: Array, entities: Array, agents: Array, me: int) -> tuple[int, Any, int, Any]:
-    """The nearest living agent of another side and its square distance, and the same of one's own; row -1: none."""
+    """Return the nearest living enemy and its squared distance, then the same of the own side; row -1: none."""
     enemy, to_enemy, mate, to_mate = -1, np.float32(np.inf), -1, np.float32(np.inf)
     for e in agents:
         if e == me or not entities.alive[e]:
@@ -97,7 +97,7 @@ def nearest(body: Array, side: Array, entities: Array, agents: Array, me: int) -
 
 @kernel
 def sees_enemy(mask: Array, side: Array, peers: Array, i: int, me: int) -> bool:
-    """Whether the observations of agent `me`, number `i`, show a living agent of another side."""
+    """Return whether the observations of agent `me`, number `i`, show a living agent of another side."""
     for b in range(peers.size):
         pending = mask[i, b] & peers[b]
         while pending:
@@ -111,7 +111,7 @@ def sees_enemy(mask: Array, side: Array, peers: Array, i: int, me: int) -> bool:
 def begin(
     track: Write[Track], body: Read[Body], floor: Read[Floor], entities: Read[Entity], agents: Rows[Side], cells: int
 ) -> None:
-    """Where the agents start."""
+    """Record where the agents start."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
@@ -128,7 +128,7 @@ def follow(
     agents: Rows[Side],
     cells: int,
 ) -> None:
-    """How far the living have come. What brings the dead back elsewhere is no way that they went."""
+    """Measure how far living agents have moved. The distance to where a dead agent comes back does not count."""
     for i in range(agents.size):
         e = agents[i]
         if not entities.alive[e]:
@@ -154,7 +154,7 @@ def meet(
     agents: Rows[Side],
     peers: Bitset[Side],
 ) -> None:
-    """How near others are to the living, and whether they see enemies."""
+    """Measure how near living agents are to others, and whether they see enemies."""
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me]:
@@ -179,7 +179,7 @@ def expose(
     entities: Read[Entity],
     agents: Rows[Side],
 ) -> None:
-    """Whether the living are outside of the safe zone; of a void one, all are."""
+    """Count the ticks that living agents spend outside the safe zone; everybody is outside a void zone."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
@@ -190,7 +190,7 @@ def expose(
 def strike(
     aggression: Write[Aggression], strikes: Read[Strike], hits: Read[Hit], side: Read[Side], index: RowIndex[Side]
 ) -> None:
-    """The strikes of this tick, and the damage by agents. Boxes, walls and one's own side are no enemies."""
+    """Count the strikes of this tick, and the damage by agents. Boxes, walls and the own side are not enemies."""
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]
         i = index[me]
@@ -206,7 +206,7 @@ def strike(
 
 @Behaviour.system(Phase.SPAWN, after=Health, needs=(ItemUsed, Heal))
 def examine(condition: Write[Condition], health: Read[Health], agents: Rows[Side, Health]) -> None:
-    """The hit points with which the agents start."""
+    """Record the hit points with which the agents start."""
     for i in range(agents.size):
         condition.start[i] = condition.last[i] = health.points[agents[i]]
 
@@ -223,7 +223,7 @@ def heal(
     heals: RowIndex[Heal],
     need: float,
 ) -> None:
-    """The heals that were used in this tick by who needed them."""
+    """Count the heals used in this tick by agents that needed them."""
     for k in range(uses.count[0]):
         i = index[uses.agent[k]]
         if i >= 0 and heals[uses.item[k]] >= 0:
@@ -235,7 +235,7 @@ def heal(
 
 @Behaviour.system(Phase.RECORD, needs=ItemGiven, after="behaviour.heal")
 def give(care: Write[Care], gifts: Read[ItemGiven], index: RowIndex[Side], heals: RowIndex[Heal]) -> None:
-    """The heals that were given away in this tick."""
+    """Count the heals given away in this tick."""
     for k in range(gifts.count[0]):
         i = index[gifts.giver[k]]
         if i >= 0 and heals[gifts.item[k]] >= 0:
@@ -253,7 +253,7 @@ def take_cover(
     agents: Rows[Side],
     index: RowIndex[Side],
 ) -> None:
-    """The boxes of this tick that stand on the line from the nearest living enemy to who set them up."""
+    """Count the boxes set up in this tick that stand between their user and its nearest living enemy."""
     for k in range(boxes.count[0]):
         me, box = boxes.agent[k], boxes.box[k]
         enemy = nearest(body, side, entities, agents, me)[0]

@@ -63,13 +63,14 @@ ROLLED = 1  # index into the choices of Boxes.corners
 class Boxes(Module):
     """Breakable rectangles of random shape (paper, section 3.2).
 
-    Sides are normal draws, clipped below; a deviation of 0 makes all boxes alike. owned: who breaks a box first owns
-    it, and from then on only that side can break it. offset: where a used item sets the box up, ahead of its user; the
-    paper says at the user's own place, its runs had 0.75 (reference rules, section 6, point 6).
+    Their sides are drawn from a normal distribution, clipped below; a deviation of 0 makes all boxes alike. owned:
+    whoever breaks a box first owns it, and from then on only that side can break it. offset: how far ahead of its user
+    a used item sets up the box; the paper says at the user's own place, its runs had 0.75 (reference rules, section 6,
+    point 6).
 
     Two rules are not in the paper; its runs had the second value of each. settles: a box can be damaged in the tick in
-    which it is set up, or (True) not yet. corners: observed vertices begin at the lower left, or ("rolled") one corner
-    later for items, and for boxes that were set up from one.
+    which it is set up, or (True) only later. corners: observed vertices begin at the lower left, or ("rolled") one
+    corner later for items, and for boxes that were set up from items.
     """
 
     count: int = number(8, low=1, high=MANY, about="how many there are")
@@ -122,7 +123,7 @@ class Boxes(Module):
             check_fits(layout, f"boxes.{name}", getattr(self, name), getattr(self, name))
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        """A box may be set up in a wall, and leaves its item there."""
+        """Return bounds of places, which include walls: a box may be set up in one, and leave its item there."""
         sides = (self.width, self.width_deviation), (self.height, self.height_deviation)
         half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDING for mean, deviation in sides]
         vertices, (x, y) = np.array(half * 4), farthest_body(layout)
@@ -143,7 +144,7 @@ def shape_boxes(
     least: float,
     key: Random,
 ) -> None:
-    """Width and height of each box, for the whole episode."""
+    """Draw width and height of each box, for the whole episode."""
     for k in range(boxes.size):
         e = boxes[k]
         shape.half_width[e] = HALF * max(least, width + width_deviation * normal(key, 2 * k))
@@ -154,7 +155,7 @@ def shape_boxes(
 def drop_item(
     box: Write[Box], entities: Write[Entity], body: Write[Body], boxes: Rows[Box], items: Rows[BoxItem]
 ) -> None:
-    """A box that broke in the tick before lies on the ground as an item."""
+    """Put boxes that broke in the previous tick on the ground as items."""
     for k in range(boxes.size):
         e = boxes[k]
         if box.broken[e]:
@@ -174,7 +175,7 @@ def set_up(
     items: Rows[BoxItem],
     offset: float,
 ) -> None:
-    """A used item becomes its box again, upright, wherever that is: contacts push out what overlaps it."""
+    """Turn used items into boxes again, upright, wherever that is: contacts push out whatever overlaps them."""
     for k in range(items.size):
         user = item.user[items[k]]
         if user < 0:
@@ -204,7 +205,7 @@ def break_boxes(
     owned: bool,
     settles: bool,
 ) -> None:
-    """Boxes without health are gone; the first side to break one owns it. Health is restored for the next time."""
+    """Remove boxes without health; the first side to break one owns it. Health is restored for the next time."""
     for e in boxes:
         if settles and box.fresh[e]:
             health.points[e] = np.int32(toughness)
@@ -222,7 +223,7 @@ def break_boxes(
 
 @kernel
 def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
-    """Fill 8 numbers: the vertices of box `e` as if centred at the origin, counter-clockwise.
+    """Fill 8 numbers: the vertices of box `e` in its own frame, counter-clockwise.
 
     They begin at the lower left; rolled: at the lower right.
     """
@@ -235,7 +236,7 @@ def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
 
 @kernel
 def fill_box(row: Array, e: int, filled: bool, tables: Any) -> None:
-    """Vertices, position and angle of the standing box `e`."""
+    """Fill in vertices, position and angle of the standing box `e`."""
     body, shape, box, rolled, vertices, x, y, angle = tables
     if filled:
         outline(row[vertices : vertices + 8], shape, e, rolled and box.placed[e] != 0)
@@ -260,14 +261,14 @@ def see_boxes(
     boxes_y: Offset,
     boxes_angle: Offset,
 ) -> None:
-    """Boxes that stand."""
+    """Write the observation of standing boxes."""
     tables = (body, shape, box, corners == ROLLED, boxes_vertices, boxes_x, boxes_y, boxes_angle)
     write_rows(view.boxes, view.boxes_mask, masks, boxes, index, fill_box, tables)
 
 
 @kernel
 def fill_item(row: Array, e: int, filled: bool, tables: Any) -> None:
-    """Vertices and position of the broken box `e` on the ground."""
+    """Fill in vertices and position of the broken box `e` on the ground."""
     body, shape, boxes, index, rolled, vertices, x, y = tables
     if filled:
         outline(row[vertices : vertices + 8], shape, boxes[index[e]], rolled)
@@ -290,7 +291,7 @@ def see_items(
     box_items_x: Offset,
     box_items_y: Offset,
 ) -> None:
-    """Broken boxes on the ground."""
+    """Write the observation of broken boxes on the ground."""
     tables = (body, shape, boxes, index, corners == ROLLED, box_items_vertices, box_items_x, box_items_y)
     write_rows(view.box_items, view.box_items_mask, masks, items, index, fill_item, tables)
 
@@ -307,7 +308,7 @@ def see_slot(
     corners: int,
     box_slot_vertices: Offset,
 ) -> None:
-    """The last slot of the bag, if it holds a box item."""
+    """Write the observation of the bag's last slot, if it holds a box item."""
     for i in range(agents.size):
         e = agents[i]
         row = last(bag, e)

@@ -1,4 +1,4 @@
-"""Cameras: what is visible to an agent is in its vision cone, and nothing is in between."""
+"""Cameras: an agent sees what is in its vision cone, if nothing is in between."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in
 class Cameras(Module):
     """Vision cone and line of sight (paper, section 3.4 and appendix).
 
-    cone = "sector": depth is measured along an arc. "kite": along the chords of the paper's runs. items_occlude:
+    cone = "sector": the cone ends in an arc. "kite": it ends in two chords, as in the paper's runs. items_occlude:
     whether intangible items block sight. mode: what observations hold; see components.sight.
     """
 
@@ -81,7 +81,7 @@ def see(
     items_occlude: bool,
     mode: int,
 ) -> None:
-    """Compute visibility, while everything is still in the world."""
+    """Compute visibility while everything is still in the world."""
     sight.mode[0] = mode
     if mode == OMNISCIENT:
         return
@@ -123,13 +123,13 @@ def see(
 
 @kernel
 def half_angle(fov: Real) -> tuple[Real, Real]:
-    """Cosine and sine of half of an opening angle."""
+    """Return cosine and sine of half of an opening angle."""
     return np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
 
 
 @kernel
 def list_others(blocks: Array, alive_blocks: Array, living: int, me: int) -> int:
-    """List the blocks with other rows than `me`, and their bitsets; returns how many."""
+    """List the blocks with rows other than `me`, and their bitsets; return how many."""
     count = 0
     for k in range(living):
         b = alive_blocks[BLOCK, k]
@@ -159,7 +159,7 @@ def see_in_crowd(
     depth: Any,
     cone: int,
 ) -> None:
-    """What `see` does, among many: near rows are listed side by side first, as few of those of a block are near."""
+    """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     lanes = listed[0], listed[1], listed[2], listed[3]
     for i in range(agents.size):
@@ -207,7 +207,7 @@ def list_near(
     half_cos: Real,
     half_sin: Real,
 ) -> int:
-    """List the other rows whose AABB may reach into that of the vision cone of `me`; returns how many."""
+    """List the other rows whose AABB may overlap that of the vision cone of `me`; return how many."""
     x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
@@ -224,7 +224,7 @@ def list_near(
 
 @kernel
 def list_row(listed: Array, rows: Array, k: int, aabbs: Array, e: int) -> None:
-    """Enter row `e` and its AABB as number `k` of a list, so that sixteen of them lie side by side."""
+    """Enter row `e` and its AABB as entry `k` of a list, so that sixteen entries lie side by side."""
     xs, ys, half_x, half_y = aabbs
     rows[k] = e
     listed[0, k], listed[1, k], listed[2, k], listed[3, k] = xs[e], ys[e], half_x[e], half_y[e]
@@ -232,13 +232,13 @@ def list_row(listed: Array, rows: Array, k: int, aabbs: Array, e: int) -> None:
 
 @kernel
 def first_lanes(count: int) -> int:
-    """A bitset of the first `count` lanes, or of all of them."""
+    """Return a bitset of the first `count` lanes, or of all of them."""
     return (1 << min(count, SIMD_WIDTH)) - 1
 
 
 @kernel
 def cone_ends(along: Real, across: Real, depth: Real, half_cos: Real, half_sin: Real) -> tuple[Real, Real]:
-    """How far a vision cone reaches back and forth along an axis; (along, across) is its heading, seen from there."""
+    """Return how far a vision cone extends back and forth along an axis; (along, across): its heading from there."""
     one, other = depth * (along * half_cos - across * half_sin), depth * (along * half_cos + across * half_sin)
     low, high = min(ZERO, min(one, other)), max(ZERO, max(one, other))
     return -depth if -along >= half_cos else low, depth if along >= half_cos else high
@@ -248,7 +248,7 @@ def cone_ends(along: Real, across: Real, depth: Real, half_cos: Real, half_sin: 
 def in_view(
     aabbs: Array, body: Array, me: int, b: int, depth: Real, half_cos: Real, half_sin: Real, cone: int
 ) -> tuple[int, int]:
-    """Bitsets: rows whose centres lie in the vision cone of `me`, and rows that may hide others from it."""
+    """Return two bitsets: rows whose centres are in the vision cone of `me`, and rows that may hide others from it."""
     xs, ys, half_x, half_y = aabbs
     x, y = load(xs, SIMD_WIDTH * b), load(ys, SIMD_WIDTH * b)
     eye_x, eye_y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
@@ -264,7 +264,7 @@ def in_view(
 
 @kernel
 def line_of_sight(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: Array, me: int, e: int) -> bool:
-    """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
+    """Return whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
 
     blocks: the rows that may be in between.
     """
@@ -283,7 +283,7 @@ def line_of_sight(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: A
 
 @kernel
 def seen_past(listed: AABBs, rows: Array, count: int, body: Array, shape: Array, me: int, e: int) -> bool:
-    """What `line_of_sight` says, where the `count` rows that may be in between are listed, see `list_row`."""
+    """Return the same as `line_of_sight`, given a list of the `count` rows that may be in between; see `list_row`."""
     x, y, dx, dy, reach = ray_to(body, shape, me, e)
     if reach == NO_HIT:
         return False
@@ -299,7 +299,7 @@ def seen_past(listed: AABBs, rows: Array, count: int, body: Array, shape: Array,
 
 @kernel
 def ray_to(body: Array, shape: Array, me: int, e: int) -> tuple[Real, Real, Real, Real, Real]:
-    """The ray from the centre of `me` to that of `e`: origin, direction, and the fraction at which it enters `e`."""
+    """Return the ray from the centre of `me` to that of `e`: origin, direction, and fraction at which it enters `e`."""
     x, y = body.x[me], body.y[me]
     dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
     return x, y, dx, dy, raycast_entity(body, shape, x, y, dx, dy, e)

@@ -1,4 +1,4 @@
-"""Dropping: the bag of an agent that dies is scattered around it."""
+"""Dropping at death: the items of an agent that dies are scattered around it."""
 
 import math
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ TURN = np.float32(2 * math.pi)
 
 @dataclass(frozen=True)
 class DeathDrop(Module):
-    """Drop everyrow at death (paper, section 3.1).
+    """Drop everything at death (paper, section 3.1).
 
     scatter = "disc": anywhere in a circle of `radius`, as the paper says. "rim": exactly on it, as in the paper's runs
     (reference rules, section 6, point 5).
@@ -48,7 +48,7 @@ def scatter(
     scatter: int,
     key: Random,
 ) -> None:
-    """Each item gets a random direction of its own."""
+    """Scatter the items of the dead, each in a random direction of its own."""
     for e in agents:
         while died.now[e] and bag.count[e] > 0:
             row = pop(bag, item, e)

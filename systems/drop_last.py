@@ -15,7 +15,7 @@ from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, em
 class DropLast(Module):
     """Adds the action `drop` (paper, section 3.1; the paper's runs do not have it).
 
-    The item lands ahead of the agent; with `offset` below the reach of pickup it is back in the bag at once.
+    The item lands ahead of the agent; if `offset` is less than the reach of pickup, it is back in the bag at once.
     """
 
     offset: float = number(1.0, low=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre, ahead")

@@ -1,4 +1,4 @@
-"""The end: when an episode is end."""
+"""The end: when an episode is over."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ LAST_ALIVE, NEVER = 1, 2  # indices into the choices of Ending.rule
 class Ending(Module):
     """Counts the score of sides, and ends the episode (paper, section 3.5).
 
-    rule = "all dead": no side is alive. "last alive": one side or none is. "never": it ends at its limit. limit: ticks
-    until it is cut off (truncated) if it has not ended by its rule; 0: never, as in the paper.
+    rule = "all dead": it ends when no side is alive. "last alive": when at most one side is. "never": only at its
+    limit. limit: ticks until it is truncated if it has not ended by its rule; 0: never, as in the paper.
     """
 
     rule: str = number(
@@ -48,7 +48,7 @@ class Ending(Module):
 
 
 def outliving_wins(layout: Layout) -> bool:
-    """Whether the side that lives longest has won: not where episodes end at their limit alone, whoever dies."""
+    """Return whether the side that lives longest has won: not if episodes only end at their limit, whoever dies."""
     return layout.numbers("ending").get("rule") != "never"
 
 
@@ -71,7 +71,7 @@ def count(
     agents: Rows[Side],
     index: RowIndex[Side],
 ) -> None:
-    """Members alive, and deaths and kills of this tick, by side. Killing one's own is no kill."""
+    """Count living members, deaths and kills of this tick for each side. Killing the own side does not count."""
     score.alive[:] = 0
     score.deaths[:] = 0
     score.kills[:] = 0
@@ -89,7 +89,7 @@ def count(
 
 @Ending.system(Phase.END)
 def end(end: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
-    """Terminated by the rule; else truncated at the limit. Never in the tick that starts an episode."""
+    """Terminate by the rule, or else truncate at the limit; never in the tick that starts an episode."""
     sides_alive = 0
     for s in range(score.alive.size):
         sides_alive += score.alive[s] > 0

@@ -27,6 +27,6 @@ class FreeForAll(Module):
 
 @FreeForAll.system(Phase.DRAW)
 def split(side: Write[Side], entities: Read[Entity], agents: Rows[Side]) -> None:
-    """Agent i is side i."""
+    """Make agent i side i."""
     for i in range(present(entities, agents)):
         side.side[agents[i]] = np.int32(i)

@@ -37,12 +37,12 @@ ANY = 1  # index into the choices of GiveLast.nearest
 
 @dataclass(frozen=True)
 class GiveLast(Module):
-    """Give to the nearest suitable agent (paper, section 3.4): alive, and of one's own team if there are teams.
+    """Give to the nearest suitable agent (paper, section 3.4): alive, and of the giver's team if there are teams.
 
-    nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, and only if it is such an
-    agent, as in the paper's runs (reference rules, section 6, point 4). If the taker's bag is full the giver keeps
-    the item. passes_on: an agent whose bag is empty gives away what it is given in the same tick by an agent
-    of lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
+    nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, but only if it is such an
+    agent, as in the paper's runs (reference rules, section 6, point 4). If the receiver's bag is full, the giver keeps
+    the item. passes_on: an agent with an empty bag passes on an item that it receives in the same tick from an agent of
+    lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
 
     reach: float = number(2.0, above=0, high=FAR, per_agent=True, unit="metres", about="centre to centre")
@@ -69,7 +69,7 @@ class GiveLast(Module):
 
 @kernel
 def may_take(side: Array, sides: Array, index: Array, me: int, e: int) -> bool:
-    """Whether body `e` is an agent to whom `me` may give. Rows of other kinds have no side: it reads 0 there."""
+    """Return whether body `e` is an agent to whom `me` may give. Rows of other kinds have no side, which reads as 0."""
     return bool(index[e] >= 0 and (sides.teams[0] == 0 or side.side[e] == side.side[me]))
 
 
@@ -92,7 +92,7 @@ def choose(
     nearest: int,
     passes_on: bool,
 ) -> None:
-    """All takers are chosen before anything changes hands."""
+    """Choose all receivers before anything changes hands."""
     givers = 0  # with an item; without one, there is nothing to pass on either
     for i in range(agents.size):
         me = agents[i]
@@ -132,7 +132,7 @@ def hand_over(
     agents: Rows[Gift],
     items: Rows[Item],
 ) -> None:
-    """In order of agents."""
+    """Hand over the items, in order of agents."""
     for me in agents:
         taker = gift.taker[me]
         if taker >= 0 and bag.count[me] > 0 and not full(bag, taker):

@@ -47,7 +47,7 @@ from .observation_rows import write_rows
 
 @dataclass(frozen=True)
 class Heals(Module):
-    """Heals lie around from the start and do not come back (paper, section 3.2)."""
+    """Heals lie around from the start, and do not come back once used (paper, section 3.2)."""
 
     count: int = number(15, low=1, high=MANY, about="how many there are")
     radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a heal")
@@ -80,7 +80,7 @@ class Heals(Module):
 
 @Heals.system(Phase.EFFECT)
 def heal(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read[Heal], heals: Rows[Heal]) -> None:
-    """The user gains hit points."""
+    """Give hit points to the user."""
     for row in heals:
         if item.user[row] >= 0:
             health.points[item.user[row]] += heal.amount[row]
@@ -89,7 +89,7 @@ def heal(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read
 
 @kernel
 def fill_heal(row: Array, e: int, filled: bool, tables: tuple[Array, int, int]) -> None:
-    """Position of heal `e`."""
+    """Fill in the position of heal `e`."""
     body, x, y = tables
     row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
 
@@ -104,7 +104,7 @@ def see_heals(
     heals_x: Offset,
     heals_y: Offset,
 ) -> None:
-    """Position of each heal on the ground."""
+    """Write the observation of heals on the ground."""
     write_rows(view.heals, view.heals_mask, masks, heals, index, fill_heal, (body, heals_x, heals_y))
 
 
@@ -118,7 +118,7 @@ def see_slot(
     index: RowIndex[Heal],
     heal_slot_amount: Offset,
 ) -> None:
-    """The last slot of the bag, if it holds a heal."""
+    """Write the observation of the bag's last slot, if it holds a heal."""
     for i in range(agents.size):
         e = agents[i]
         row = last(bag, e)

@@ -1,4 +1,4 @@
-"""What all walls inside of the room have in common; Walls, Maze, Rooms and Pillars set up the blocks."""
+"""What all walls inside the room have in common; Walls, Maze, Rooms and Pillars set up the blocks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -50,10 +50,10 @@ SPARE = 0.1  # metres that a passage is wider than the widest agent, at least
 
 @dataclass(frozen=True)
 class InnerWalls(Module):
-    """Base of mechanics that set up blocks; each brings a system `build`, which does it at reset.
+    """Base of mechanics that set up blocks; each has a system `build`, which does so at reset.
 
-    Bodies that would start in something get a place that is free; a box that fits nowhere is cut in half until it does.
-    A body whose centre is pushed into a block, as by a box that is set up beside it, stays on the side it came from.
+    Bodies that would start inside something get a free place; a box that fits nowhere is halved until it does. A body
+    whose centre is pushed into a block, by a box that is set up next to it, say, stays on the side that it came from.
     """
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -63,7 +63,7 @@ class InnerWalls(Module):
         return [Before(), Unplaced()]
 
     def most_blocks(self) -> int:
-        """How many blocks there can be, at least 1."""
+        """Return how many blocks there can be, at least 1."""
         raise NotImplementedError("InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars")
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
@@ -77,20 +77,20 @@ class InnerWalls(Module):
         return np.zeros((1, ENTRY), np.float32)  # areas: the room
 
     def whole(self, layout: Layout) -> tuple[float, float]:
-        """Metres, width and height of the room. NumberError if there is none."""
+        """Return width and height of the room, metres. NumberError if there is no room."""
         sides = room_sides(layout)
         if sides is None:
             raise NumberError(f"{self.name} needs a room to stand in; add Room")
         return sides
 
     def inside(self, layout: Layout) -> tuple[float, float]:
-        """Metres, width and height of what the room's own walls leave of it. NumberError if there is no room."""
+        """Return width and height of the floor between the room's own walls, metres. NumberError without a room."""
         (width, height), room = self.whole(layout), layout.numbers("room")
         thick = room["thickness"] if room.get("walls") else 0.0
         return width * (1 - thick), height * (1 - thick)
 
     def check_passage(self, layout: Layout, what: str, wide: float, cure: str) -> None:
-        """NumberError unless the widest agent fits through a passage of so many metres."""
+        """NumberError unless the widest agent fits through a passage of this width, metres."""
         if wide < (needed := passage(layout)):
             raise NumberError(
                 f"{self.name}: {what} would be {wide:.3g} m wide, and agents need {needed:.3g} m "
@@ -99,7 +99,7 @@ class InnerWalls(Module):
 
 
 def passage(layout: Layout) -> float:
-    """Metres that the widest agent needs to get through."""
+    """Return the width that the widest agent needs to get through, metres."""
     radii = layout.prefab_values(Shape, "radius").get("agent", 0.0)
     return float(2 * np.max(radii) + SPARE)
 
@@ -124,7 +124,7 @@ def find_places(
     obstacles: Scratch,
     key: Random,
 ) -> None:
-    """Bodies that stand in something get a free place. Agents come first."""
+    """Give bodies that stand inside something a free place. Agents come first."""
     fill_floor(areas[0], floor)
     tables = (body, shape, entities, floor, half_extents, obstacles)
     measure(wall, walls, half_extents, body, shape)
@@ -134,7 +134,7 @@ def find_places(
 
 @InnerWalls.system(Phase.MOVE, before=Body)
 def remember(before: Write[Before], body: Read[Body], solid: Read[Solid], solids: Bitset[Solid]) -> None:
-    """Where bodies are before they move."""
+    """Record where bodies are before they move."""
     for b in range(solids.size):
         pending = solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)) if solids[b] else 0
         while pending:
@@ -154,7 +154,7 @@ def keep_out(
     solids: Bitset[Solid],
     walls: Bitset[Wall],
 ) -> None:
-    """A body that was pushed into a block, or through one, stays on the side that it came from."""
+    """Keep a body that was pushed into or through a block on the side that it came from."""
     span = block_span(walls)
     for b in range(solids.size):
         touching = load_flags(solid.dynamic, SIMD_WIDTH * b) & load_flags(solid.may_collide, SIMD_WIDTH * b)
@@ -176,7 +176,7 @@ def stop_blows(
     walls: Bitset[Wall],
     armed: Rows[Weapon],
 ) -> None:
-    """A strike that would go through a block hits the block."""
+    """Let strikes that would go through a block hit the block."""
     span = block_span(walls)
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]

@@ -28,7 +28,7 @@ from outlast.ecs import (
 
 @dataclass(frozen=True)
 class Inventory(Module):
-    """Bags of agents (paper, section 3.1): a stack, whose last item can be used."""
+    """Bags of agents (paper, section 3.1): a stack of items, of which the last one can be used."""
 
     slots: int = number(4, low=1, high=MANY, about="items that a bag holds")
     capacity: int = number(
@@ -59,7 +59,7 @@ class Inventory(Module):
 
 @Inventory.system(Phase.DRAW)
 def close_slots(bag: Write[Bag], agents: Rows[Bag], capacity: int) -> None:
-    """Slots above an agent's capacity stay empty."""
+    """Close slots beyond an agent's capacity, so that they stay empty."""
     for e in agents:
         for k in range(of(capacity, e), bag.items.shape[1] if of(capacity, e) > 0 else 0):
             bag.items[e, k] = CLOSED
@@ -75,7 +75,7 @@ def use_last(
     agents: Rows[Bag],
     items: Rows[Item],
 ) -> None:
-    """The last item leaves the bag, and its user is recorded; the item's mechanic acts on that in phase EFFECT."""
+    """Take the last item out of the bag and record its user; the item's mechanic acts on that in phase EFFECT."""
     for row in items:
         item.user[row] = -1
     for i in range(agents.size):

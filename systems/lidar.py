@@ -1,4 +1,4 @@
-"""Lidar: rays around each agent that measure how far it is to walls."""
+"""Lidar: rays around each agent that measure distances to walls."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -41,11 +41,11 @@ ONE = np.float32(1)
 
 @dataclass(frozen=True)
 class Lidar(Module):
-    """Each agent observes how far it is to walls in some directions: metres along rays from its centre.
+    """Each agent observes its distance to walls in some directions: metres along rays from its centre.
 
-    The fan ahead of an agent, `angle` wide, is divided into `rays` equal parts, and a ray runs through the middle of
-    each: an odd number has one straight ahead, and 2 pi spreads them all around. They are observed from right to left.
-    A ray that hits nothing reads `depth`; a body that holds the agent's centre, as an item can, is not hit. The rays of
+    The fan ahead of an agent, `angle` wide, is divided into `rays` equal parts, with a ray through the middle of each:
+    an odd number has one straight ahead, and 2 pi spreads them all around. They are observed from right to left. A ray
+    that hits nothing reads `depth`; a body that contains the agent's centre, as an item can, is not hit. The rays of
     agents that are dead, absent or blind (Preparation) read 0.
     """
 
@@ -96,7 +96,7 @@ def measure_distances(
     depth: float,
     targets: int,
 ) -> None:
-    """Each ray is cast from the centre of its agent against all targets but itself, where they are after the tick."""
+    """Cast each ray from the centre of its agent against all other targets, at their places after the tick."""
     aabbs = compute_aabbs(half_extents, body, shape)
     living = list_targets(targets_alive, entities, bodies, solids, spawned, targets)
     for i in range(agents.size):
@@ -118,15 +118,15 @@ def measure_distances(
 
 @kernel
 def turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Vector (x, y) turned by an angle, float64: after a thousand turns it is still exact to 1e-12."""
+    """Return vector (x, y) turned by an angle, float64: after a thousand turns it is still exact to 1e-12."""
     return cosine * x - sine * y, sine * x + cosine * y
 
 
 @kernel
 def list_targets(blocks: Array, entities: Array, bodies: Array, solids: Array, spawned: Array, targets: int) -> int:
-    """List the blocks with living targets, and their bitsets; returns how many.
+    """List the blocks with living targets, and their bitsets; return how many.
 
-    Walls are the solids that no cell of the spawn grid was given to.
+    Walls are the solids that did not get a cell of the spawn grid.
     """
     count = 0
     for b in range(bodies.size):
@@ -139,7 +139,7 @@ def list_targets(blocks: Array, entities: Array, bodies: Array, solids: Array, s
 
 @kernel
 def list_near(near: Array, blocks: Array, living: int, aabbs: AABBs, body: Array, me: int, far: Real) -> int:
-    """List those of the blocks with rows that rays of `me` may reach, and bitsets of these; returns how many."""
+    """List the blocks with rows that rays of `me` may reach, and bitsets of these rows; return how many."""
     count = 0
     for k in range(living):
         b = blocks[BLOCK, k]
@@ -151,7 +151,7 @@ def list_near(near: Array, blocks: Array, living: int, aabbs: AABBs, body: Array
 
 @kernel
 def first_hit(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: Array, me: int, dx: Real, dy: Real) -> Real:
-    """The share of the ray from the centre of `me` that is free, 1 if all of it is. blocks: rows that it may hit."""
+    """Return the free share of the ray from the centre of `me`, 1 if all of it is free. blocks: rows it may hit."""
     x, y, free = body.x[me], body.y[me], ONE
     for k in range(count):
         b = blocks[BLOCK, k]

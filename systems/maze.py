@@ -13,9 +13,9 @@ from .inner_walls import InnerWalls
 
 @dataclass(frozen=True)
 class Maze(InnerWalls):
-    """Cells of which every one can be reached from every other: a random spanning tree, and more openings for loops.
+    """Cells that are all connected: a random spanning tree, with additional openings that make loops.
 
-    Every wall of one cell's length is a block, or is not there. Corridors have room for the widest agent.
+    Every wall between two cells is a block, or is not there. Corridors have room for the widest agent.
     """
 
     draws_level: ClassVar[bool] = True
@@ -30,7 +30,7 @@ class Maze(InnerWalls):
         return self.blocks or max(1, self.needed())
 
     def needed(self) -> int:
-        """How many blocks a maze without loops has."""
+        """Return how many blocks a maze without loops has."""
         return (self.columns - 1) * (self.rows - 1)
 
     def check(self, layout: Layout) -> None:
@@ -58,7 +58,7 @@ def build(
     thickness: float,
     key: Random,
 ) -> None:
-    """Draw the maze, and set up its walls."""
+    """Draw the maze and set up its walls."""
     open_edges(memory, columns, rows, loops, key)
     sides = (floor.size[0], floor.size[floor.size.size - 1])
     place_edges((body, shape, entities), walls, memory, columns, rows, sides, thickness, 0.0, key)

@@ -39,7 +39,7 @@ class Melee(Module):
     """Attack (paper, section 3.1).
 
     blocked: the strike ends at the first body of any kind on the segment, as in the paper's runs; otherwise at the
-    nearest one that it can hurt (reference rules, section 6, point 2).
+    nearest body that it can hurt (reference rules, section 6, point 2).
     """
 
     damage_type: ClassVar[str] = "melee"
@@ -93,7 +93,7 @@ def aim(
     cooldown: int,
     blocked: bool,
 ) -> None:
-    """All rays are cast before any damage is dealt, so two agents can kill each other."""
+    """Cast all rays before any damage is dealt, so that two agents can kill each other."""
     first = strikes.count[0]
     for i in range(agents.size):
         me = agents[i]
@@ -144,7 +144,7 @@ def strike(
     damage: int,
     damage_type: DamageType,
 ) -> None:
-    """Targets with health lose some; the source is the attacker's side."""
+    """Take hit points from targets that have health; the source is the attacker's side."""
     for me in agents:
         e = weapon.target[me]
         if e >= 0 and health.has_health[e]:

@@ -14,8 +14,8 @@ from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, Rows, 
 class Mortality(Module):
     """Agents whose health is 0 or less at the check despawn and count as dead (paper, section 3.1).
 
-    limit: the most hit points that an agent keeps after items had their effect; 0: no maximum, as in the paper, which
-    names that as its first flaw (section 5): using a heal as soon as it is found costs nothing.
+    limit: the most hit points that an agent keeps after items have had their effect; 0: no maximum, as in the paper,
+    which names this as its first flaw (section 5): it costs nothing to use a heal as soon as it is found.
     """
 
     limit: int = number(
@@ -40,7 +40,7 @@ def clear_deaths(died: Write[Died], agents: Rows[Died]) -> None:
 
 @Mortality.system(Phase.EFFECT, after=Health)
 def cap(health: Write[Health], agents: Rows[Died, Health], limit: int) -> None:
-    """Health above the limit is lost."""
+    """Cut health to the limit."""
     for e in agents:
         if of(limit, e) > 0:
             health.points[e] = min(health.points[e], np.int32(of(limit, e)))
@@ -56,7 +56,7 @@ def die(
     clock: Read[Clock],
     agents: Rows[Died, Health],
 ) -> None:
-    """Despawn, and record the source and the type of the damage."""
+    """Despawn agents without health, and record the source and the type of the damage."""
     for e in agents:
         if entities.alive[e] and health.points[e] <= 0:
             entities.alive[e] = 0

@@ -1,4 +1,4 @@
-"""Motors: agents push themselves ahead, sideways and around, in their own frame. FineMotors do by hundredths."""
+"""Motors: agents push themselves ahead, sideways and around, in their own frame. FineMotors do so in hundredths."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, Worlds, W
 
 @dataclass(frozen=True)
 class Motors(Module):
-    """Dynamic control (paper, section 3.1 and appendix). What one tick of full thrust gives, and when it is given.
+    """Dynamic control (paper, section 3.1 and appendix): what one tick of full thrust gives, and when.
 
-    give = "evenly": a force during the whole tick, as the paper says. "at once": an impulse ahead of the tick, as
-    the paper's runs did (reference rules, section 6, point 1).
+    give = "evenly": a force during the whole tick, as the paper says. "at once": an impulse before the tick, as in
+    the paper's runs (reference rules, section 6, point 1).
     """
 
     ahead: float = number(
@@ -77,7 +77,7 @@ def push_all(
     turn: Any,
     give: int,
 ) -> None:
-    """Push the living. share: of full thrust, that 1 of an action is, float32."""
+    """Push living agents. share: the share of full thrust that an action of 1 stands for, float32."""
     for i in range(agents.size):
         e = agents[i]
         if not entities.alive[e]:
@@ -99,7 +99,7 @@ def push_all(
 
 @dataclass(frozen=True)
 class FineMotors(Motors):
-    """Motors whose thrust is given in hundredths, as for continuous actions. Not in the paper."""
+    """Motors whose thrust is given in hundredths, for continuous actions. Not in the paper."""
 
     def singletons(self) -> Iterable[Singleton]:
         return [Throttle()]

@@ -1,4 +1,4 @@
-"""Masked rows of observations, such as `heals` with `heals_mask`: written here for every mechanic that has some."""
+"""Masked rows of observations, such as `heals` with `heals_mask`: written here for all mechanics that have some."""
 
 from typing import Any
 
@@ -23,17 +23,17 @@ def write_rows(
     tables: Any,
     skip_self: bool = False,
 ) -> None:
-    """Write the rows of the entities `members` that are dirty, and their masks, for every observer.
+    """Write the dirty rows of the entities `members`, and their masks, for every observer.
 
     Args:
         rows: f4 (agents, entities, features), a column of the observation.
         row_masks: f4 (agents, entities), its mask.
-        masks: the table of ObservationMasks.
+        masks: The table of ObservationMasks.
         members: Bitset of the entities.
-        index: RowIndex of the entities: their number in `rows`.
-        fill: kernel (row, e, filled, tables) that writes all features of entity `e` into `row`, zeros if not `filled`.
-        tables: tuple of what `fill` needs.
-        skip_self: entities are the observers: each has rows of the others only.
+        index: RowIndex of the entities: their index in `rows`.
+        fill: Kernel (row, e, filled, tables) that writes all features of entity `e` to `row`, zeros if not `filled`.
+        tables: Tuple of what `fill` needs.
+        skip_self: Whether the entities are the observers themselves, so that each only has rows of the others.
     """
     first, last = block_span(members)
     for i in range(rows.shape[0]):
@@ -64,7 +64,7 @@ def write_block(
     tables: Any,
     skip_self: bool,
 ) -> None:
-    """Write those of block `b` for observer `i`; the rest as for `write_rows`."""
+    """Write the dirty rows in block `b` for observer `i`. For the other arguments see `write_rows`."""
     pending = masks.dirty[i, b] & members[b]
     while pending:
         e = first_row(b, pending)

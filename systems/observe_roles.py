@@ -1,4 +1,4 @@
-"""Observed roles: every agent is told its own role, and those of the others that it sees."""
+"""Observed roles: every agent observes its own role, and the roles of the others that it sees."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from outlast.ecs import AgentRoles, Field, Layout, Module, NumberError, Offset, 
 
 @dataclass(frozen=True)
 class ObserveRoles(Module):
-    """Adds the field "role" to rows of agents: a one-hot vector of `count` numbers. Scenario.roles brings it."""
+    """Adds the field "role" to rows of agents: a one-hot vector of `count` numbers. Added by Scenario.roles."""
 
     count: int = number(2, low=1, high=MANY, about="how many roles there are")
 
@@ -28,7 +28,7 @@ class ObserveRoles(Module):
 
 @ObserveRoles.system(Phase.OBSERVE)
 def see_role(roles: Read[AgentRoles], view: Write[SelfView], agents: Rows[Side], own_role: Offset, count: int) -> None:
-    """The role of each agent, dead or alive."""
+    """Write the role of each agent, dead or alive."""
     for i in range(agents.size):
         for k in range(count):
             view.own[i, own_role + k] = 1 if roles.role[i] == k else 0

@@ -1,8 +1,8 @@
 """Physics: Box2D moves what may touch something in this tick; everything else is integrated by the same formulas.
 
-Most bodies in most ticks touch nothing. A broad phase marks those that may (`broad_phase`); only they are handed to
+In most ticks, most bodies touch nothing. A broad phase marks those that may (`broad_phase`). Only they are handed to
 Box2D (`collide`), as a contact batch that is built, stepped and discarded, so that the outcome is a function of the
-tables alone; the others move by Box2D's own arithmetic (`fly`), bit for bit.
+tables alone. The others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
 import math
@@ -52,8 +52,8 @@ PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
 class Physics(Module):
     """Rigid-body motion and contacts (reference rules, section 1).
 
-    backend: how Box2D is called. "native": its machine code from inside the tick; "portable": its Python interface,
-    slower, the same results; "auto": native where the installed Box2D allows it.
+    backend: how Box2D is called. "native": its machine code, from inside the tick; "portable": its Python interface,
+    which is slower but gives the same results; "auto": native if the installed Box2D allows it.
     """
 
     # More substeps and iterations than these would go on for very long, and could not be stopped.
@@ -81,7 +81,7 @@ class Physics(Module):
         return [Fault()]
 
     def native(self) -> bool:
-        """Whether the native backend is used; IncompatibleBox2D if it is asked for and cannot be."""
+        """Whether the native backend is used; IncompatibleBox2D if it is requested but not possible."""
         if self.backend == "native":
             native.verify()
             if not compiled():
@@ -110,7 +110,7 @@ class Physics(Module):
 
 @Physics.system(Phase.SPAWN, after=Shape)
 def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
-    """Mass and moment of inertia of a disc or a rectangle, in Box2D's own order of operations. All in float32."""
+    """Return mass and moment of inertia of a disc or rectangle, in Box2D's own order of operations, all in float32."""
     for e in solids:
         radius, width, height = shape.radius[e], shape.half_width[e], shape.half_height[e]
         if radius > ZERO:
@@ -160,7 +160,7 @@ def broad_phase(
 
 @kernel
 def mark_pairs(solid: Array, aabbs: Array, body: Array, shape: Array, blocks: Array, count: int, e: int) -> None:
-    """Mark body `e` and the bodies it may touch."""
+    """Mark body `e` and the bodies that it may touch."""
     far = solid.max_travel[e] + outer_radius(shape, e)
     for k in range(count):
         b = blocks[BLOCK, k]
@@ -174,7 +174,7 @@ def mark_pairs(solid: Array, aabbs: Array, body: Array, shape: Array, blocks: Ar
 
 
 def collider(solve: Any) -> Any:
-    """The system `collide` over one of the two backends."""
+    """Return the system `collide` for one of the two backends."""
 
     def collide(
         body: Write[Body],
@@ -242,7 +242,7 @@ def fly(
     linear_damping: float,
     angular_damping: float,
 ) -> None:
-    """Everything else: Box2D's integration without contacts, in its own order of operations; then headings."""
+    """Move all other bodies by Box2D's integration without contacts, in its order of operations; then set headings."""
     dt, parts = ONE / rate, np.float32(substeps)
     linear_scale = min(max(ONE - dt * linear_damping, ZERO), ONE)
     angular_scale = min(max(ONE - dt * angular_damping, ZERO), ONE)
@@ -272,7 +272,7 @@ def integrate(
     angular_scale: Real,
     parts: Real,
 ) -> None:
-    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32."""
+    """Take a substep of b2Island::Solve for a body that touches nothing; `parts` substeps share a push. In float32."""
     vx = (body.vx[e] + inverse_mass * (push.x[e] / parts)) * linear_scale
     vy = (body.vy[e] + inverse_mass * (push.y[e] / parts)) * linear_scale
     omega = (body.omega[e] + inverse_inertia * (push.turn[e] / parts)) * angular_scale

@@ -19,8 +19,8 @@ from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_block
 class Pickup(Module):
     """Pick up every item in reach, as long as the bag has room (paper, section 3.2).
 
-    touch: it is enough that the item's disc touches the circle of reach, as the paper says; otherwise its centre
-    must lie inside, as in the paper's runs (reference rules, section 6, point 3).
+    touch: whether it is enough that the item's disc touches the circle of reach, as the paper says; otherwise its
+    centre must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
     reach: float = number(0.5, above=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre")
@@ -47,7 +47,7 @@ def pick_up(
     reach: float,
     touch: bool,
 ) -> None:
-    """In order of agents, then of items; what does not fit stays where it is."""
+    """Pick up items, in order of agents, then of items; those that do not fit stay where they are."""
     count = nonempty_blocks(blocks, entities, items)
     for e in agents:
         if not entities.alive[e]:

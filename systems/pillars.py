@@ -1,4 +1,4 @@
-"""Pillars: square blocks that stand scattered, drawn anew for each episode."""
+"""Pillars: scattered square blocks, drawn anew for each episode."""
 
 import math
 from dataclasses import dataclass
@@ -37,9 +37,9 @@ ROOT, QUARTER = np.float32(math.sqrt(2)), np.float32(math.pi / 2)
 
 @dataclass(frozen=True)
 class Pillars(InnerWalls):
-    """Squares of random size, place and angle. Between any two, and to the walls, there is a gap for agents.
+    """Squares of random size, place and angle, with gaps for agents between them and to the walls.
 
-    A pillar for which 256 places were drawn in vain is left out, which is next to impossible with what `check` allows.
+    A pillar is left out if none of 256 drawn places is free, which is next to impossible with what `check` allows.
     """
 
     draws_level: ClassVar[bool] = True
@@ -84,7 +84,7 @@ def build(
     gap: float,
     key: Random,
 ) -> None:
-    """Place them one after the other, each where the ones before leave a gap."""
+    """Place pillars one after the other, each with a gap to the previous ones."""
     stand = 0
     for k in range(count):
         half = HALF * (least + uniform(key, k) * (most - least))
@@ -105,7 +105,7 @@ def build(
 def is_clear(
     body: Array, shape: Array, entities: Array, solids: Array, spawned: Array, x: Real, y: Real, far: Real
 ) -> bool:
-    """Whether nothing that stays where it is comes within `far` of a point; pillars count as circles around them."""
+    """Return whether no fixed body comes within `far` of a point; pillars count as circles around them."""
     for o in solids:
         if spawned[o] >= 0 or not entities.alive[o]:
             continue

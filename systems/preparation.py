@@ -25,16 +25,17 @@ from outlast.ecs import (
 
 
 def usual_ticks(layout: Layout) -> float:
-    """How long it is, the scale of the ticks that are left."""
+    """Return how long preparation takes: the scale of the ticks that are left."""
     return layout.numbers("preparation").get("ticks") or 1.0
 
 
 @dataclass(frozen=True)
 class Preparation(Module):
-    """Agents of some sides wait for `ticks` ticks, as seekers do while others hide.
+    """Agents of some sides wait for `ticks` ticks, like seekers while others hide.
 
-    frozen: they have no motors and do not attack; others can push and hurt them. blind: they see nothing, as if their
-    cameras and lidar were off. Each agent observes how many ticks it still waits: the field "preparation" of its row.
+    frozen: they have no motors and do not attack, but others can push and hurt them. blind: they see nothing, as if
+    their cameras and lidar were off. Each agent observes how many ticks it still has to wait, in the field
+    "preparation" of its row.
     """
 
     ticks: int = number(100, low=0, high=TICKS, per_agent=True, unit="ticks", about="that agents wait")
@@ -72,7 +73,7 @@ class Preparation(Module):
 
 @kernel
 def left(side: Array, sides: Array, ticks: int, tick: int, e: int) -> int:
-    """Ticks that agent `e` still waits."""
+    """Return how many ticks agent `e` still waits."""
     waits = len(sides) == 0
     for s in sides:
         waits = waits or s == side.side[e]
@@ -83,7 +84,7 @@ def left(side: Array, sides: Array, ticks: int, tick: int, e: int) -> int:
 def hold_fire(
     weapon: Write[Weapon], side: Read[Side], agents: Rows[Weapon, Side], sides: tuple[float, ...], ticks: int
 ) -> None:
-    """Weapons begin with a cooldown."""
+    """Begin with a cooldown for the weapons of waiting agents."""
     for e in agents:
         weapon.cooldown[e] = left(side, sides, of(ticks, e), 0, e)
 
@@ -98,7 +99,7 @@ def hold(
     sides: tuple[float, ...],
     ticks: int,
 ) -> None:
-    """Who waits stands still."""
+    """Keep waiting agents still."""
     for e in agents:
         if left(side, sides, of(ticks, e), int(clock.tick[0]) - 1, e) > 0:
             body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
@@ -109,7 +110,7 @@ def hold(
 def see_nothing(
     sight: Write[Sight], side: Read[Side], clock: Read[Clock], agents: Rows[Side], sides: tuple[float, ...], ticks: int
 ) -> None:
-    """What is seen in a tick decides on the next one's actions: the last observation of the wait shows something."""
+    """Blind waiting agents. In the last tick of the wait they see again, as its observation is for the next action."""
     for i in range(agents.size):
         if left(side, sides, of(ticks, agents[i]), int(clock.tick[0]), agents[i]) > 0:
             for b in range(sight.visible.shape[1]):
@@ -125,7 +126,7 @@ def measure_nothing(
     sides: tuple[float, ...],
     ticks: int,
 ) -> None:
-    """Rays are off for as long."""
+    """Switch off the rays of waiting agents for as long."""
     for e in agents:
         state.off[e] = left(side, sides, of(ticks, e), int(clock.tick[0]), e) > 0
 
@@ -140,7 +141,7 @@ def see_time(
     sides: tuple[float, ...],
     ticks: int,
 ) -> None:
-    """How long each agent still waits, dead or alive."""
+    """Write how long each agent still waits, dead or alive."""
     for i in range(agents.size):
         e = agents[i]
         view.own[i, own_preparation] = left(side, sides, of(ticks, e), int(clock.tick[0]), e)

@@ -9,7 +9,7 @@ from outlast.ecs import Clock, Module, Read, RowIndex, Rows, Singleton, Write
 
 @dataclass(frozen=True)
 class Record(Module):
-    """Length, returns, kills by side, deaths by cause, and the tick of the first death."""
+    """Records length, returns, kills by side, deaths by cause, and the tick of the first death."""
 
     def singletons(self) -> Iterable[Singleton]:
         return [Episode(), Death()]
@@ -25,7 +25,7 @@ def note(
     agents: Rows[Side],
     index: RowIndex[Side],
 ) -> None:
-    """Add this tick to the episode."""
+    """Add this tick to the statistics of the episode."""
     episode.length[0] = clock.tick[0]
     for s in range(score.kills.size):
         episode.kills[s] += score.kills[s]

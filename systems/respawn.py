@@ -38,10 +38,11 @@ HALF, ZERO = np.float32(0.5), np.float32(0)
 
 @dataclass(frozen=True)
 class Respawn(Module):
-    """Agents come back `ticks` ticks after they died: at rest, with the hit points that they began with.
+    """Agents come back `ticks` ticks after their death: at rest, with the hit points that they began with.
 
-    The place is drawn uniformly over where they touch nothing. If none of 32 draws is free, they wait for another tick.
-    What they dropped is not given back. As nobody is dead for good, episodes end at their limit: ending_rule = "never".
+    Their place is drawn uniformly among those where they touch nothing. If none of 32 draws is free, they wait another
+    tick. Items that they dropped are not returned. As nobody is dead for good, episodes end at their limit:
+    ending_rule = "never".
     """
 
     ticks: int = number(100, low=1, high=TICKS, per_agent=True, unit="ticks", about="from death to return")
@@ -62,14 +63,14 @@ class Respawn(Module):
 
 @Respawn.system(Phase.SPAWN)
 def keep_health(back: Write[Return], health: Read[Health], agents: Rows[Return]) -> None:
-    """The hit points with which the episode begins."""
+    """Record the hit points with which the episode begins."""
     for e in agents:
         back.health[e] = health.points[e]
 
 
 @kernel
 def is_free(body: Array, shape: Array, entities: Array, solids: Array, e: int) -> bool:
-    """Whether `e` would touch nothing where it is."""
+    """Return whether `e` would touch nothing where it is."""
     for o in solids:
         if o != e and entities.alive[o] and gap(body, shape, e, o) <= ZERO:
             return False
@@ -92,7 +93,7 @@ def come_back(
     solids: Rows[Solid],
     key: Random,
 ) -> None:
-    """Those whose time has come, in order of agents."""
+    """Bring back the agents whose time has come, in order of agents."""
     for e in agents:
         if back.tick[e] < 0 or back.tick[e] > np.int64(clock.tick[0]) or not exists(entities, e):
             continue
@@ -111,7 +112,7 @@ def come_back(
 
 @kernel
 def revive(body: Array, health: Array, died: Array, e: int) -> None:
-    """An agent at rest, facing +x, whose death is forgotten."""
+    """Revive an agent: at rest, facing +x, its death forgotten."""
     body.angle[e], body.cosine[e], body.sine[e] = 0, 1, 0
     body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
     health.damage_type[e], health.source[e], health.fatal_tick[e] = -1, -1, -1
@@ -120,7 +121,7 @@ def revive(body: Array, health: Array, died: Array, e: int) -> None:
 
 @Respawn.system(Phase.DIE, after=Died)
 def wait(back: Write[Return], died: Read[Died], clock: Read[Clock], agents: Rows[Return], ticks: int) -> None:
-    """Who died in this tick comes back later."""
+    """Set when the agents that died in this tick come back."""
     for e in agents:
         if died.now[e]:
             back.tick[e] = np.int64(clock.tick[0]) + of(ticks, e)

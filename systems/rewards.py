@@ -20,9 +20,10 @@ class Rewards(Module):
     posthumous: whether a side that is dead after the tick is still paid for its kills in it; in the paper's
     free-for-all runs it was not (reference rules, section 5).
 
-    Two numbers are for what the paper names as flaws 2 and 3 (section 5). basis: what `alive` and `dead` are paid
+    Two numbers address what the paper names as flaws 2 and 3 (section 5). basis: what `alive` and `dead` are paid
     for. "side": a side is alive while one of its members is, as in the paper. "members": the mean over its members,
-    so that a dead one costs. outlive: paid to a living side for each other one that dies out, whatever the cause.
+    so that a dead member costs something. outlive: paid to a living side for each other side that dies out, whatever
+    the cause.
     """
 
     alive: float = number(
@@ -56,7 +57,7 @@ class Rewards(Module):
 
 @kernel
 def members(side: Any, agents: Any, s: int) -> int:
-    """How many agents side `s` has, dead or alive."""
+    """Return how many agents side `s` has, dead or alive."""
     count = 0
     for e in agents:
         count += side.side[e] == s
@@ -78,7 +79,7 @@ def pay(
     basis: int,
     outlive: float,
 ) -> None:
-    """Every member gets what its side gets; nothing in the tick that starts an episode."""
+    """Pay every member what its side gets; nothing in the tick that starts an episode."""
     gone = 0
     for s in range(score.alive.size):
         gone += score.deaths[s] > 0 and score.alive[s] == 0

@@ -32,9 +32,9 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 @dataclass(frozen=True)
 class Room(Module):
-    """Region centred on the origin; walls stand astride its edges (reference rules, section 1).
+    """A floor centred on the origin, with walls astride its edges (reference rules, section 1).
 
-    It is a square of side `size`; with width or height it is a rectangle, and `size` stands for the one that is 0.
+    It is a square of side `size`; with width or height it is a rectangle, and `size` replaces the one that is 0.
     """
 
     size: float = number(25.0, low=1, high=FAR, unit="metres", about="side of the square")
@@ -72,17 +72,17 @@ class Room(Module):
         return {"floor sides": 1 if self.is_square() else 2}
 
     def sides(self) -> tuple[float, float]:
-        """Metres, width and height."""
+        """Width and height, metres."""
         return self.width or self.size, self.height or self.size
 
     def is_square(self) -> bool:
-        """Whether one number says how large it is."""
+        """Whether a single number gives its size."""
         return self.width == self.height == 0
 
 
 @Room.system(Phase.SPAWN)
 def compute_bounds(shape: Write[Shape], bodies: Rows[Shape]) -> None:
-    """The circle around each body, whose radius is the room that it is left beside a wall."""
+    """Compute the radius of the circle around each body, which decides how close to walls it may stand."""
     for e in bodies:
         shape.bound[e] = outer_radius(shape, e)
 
@@ -97,7 +97,7 @@ def keep_inside(
     solids: Bitset[Solid],
     thickness: float,
 ) -> None:
-    """A body that was pushed through a wall, as by a box that reaches into it, is put back inside, at rest."""
+    """Put bodies that were pushed through a wall, by a box that overlaps it, say, back inside, at rest."""
     middle_x, middle_y = HALF * floor.size[0], HALF * floor.size[floor.size.size - 1]
     inside_x, inside_y = middle_x * (ONE - thickness), middle_y * (ONE - thickness)
     for b in range(solids.size):
@@ -113,7 +113,7 @@ def keep_inside(
 
 @kernel
 def clamp(position: Any, speed: Any, middle: Any, room: Any) -> Any:
-    """Position and speed along one axis of a body whose centre may be beyond the middle of a wall."""
+    """Correct position and speed along one axis of a body whose centre may be beyond the middle of a wall."""
     if position > middle:
         return room, min(speed, ZERO)
     if position < -middle:

@@ -1,4 +1,4 @@
-"""Rooms with doors: the floor is divided into a grid of rooms, drawn anew for each episode."""
+"""Rooms with doors: the floor is divided into a grid of rooms, with doors drawn anew for each episode."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,10 +13,10 @@ from .inner_walls import InnerWalls
 
 @dataclass(frozen=True)
 class Rooms(InnerWalls):
-    """Rooms of which every one can be reached from every other: a random spanning tree of doors, and further ones.
+    """Rooms that are all connected: a random spanning tree of doors, and additional doors.
 
-    A wall with a door is two blocks, one without is one. Where in its wall a door is, is drawn, too; at least an eighth
-    of what the door leaves of it stays on either side. Doors are wide enough for the widest agent.
+    A wall with a door is two blocks, one without a door is one. The position of a door in its wall is drawn, too: at
+    least an eighth of the rest of the wall is on either side. Doors are wide enough for the widest agent.
     """
 
     draws_level: ClassVar[bool] = True
@@ -32,7 +32,7 @@ class Rooms(InnerWalls):
         return self.blocks or max(1, self.needed())
 
     def needed(self) -> int:
-        """How many blocks there are if every wall has a door."""
+        """Return how many blocks there are if every wall has a door."""
         return 2 * ((self.columns - 1) * self.rows + self.columns * (self.rows - 1))
 
     def check(self, layout: Layout) -> None:
@@ -68,7 +68,7 @@ def build(
     thickness: float,
     key: Random,
 ) -> None:
-    """Draw which walls have doors and where, and set up what is left of the walls."""
+    """Draw which walls have doors and where, and set up the remaining parts of the walls."""
     open_edges(memory, columns, rows, doors, key)
     sides = (floor.size[0], floor.size[floor.size.size - 1])
     place_edges((body, shape, entities), walls, memory, columns, rows, sides, thickness, door, key)

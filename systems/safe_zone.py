@@ -1,4 +1,4 @@
-"""The safe zone: a circle that stands, then shrinks and moves; agents outside of it are damaged."""
+"""The safe zone: a circle that stands still, then shrinks and moves; agents outside it are damaged."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -39,8 +39,8 @@ HALF = np.float32(0.5)
 class SafeZone(Module):
     """Phases of `stand` ticks of rest and `shrink` ticks of linear change (paper, section 3.3).
 
-    radii: of the phases, in metres; after the last one the zone is void. centres = "random": independent, uniform
-    over where the circle fits into the room. "middle": always the origin.
+    radii: the radius of each phase, in metres; after the last phase the zone is void. centres = "random": independent,
+    uniform over all places where the circle fits into the room. "middle": always the origin.
     """
 
     stream = "zone"
@@ -91,7 +91,7 @@ def _shown(radii: tuple[float, ...], size: float) -> str:
 
 @SafeZone.system(Phase.DRAW)
 def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centres: int, key: Random) -> None:
-    """A centre for every phase, the void one included."""
+    """Draw a centre for every phase, including the void one."""
     for k in range(zone.centres.shape[0]):
         radius = radii[k] if k < len(radii) else np.float32(0)
         width = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
@@ -102,7 +102,7 @@ def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centre
 
 @kernel
 def zone_at(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> None:
-    """Where the zone is after `tick` ticks: a function of time alone."""
+    """Compute where the zone is after `tick` ticks: a function of time alone."""
     cycle = stand + shrink
     phase = min(tick // cycle, len(radii))
     zone.x[0], zone.y[0] = zone.centres[phase, 0], zone.centres[phase, 1]
@@ -121,7 +121,7 @@ def zone_at(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> No
 
 @SafeZone.system(Phase.SPAWN)
 def begin(zone: Write[Zone], radii: tuple[float, ...], stand: int, shrink: int) -> None:
-    """The zone of the first phase."""
+    """Set up the zone of the first phase."""
     zone_at(zone, radii, 0, stand, shrink)
 
 
@@ -138,7 +138,7 @@ def apply_damage(
     damage: int,
     damage_type: DamageType,
 ) -> None:
-    """Outside means the centre is beyond the rim. It kills at the next check, so a heal before that saves the agent."""
+    """Damage agents whose centre is beyond the rim. It kills at the next check, unless a heal comes before that."""
     for e in agents:
         if entities.alive[e] and outside(zone, body, e):
             hurt(health, guard, hits, e, of(damage, e), damage_type, -1, clock.tick[0])
@@ -146,7 +146,7 @@ def apply_damage(
 
 @SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")
 def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand: int, shrink: int) -> None:
-    """Move it to where it is after this tick."""
+    """Move the zone to where it is after this tick."""
     zone_at(zone, radii, int(clock.tick[0]), stand, shrink)
 
 
@@ -162,7 +162,7 @@ def see_zone(
     zone_next_y: Offset,
     zone_next_radius: Offset,
 ) -> None:
-    """Every agent observes the zone, dead or alive."""
+    """Write the zone into the observations of every agent, dead or alive."""
     for i in range(agents.size):
         row = view.zone[i]
         row[zone_x], row[zone_y], row[zone_radius] = zone.x[0], zone.y[0], zone.radius[0]

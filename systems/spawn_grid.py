@@ -1,4 +1,4 @@
-"""The spawn grid: the floor is cut into cells, and every body that spawns at reset gets one of its own."""
+"""The spawn grid: the floor is divided into cells, and every body that spawns at reset gets its own cell."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Cells(Singleton):
 
 @dataclass(frozen=True)
 class SpawnGrid(Module):
-    """Cells on a side; at most one body a cell, whatever its kind (reference rules, section 1)."""
+    """A grid of cells with at most one body in each, whatever its kind (reference rules, section 1)."""
 
     stream = "spawn"
 
@@ -57,7 +57,7 @@ def place(
     rows: Rows[Spawned],
     key: Random,
 ) -> None:
-    """Each body takes a random free cell, facing +x. Agents come first, so items never change their cells."""
+    """Put each body into a random free cell, facing +x. Agents come first, so items do not affect their cells."""
     side = int(cells.cells.size**0.5 + 0.5)
     for c in range(cells.cells.size):
         cells.cells[c] = c

@@ -18,10 +18,10 @@ THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
 @dataclass(frozen=True)
 class Steering(Module):
-    """Direct control of velocity in seven levels, in place of Motors: agents do not slide.
+    """Direct control of velocity in seven levels, instead of Motors: agents do not slide.
 
-    Not in the paper, which names its motors as a flaw (section 5, flaw 4): they take 37 ticks to slow an agent down to
-    1/e. The numbers are what the highest level gives, ahead of the damping of physics and of contacts.
+    Not in the paper, which names its motors as a flaw (section 5, flaw 4): with them, an agent takes 37 ticks to slow
+    down to 1/e. The numbers are the velocities at the highest level, before the physics' damping and contacts.
     """
 
     speed: float = number(
@@ -57,7 +57,7 @@ def steer(
 
 @kernel
 def move_all(action: Any, share: Any, body: Any, entities: Any, agents: Any, speed: Any, spin: Any) -> None:
-    """Set the velocity of the living. share: of the most, that 1 of an action is, float32."""
+    """Set the velocity of living agents. share: the share of the maximum that an action of 1 stands for, float32."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
@@ -70,7 +70,7 @@ def move_all(action: Any, share: Any, body: Any, entities: Any, agents: Any, spe
 
 @dataclass(frozen=True)
 class FineSteering(Steering):
-    """Steering whose velocity is given in hundredths, as for continuous actions. Not in the paper."""
+    """Steering whose velocity is given in hundredths, for continuous actions. Not in the paper."""
 
     def singletons(self) -> Iterable[Singleton]:
         return [Throttle()]

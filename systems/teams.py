@@ -18,8 +18,8 @@ class Teams(Module):
     """Agents are split into `count` teams by id, as evenly as possible (paper, section 3.1 and appendix).
 
     Members cannot hurt each other, give only to each other, and share their rewards. sizes: how many agents each team
-    has instead, as in Teams(sizes=(1, 3)): the first agents are those of the first team. Of a world with fewer agents
-    (Scenario.vary), the last teams are the smaller ones.
+    has, if not an even share, as in Teams(sizes=(1, 3)): the first agents are those of the first team. In a world with
+    fewer agents (Scenario.vary), the last teams lack members.
     """
 
     count: int = number(2, low=1, high=MANY, about="how many there are")
@@ -77,7 +77,7 @@ def split(
     count: int,
     sizes: tuple[float, ...],
 ) -> None:
-    """Consecutive ids, teams of equal size (the last ones larger by one if need be); immune to one's own."""
+    """Split agents into teams of consecutive ids and equal size (the last may have one more), immune to their own."""
     there = present(entities, agents)
     team, end = 0, np.float32(0)
     for i in range(there):
@@ -91,6 +91,6 @@ def split(
 
 @Teams.system(Phase.OBSERVE)
 def see_team(side: Read[Side], view: Write[SelfView], agents: Rows[Side], own_team: Offset) -> None:
-    """The team of each agent, dead or alive."""
+    """Write the team of each agent, dead or alive."""
     for i in range(agents.size):
         view.own[i, own_team] = side.side[agents[i]]

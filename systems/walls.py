@@ -1,4 +1,4 @@
-"""Walls from data: rectangles inside of the room, and where who starts."""
+"""Walls from data: rectangles inside the room, and the areas in which agents and items start."""
 
 import math
 from collections.abc import Iterator
@@ -24,10 +24,10 @@ ROUNDING = 0.01  # metres beyond the room that are allowed
 class Walls(InnerWalls):
     """Blocks that are the same in every episode; outlast.FloorPlan makes them from text, files and lists.
 
-    layout: six numbers for each rectangle, one behind the other: x and y of the middle, width, height (metres), angle
-    (radians), and what it is: 0 a block, 1 and more where side 0 and so on start, -1 where items and boxes start. A
-    rectangle of width and height 0 is none, so that layouts of one length can be chosen from:
-    vary(walls_layout=choice(one, two)).
+    layout: six numbers for each rectangle, in a single row: x and y of the middle, width, height (metres), angle
+    (radians), and what it is: 0 for a block, 1 for the start area of side 0, 2 for that of side 1 and so on, -1 for
+    that of items and boxes. A rectangle of width and height 0 does not count, so layouts can be padded to one length
+    and chosen from: vary(walls_layout=choice(one, two)).
     """
 
     layout: tuple[float, ...] = number(
@@ -101,12 +101,12 @@ class Walls(InnerWalls):
 
 
 def entries(layout: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
-    """The rectangles of a layout, ENTRY numbers each."""
+    """Return the rectangles of a layout, ENTRY numbers each."""
     return zip(*[iter(layout)] * ENTRY, strict=True)
 
 
 def owner(use: float) -> str:
-    """Who starts in an area, in words."""
+    """Return in words who starts in an area."""
     return "items" if use == ITEMS else f"side {use - 1:g}"
 
 
@@ -148,7 +148,7 @@ def find_places(
     layout: tuple[float, ...],
     key: Random,
 ) -> None:
-    """Bodies that stand in something, or outside of their start areas, get a free place there. Agents come first."""
+    """Give bodies that stand inside something, or outside their start areas, a free place there. Agents come first."""
     last = areas.shape[0] - 1
     for k in range(last):
         for field in range(ENTRY):

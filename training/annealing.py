@@ -1,4 +1,4 @@
-"""Numbers of the game that change while agents train in it: --anneal rewards_kill=10:0@5e6."""
+"""Numbers of the game that change while agents train: --anneal rewards_kill=10:0@5e6."""
 
 import math
 import re
@@ -17,10 +17,10 @@ class Anneal:
     """A number that changes linearly over the first agent-steps of a run, and then stays as it is.
 
     Attributes:
-        name: Of the number, as Scenario.replace takes it.
+        name: Name of the number, as for Scenario.replace.
         first: Its value at the beginning.
         last: Its value at the end.
-        steps: Agent-steps between both; 0: all of the run.
+        steps: Agent-steps from the first to the last value; 0: the whole run.
     """
 
     name: str
@@ -32,13 +32,13 @@ class Anneal:
         return f"{self.name}={self.first!r}:{self.last!r}@{self.steps}"
 
     def value(self, done: int, scenario: Scenario) -> float:
-        """Its value after so many agent-steps, of an integer the nearest one."""
+        """Return its value after so many agent-steps, rounded if the number is an integer."""
         share = min(1.0, done / self.steps)
         value = (1 - share) * self.first + share * self.last
         return round(value) if type(kept(scenario, self.name)) is int else value
 
     def check(self, scenario: Scenario) -> None:
-        """Check that it can change in the scenario. Raises NumberError or TrainingError."""
+        """Check that the number can change in the scenario. Raises NumberError or TrainingError."""
         if isinstance(now := kept(scenario, self.name), (bool, str, tuple)):
             raise TrainingError(f"{self.name} is {now!r}: only a single number can be annealed; change it by --set")
         if "_".join(scenario.find_number(self.name)) in dict(scenario.varied):
@@ -50,13 +50,13 @@ class Anneal:
 
 
 def kept(scenario: Scenario, name: str) -> object:
-    """The value of a number in the scenario. Raises NumberError if there is none of that name."""
+    """Return the value of a number in the scenario. Raises NumberError if it has no such number."""
     value: object = scenario.numbers()["_".join(scenario.find_number(name))]
     return value
 
 
 def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
-    """Out of texts like "rewards_kill=10:0@5e6". Raises TrainingError, also where a number is there twice."""
+    """Read texts such as "rewards_kill=10:0@5e6". Raises TrainingError, also if a number is given twice."""
     found: dict[str, Anneal] = {}
     for text in texts:
         if not (match := re.fullmatch(r"(\w+)=([^:@]+):([^:@]+)(?:@([^:@]+))?", text.strip())):

@@ -1,4 +1,4 @@
-"""What to train, and how: everything that decides which numbers come out of a run."""
+"""What to train, and how: everything that determines the numbers that come out of a run."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -37,18 +37,18 @@ IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """What policies are before PPO begins.
+    """Read what policies start from before PPO begins.
 
     Args:
-        text: One of TEACHERS, "scripted" or "scripted:2e6": what has learned to do as it does, in so many agent-steps.
-            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random. The
-            folder of a run is one, too: its newest checkpoint.
+        text: One of TEACHERS, "scripted" or "scripted:2e6": imitate this policy first, for so many agent-steps.
+            "FILE.zip:2e6": likewise for a saved policy, whatever networks it has. "FILE.zip": start from its weights.
+            "": random weights. The folder of a run stands for its newest checkpoint.
 
     Returns:
-        The name or the path, and agent-steps of imitation; 0: its weights are taken.
+        The name or the path, and agent-steps of imitation; 0: its weights are used.
 
     Raises:
-        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
+        TrainingError: There is no such policy, or the steps are not a whole number of at least 1.
     """
     whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # which C:/runs may be
     name, _, length = (text, "", "") if whole else text.rpartition(":")
@@ -71,30 +71,31 @@ class TrainingConfig:
     """What to train, and how.
 
     Attributes:
-        scenario: What is played.
-        preset: Name of the networks, see PRESETS.
+        scenario: The scenario to play.
+        preset: Name of the networks; see PRESETS.
         steps: Agent-steps to train for.
         seed: The same seed gives the same numbers.
-        worlds: How many share a rollout; 0: as the preset has it.
-        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
-        dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: Of PyTorch, where policies are updated; they play on the CPU.
-        threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
+        worlds: How many worlds collect a rollout; 0: as in the preset.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as in the preset.
+        dead: What happens to the samples of dead agents: "keep" or "drop".
+        device: PyTorch device on which policies are updated; they play on the CPU.
+        threads: Threads for the networks and the worlds; 0: one for each core, up to THREADS.
         every: Agent-steps between checkpoints.
-        settings: Hyperparameters of PPO other than the preset's.
-        policies: "shared": one for all agents. "side", "agent": one for each of them.
+        settings: Hyperparameters of PPO that differ from the preset's.
+        policies: "shared": one policy for all agents. "side" or "agent": a policy for each side or agent.
         opponents: Who the learners play against, with weights: "self", "past", the name of a policy that needs no
             training, or the path of a saved one.
-        prioritised: Whether opponents are drawn the more often, the more they win.
-        snapshots: Updates between past selves.
-        processes: That share the worlds; the numbers are the same, but for rounding.
-        halves: Whether half of the worlds are stepped while the networks are busy with the other half; the numbers
-            are the same.
-        memory: Numbers that each agent keeps from step to step; 0: none.
-        critic: What values are learned from: "own", what the agent observes. "state": the whole world beside that.
-        warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
-        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
-        levels: Chooses the levels that are trained in, see curriculum.TrainingProgress; None: worlds draw their own.
+        prioritised: Whether opponents that win more often are drawn more often.
+        snapshots: How many updates lie between past selves.
+        processes: How many processes share the worlds; the numbers stay the same, apart from rounding.
+        halves: Whether to step half of the worlds while the networks are busy with the other half; the numbers stay
+            the same.
+        memory: How many numbers each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes; "state", the whole world as well.
+        warm_start: What policies start from before PPO begins; see parse_warm_start. "": random weights.
+        anneal: Numbers of the scenario that change during training. Evaluations play the scenario as it is.
+        levels: A function that chooses the levels to train in; see curriculum.TrainingProgress. None: worlds draw
+            their own.
     """
 
     scenario: Scenario
@@ -171,7 +172,7 @@ class TrainingConfig:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
 
     def check_teacher(self) -> None:
-        """TrainingError if a run cannot begin by imitating the teacher; it can go on from a checkpoint."""
+        """TrainingError if a run cannot begin by imitating the teacher; it may still go on from a checkpoint."""
         name, imitated = self.teacher
         if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
             raise TrainingError(
@@ -200,7 +201,7 @@ class TrainingConfig:
             raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
 
     def header(self) -> Header:
-        """The part of run.json that decides which numbers come out."""
+        """Return the part of run.json that determines the numbers that come out."""
         worlds, rollout = self.size
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every", *HOW)}
         kept["levels"] = self.levels and getattr(self.levels, "__qualname__", type(self.levels).__qualname__)
@@ -213,21 +214,21 @@ class TrainingConfig:
 
     @property
     def numbers(self) -> Hyperparameters:
-        """Of PPO. Raises TrainingError if one is not there, or out of range."""
+        """Return the numbers of PPO. Raises TrainingError if one does not exist or is out of range."""
         return preset(self.preset).numbers.changed(self.settings)
 
     @property
     def teacher(self) -> tuple[str, int]:
-        """Who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
+        """Return who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
         return parse_warm_start(self.warm_start)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Worlds, and environment steps of a rollout."""
+        """Return the number of worlds, and the environment steps of a rollout."""
         return preset(self.preset).size(self.agents, self.worlds, self.rollout)
 
     @property
     def agents(self) -> int:
-        """Of a world; where their number varies, the most."""
+        """Return the number of agents in a world; if it varies, the highest."""
         varied = dict(self.scenario.varied).get("agents_count")  # without agents, worlds cannot be made, and say so
         return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))

@@ -1,4 +1,4 @@
-"""Levels that somebody chooses while agents train: what the choice knows, and who plays which."""
+"""Levels that a user's function chooses during training: what the function knows, and which world plays which level."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,15 +28,15 @@ class TrainingProgress:
     """How far a run is, for the function that chooses its levels.
 
     Attributes:
-        scenario: What is trained, with the observations that the policy needs.
-        steps: Agent-steps that were collected so far.
-        seed: Of the run.
-        rng: A generator of its own for each question, the same whenever the run is at this step.
-        policy: Who has played up to now, as outlast.load_policy returns it.
-        levels: What the function returned last; at first one level of which everything is drawn.
-        played: The levels of the episodes that ended since it was asked last, with all numbers, as float32 holds them,
-            and keys. Their keys, not the levels, are equal to those that were given.
-        statistics: Of these episodes, (episodes, ...) by name, as info["statistics"] of SurvivalVectorEnv has them.
+        scenario: The scenario that is trained in, with the observations that the policy needs.
+        steps: Agent-steps collected so far.
+        seed: Seed of the run.
+        rng: A new generator for each call of the function, the same whenever the run is at this step.
+        policy: The policy that has played up to now, as from outlast.load_policy.
+        levels: What the function returned last; at first a single level of which everything is drawn.
+        played: The levels of the episodes that have ended since the last call, with all numbers and keys. To find a
+            given level among them, compare keys: numbers are rounded to float32.
+        statistics: Statistics of these episodes, (episodes, ...) by name, like SurvivalVectorEnv's info["statistics"].
     """
 
     scenario: Scenario
@@ -53,26 +53,26 @@ class Curriculum:
     """The levels that episodes of a run are drawn from.
 
     Attributes:
-        levels: What the function returned last; at first one of which everything is drawn.
+        levels: What the function returned last; at first a single level of which everything is drawn.
     """
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
         """Make one.
 
         Args:
-            choose: Asked ahead of the first rollout, and after each one.
-            env: Worlds as those that are played in. Raises NumberError where they can have no levels.
+            choose: The function, called before the first rollout and after each one.
+            env: Worlds like those that are trained in. Raises NumberError if they can have no levels.
         """
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
         env.set_levels(self.levels)
 
     def ask(self, progress: TrainingProgress) -> None:
-        """Let the function choose the levels of the next rollout. Raises TrainingError for what are none."""
+        """Let the function choose the levels of the next rollout. Raises TrainingError for anything but levels."""
         self.take(self.choose(progress))
 
     def take(self, levels: Any) -> None:
-        """Draw from these levels from now on. Raises TrainingError for what are none."""
+        """Draw from these levels from now on. Raises TrainingError for anything but levels."""
         try:
             check_all(levels, self.varied)
             check_free(levels, self.layout)
@@ -87,9 +87,9 @@ class Curriculum:
 
         Args:
             env: The worlds.
-            where: Which of them, bool (worlds,).
-            keys: Their own, uint64 (some worlds, 3), by which levels are drawn. A level without a key is played with
-                that, also by a run that goes on in new worlds.
+            where: The worlds that get levels, bool (worlds,).
+            keys: Their own keys, uint64 (some worlds, 3), by which levels are drawn. A level without a key is played
+                with the world's own, even if the run is resumed in new worlds.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
@@ -97,7 +97,7 @@ class Curriculum:
         env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
 
     def state(self) -> str:
-        """What a run goes on with."""
+        """Return what a resumed run needs to go on."""
         return json.dumps(encoded(self.levels))
 
     def restore(self, given: Any) -> None:
@@ -109,11 +109,11 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Levels and statistics of episodes, in the order in which they ended, whatever lane they are of.
+    """Return levels and statistics of episodes, in the order in which they ended, whatever their lane.
 
     Args:
-        ended: In any order.
-        env: Worlds as theirs, which say what statistics there are where no episode ended.
+        ended: The episodes, in any order.
+        env: Worlds like theirs, which determine what statistics there are if no episode has ended.
     """
     ordered = sorted(ended, key=lambda each: each[:2])
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
@@ -123,7 +123,7 @@ def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level],
 
 
 def just_ended(env: SurvivalVectorEnv, t: int, done: Array, measured: Mapping[str, Array]) -> list[Ended]:
-    """The episodes that ended in step t of a rollout, before their worlds are reset."""
+    """Return the episodes that ended in step t of a rollout, before their worlds are reset."""
     rows = np.flatnonzero(done).tolist()
     levels = env.levels(done)
     return [

@@ -16,18 +16,18 @@ logger = logging.getLogger(__name__)
 def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:
     """Film the beginning of an episode that a checkpoint's policy plays with itself. Takes a second or two.
 
-    Nothing that a training run goes by is touched: no global random numbers, no number of threads. Whatever goes
-    wrong, as on a full disk, is logged, as a run is worth more than its films. Ctrl-C is raised. There is a whole film
-    or none.
+    It does not affect a training run: it leaves global random numbers and the number of threads alone. As a run is
+    worth more than its films, errors, such as a full disk, are only logged; Ctrl-C is raised. The film is complete or
+    not there at all.
 
     Args:
         checkpoint: The file of the checkpoint.
-        folder: Where the film goes, made if it is not there: NAME.webm for NAME.zip.
-        scenario: What is played; None: what the checkpoint says, which is enough for variants.
-        seed: Of the episode: films of one run with the same seed begin in the same world.
+        folder: Folder of the film, made if it does not exist: NAME.webm for NAME.zip.
+        scenario: The scenario to play; None: the one named in the checkpoint, which is enough for variants.
+        seed: Seed of the episode: films of one run with the same seed begin in the same world.
 
     Returns:
-        The film; nothing if it could not be made.
+        A list of the film's path; empty if it could not be made.
     """
     target = folder / f"{checkpoint.stem}.webm"
     try:

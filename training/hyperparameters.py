@@ -1,4 +1,4 @@
-"""PPO's hyperparameters in the authors' runs, and what others may be."""
+"""PPO's hyperparameters: those of the authors' runs as defaults, and which other values are allowed."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -24,19 +24,19 @@ class Hyperparameters:
     """The numbers of PPO; the defaults are those of the authors' runs.
 
     Attributes:
-        learning_rate: Of Adam.
+        learning_rate: Learning rate of Adam.
         anneal_lr: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
-        batch_size: Samples of a minibatch, about; those of a rollout are shared out evenly.
+        batch_size: Approximate number of samples in a minibatch; those of a rollout are split evenly.
         n_epochs: How often every sample is used, at most.
-        gamma: Discount of a step.
+        gamma: Discount per step.
         gae_lambda: How far advantages look ahead, from 0 to 1.
         clip_range: How far the ratio of probabilities may move away from 1 before it is clipped.
         ent_coef: Weight of the entropy in the loss.
         vf_coef: Weight of the values in the loss.
-        max_grad_norm: Length that gradients are cut to.
-        target_kl: The update ends before a minibatch whose divergence is above 1.5 times that; 0: never.
-        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, which is
-            that of all agents, trained or not, absent ones included.
+        max_grad_norm: Norm to which gradients are clipped.
+        target_kl: The update ends before a minibatch whose divergence is above 1.5 times this; 0: never.
+        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, taken
+            over all agents, whether trained or not, and including absent ones.
     """
 
     learning_rate: float = 3e-4
@@ -66,7 +66,7 @@ class Hyperparameters:
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
-        """These with others in some places. Raises TrainingError for what there is not, or what cannot be."""
+        """Return a copy with some other values. Raises TrainingError for unknown names or values not allowed."""
         for name in settings:
             if name not in KINDS:
                 hint = did_you_mean(name, KINDS, after=" ")
@@ -97,14 +97,14 @@ RANGES: dict[str, Range] = {
 
 
 def example(name: str) -> str:
-    """What a number is like, in words."""
+    """Return in words what kind of value a number has."""
     if KINDS[name] is bool:
         return "true or false"
     return f"a {'whole ' * (KINDS[name] is int)}number like {getattr(Hyperparameters, name)}"
 
 
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
-    """Hyperparameters out of texts like "gamma=0.999". Raises TrainingError."""
+    """Read hyperparameters from texts such as "gamma=0.999". Raises TrainingError."""
     settings: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
+"""Trained policies as functions (observations) -> actions, which every adapter accepts as opponents."""
 
 import contextlib
 import copy
@@ -40,8 +40,8 @@ THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of t
 def one_thread() -> Iterator[None]:
     """Run PyTorch on one thread, and restore the number of threads, which the user's own networks share.
 
-    Networks this small are slower with more, by far where cores are busy, as threads wait for each other; and sums
-    come out the same wherever it runs. The change itself takes less than a microsecond.
+    With more threads, networks this small are slower, and far slower on busy cores, as threads wait for each other.
+    With one, sums are also the same on any machine. The change itself takes less than a microsecond.
     """
     with THREADS_LOCK:
         threads = torch.get_num_threads()
@@ -58,21 +58,21 @@ class Player:
     >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations that it was trained with
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
 
-    Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed. They
-    are computed on one thread, whatever PyTorch is set to, which stays as it is.
+    Actions: int64 (..., agents, actions), sampled from a generator of its own, or without a seed the likeliest ones.
+    They are computed on one thread; PyTorch's own number of threads is not changed for anything else.
 
-    A policy with a memory keeps what each agent remembers, and is told where episodes begin by `reset`; environments do
-    so, and `outlast.envs.rollout.memory.told` for loops of one's own. It plays in one batch of worlds at a time.
+    A policy with a memory keeps what each agent remembers. `reset` tells it where episodes begin: environments call it,
+    and in loops of your own `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
 
     Attributes:
-        memory: Numbers that each agent remembers; 0: none.
-        state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
-        reset: None for a policy without a memory. Otherwise a function that gets the worlds in which episodes begin,
-            bool of the shape of observations ahead of the agents, (worlds,): all of them before the first call.
+        memory: How many numbers each agent remembers; 0: none.
+        state: How many numbers of a world's state its critic learned from; 0: none. It plays without them.
+        reset: None for a policy without a memory. Otherwise a function that is called with the worlds in which episodes
+            begin, bool of the leading shape of observations, (worlds,): all of them before the first call.
     """
 
     def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
-        """Reads tensors and numbers only; nothing in the file is executed. path: or the content of its files.
+        """Read tensors and numbers only; nothing in the file is executed. path: the file, or the content of its files.
 
         Raises TrainingError.
         """
@@ -117,7 +117,7 @@ class Player:
         return policies
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """The scenario with the observations that this policy was trained with."""
+        """Return the scenario with the observations that this policy was trained with."""
         return self.preset.scenario(scenario)
 
     def check(self, env: SurvivalVectorEnv) -> None:
@@ -160,9 +160,9 @@ class Player:
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Sample actions by numbers that worlds are keyed by, and not from a generator that goes on; see EpisodeNoise.
+        """Sample actions by the keys of worlds rather than from a generator; see EpisodeNoise.
 
-        agents: the indices of those that it plays in each world, integers (agents,).
+        agents: the indices of the agents that it plays in each world, integers (agents,).
         """
         self._noise = EpisodeNoise(env, agents)
 
@@ -173,7 +173,7 @@ class Player:
         return None if self.generator is None else torch.rand(shape, generator=self.generator)
 
     def explainer(self) -> Explainer:
-        """What says with what probabilities it acts, with a memory of its own; for outlast.record(policy=player)."""
+        """Return what explains its actions, with a memory of its own, for outlast.record(policy=player)."""
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
@@ -279,22 +279,22 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:
-    """The policy of a checkpoint of `outlast train`, to play with or against.
+    """Load the policy of a checkpoint of `outlast train`, to play with or against.
 
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
 
     Args:
-        path: The file, `steps_0001000000.zip`; or the folder of a run, for its newest one.
-        seed: Of the generator that samples actions; None: the likeliest actions.
+        path: The file, `steps_0001000000.zip`; or the folder of a run, for its newest checkpoint.
+        seed: Seed of the generator that samples actions; None: the likeliest actions.
 
     Returns:
         A function of observations, float32 (..., agents, ...) by key, to actions, int64 (..., agents, actions); see
         Player.
 
     Raises:
-        TrainingError: The file cannot be read, or is broken.
-        UsageError: A folder is not that of one run.
-        ValueError: A seed that cannot be.
+        TrainingError: The file cannot be read, or is damaged.
+        UsageError: A folder is not that of a single run.
+        ValueError: The seed is not valid.
     """
     if seed is not None:
         check_count("seed", seed, 0, 2**64 - 1)

@@ -19,8 +19,8 @@ GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baseline
 class MultiCategorical(nn.Module):
     """Independent categorical distributions, given the logits of all of them in one row.
 
-    Log probabilities are (values, actions, batch): PyTorch's softmax is several times as fast along the first axis.
-    Actions with fewer values than others are filled up with values of probability 0.
+    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Actions with fewer values than others are padded with values of probability 0.
     """
 
     where: Tensor
@@ -42,28 +42,28 @@ class MultiCategorical(nn.Module):
         self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """(values, actions, batch) of all values, given the features that the head makes logits of."""
+        """Return those of all values, (values, actions, batch), given the features that the head turns into logits."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
         logits = torch.addmm(bias[:, None], weight, features.T)
         return logits.view(*self.shape, len(features)).log_softmax(0)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
-        """The log probabilities of joint actions (batch, actions): (batch,)."""
+        """Return the log probabilities of joint actions (batch, actions): (batch,)."""
         return logs.gather(0, actions.T[None]).sum((0, 1))
 
     @staticmethod
     def entropy(logs: Tensor) -> Tensor:
-        """(batch,), of the joint actions."""
+        """Return the entropy of the joint actions, (batch,)."""
         return -(logs.exp() * logs).sum((0, 1))
 
     @staticmethod
     def likeliest(logs: Tensor) -> Tensor:
-        """Joint actions, int64 (batch, actions)."""
+        """Return the likeliest joint actions, int64 (batch, actions)."""
         return logs.argmax(0).T
 
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
-        """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
+        """Sample joint actions, int64 (batch, actions), from a uniform number for each, (batch, actions)."""
         below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
         return (below <= uniform.T).sum(0).T
 
@@ -72,7 +72,7 @@ class ActorCritic(nn.Module):
     """Policy and value networks of a preset. Actions are int64 (batch, actions).
 
     Attributes:
-        memory: Numbers that each agent keeps from step to step; 0: none.
+        memory: How many numbers each agent keeps from step to step; 0: none.
     """
 
     def __init__(
@@ -89,11 +89,11 @@ class ActorCritic(nn.Module):
 
         Args:
             sizes: How many values each action has.
-            layout: Of the observations.
+            layout: Layout of the observations.
             preset: What the networks are like.
-            scales: Of inputs, see observation_layout.scales.
-            memory: Numbers that each agent keeps from step to step; 0: none.
-            state: Numbers of the state of a world that the critic learns from; 0: none.
+            scales: Scales of inputs; see observation_layout.scales.
+            memory: How many numbers each agent keeps from step to step; 0: none.
+            state: How many numbers of a world's state the critic learns from; 0: none.
         """
         super().__init__()
         self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
@@ -107,13 +107,13 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Go through one step of a batch of agents or, with a memory, through several.
+        """Process one step of a batch of agents or, with a memory, several steps.
 
         Args:
-            seen: What is observed, of several steps that of the same agents, step after step. With the state of worlds
-                if the critic learns from it.
+            seen: What is observed; for several steps, that of the same agents, step by step. It includes the state of
+                worlds if the critic learns from it.
             memory: float32 (agents, width), before the first step; None for a policy without a memory.
-            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
+            begins: bool (agents,) or (steps, agents): where episodes begin. There, memory is set to 0.
 
         Returns:
             Log probabilities of all values of all actions (values, actions, batch), values (batch,), and the memory
@@ -133,7 +133,7 @@ class ActorCritic(nn.Module):
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor | None]:
-        """The log probabilities and the memory alone, for those who need no values; see `forward`."""
+        """Return only log probabilities and memory, for callers that need no values; see `forward`."""
         features = self.extractors[0](seen)
         if self.recurrent is not None:
             after, memory = self._remember(features, memory, begins)
@@ -141,7 +141,7 @@ class ActorCritic(nn.Module):
         return self._logs(self.actor.inner(features)), memory
 
     def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
-        """Actions, int64 (batch, actions): sampled by numbers (batch, actions) from 0 to 1, or else the likeliest."""
+        """Return actions, int64 (batch, actions), sampled by numbers (batch, actions) from 0 to 1, or the likeliest."""
         return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -158,13 +158,13 @@ class ActorCritic(nn.Module):
         return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
     def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
-        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
+        """Become the same function of observations and state as another policy, whose inputs may have other scales.
 
-        Raises RuntimeError, as load_state_dict does, if its networks are others.
+        Raises RuntimeError, as load_state_dict does, if its networks are different.
 
         Args:
-            other: That policy.
-            scale: What numbers of the state are divided by here over what they are there, float32 (numbers,).
+            other: The other policy.
+            scale: This policy's scales of the numbers of the state divided by the other's, float32 (numbers,).
         """
         self.load_state_dict(other.state_dict())
         with torch.no_grad():
@@ -176,7 +176,7 @@ class ActorCritic(nn.Module):
                 self.overview.weight.mul_(torch.as_tensor(scale, device=self.overview.weight.device))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
-        """Take other scales of inputs, those that weights were trained with."""
+        """Use other scales of inputs: those that the weights were trained with."""
         for extractor in self.extractors:
             cast(Extractor, extractor).set_scales(scales)
 

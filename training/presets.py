@@ -1,4 +1,4 @@
-"""What can be trained: the paper's networks and numbers as in its text, as in its authors' code, and faster ones."""
+"""Presets: the paper's networks and numbers according to its text or its authors' code, and faster ones."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -32,21 +32,21 @@ class Preset:
     """Networks, numbers of PPO, and the size of a rollout.
 
     Attributes:
-        name: By which it is asked for.
+        name: The name of the preset.
         activation: "tanh" or "relu".
-        shared: Whether policy and value have one extractor, or one each.
-        padded: Whether there is an entity of zeros that is always visible.
-        leaky: Whether a hidden entity is attended to, with its logit raised by 1, and rows are averaged over their full
-            number, as in the authors' code. Otherwise hidden ones are left out of both.
-        scaled: Whether inputs are brought to about -1 to 1.
-        egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
-        cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
-        width: Of every embedding.
-        heads: Of the attention.
-        hidden: Width of both layers behind the extractor.
-        numbers: Of PPO, unless others are asked for.
-        agents: Of all worlds together, unless the number of worlds is given; 0: there are WORLDS worlds.
-        steps: Of each world in a rollout; 0: all worlds share ROLLOUT.
+        shared: Whether policy and value share one extractor, or have one each.
+        padded: Whether there is an additional entity of zeros that is always visible.
+        leaky: Whether attention includes hidden entities, with their logits raised by 1, and averages over rows include
+            them as well, as in the authors' code. Otherwise both leave them out.
+        scaled: Whether inputs are scaled to about -1 to 1.
+        egocentric: Whether agents observe everything relative to where they stand and look; see `egocentric`.
+        cameras: The value of cameras_mode: what the rows of hidden entities hold.
+        width: Width of every embedding.
+        heads: Number of attention heads.
+        hidden: Width of both layers after the extractor.
+        numbers: Numbers of PPO, unless others are set.
+        agents: Number of agents of all worlds together, unless the number of worlds is set; 0: WORLDS worlds.
+        steps: Steps of each world in a rollout; 0: all worlds share ROLLOUT steps.
     """
 
     name: str
@@ -65,31 +65,31 @@ class Preset:
     steps: int = 0
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """The scenario with the observations of this preset. A scenario without cameras stays as it is."""
+        """Return the scenario with the observations of this preset. Without cameras, it stays as it is."""
         if "cameras" not in scenario:
             return scenario
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def difference(self, recorded: Any, scenario: Scenario) -> str:
-        """How a recorded scenario differs from what policies of this preset train in for this one; "": not at all.
+        """Return how a recorded scenario differs from that in which this preset's policies train; "" if it does not.
 
         Args:
-            recorded: Its fingerprint, from the header of a run or a file.
-            scenario: As it was asked for, without the observations that the preset or opponents need.
+            recorded: The fingerprint of the recorded scenario, from the header of a run or a file.
+            scenario: The scenario as it was given, without the observations that the preset or opponents need.
         """
         found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """How many worlds, and how many environment steps of all of them together a rollout has.
+        """Return the number of worlds of a rollout, and the environment steps of all of them together.
 
         Args:
-            agents: Of a world.
-            worlds: How many are asked for; 0: as the preset has it.
-            rollout: Environment steps that are asked for; 0: as the preset has it.
+            agents: Number of agents in a world.
+            worlds: Number of worlds that was set; 0: as in the preset.
+            rollout: Environment steps that were set; 0: as in the preset.
 
         Raises:
-            TrainingError: The worlds cannot share the steps evenly.
+            TrainingError: The steps cannot be divided evenly among the worlds.
         """
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)
@@ -115,7 +115,7 @@ PRESETS = {
 
 
 def preset(name: Any) -> Preset:
-    """The preset of that name; ScenarioError that lists all for any other."""
+    """Return the preset of that name. For an unknown name, raise a ScenarioError that lists all presets."""
     if name not in PRESETS:
         raise ScenarioError(f"there is no preset '{name}'; known: {', '.join(PRESETS)}")
     return PRESETS[name]

@@ -36,7 +36,7 @@ Progress = Callable[["TrainingRun"], None]
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """The trainer of each process of a run. files: of the checkpoint that it goes on from, if there is one.
+    """Make the trainer of each process of a run. files: those of the checkpoint it goes on from, if there is one.
 
     Sets PyTorch's number of threads.
     """
@@ -51,12 +51,12 @@ def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew)
 
 
 def remaining(trainer: Trainer) -> float:
-    """The share of a run that is left."""
+    """Return the share of a run that is left."""
     return 1 - trainer.steps / trainer.config.steps
 
 
 def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
-    """What every process but the first does in a run: the same as that one, without logs and files."""
+    """Do what every process but the first does in a run: the same as the first one, without logs and files."""
     trainer = prepared(config, files, crew)
     if files is None and config.warm_start:
         trainer.imitate(lambda done, tags: None)
@@ -73,14 +73,14 @@ def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -
 class TrainingRun:
     """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
 
-    A process that is killed at any moment leaves a run that can be resumed. Where several share the work, this one
-    starts the others, and they end with it.
+    A process that is killed at any moment leaves a run that can be resumed. If several processes share the work, this
+    one starts the others, and they end with it.
 
     Attributes:
         done: Agent-steps in updates that are complete.
         saved: Agent-steps in the newest checkpoint.
         tags: The numbers that were logged last.
-        now: What is being done, in a word or two.
+        now: What the run is doing, in a word or two.
     """
 
     def __init__(
@@ -96,11 +96,11 @@ class TrainingRun:
 
         Args:
             config: What to train, and how.
-            folder: Of the run; made if it is not there.
-            resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
-            film: Whether there is to be a short film of each checkpoint, beside it.
-            cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
-                None: all run on this machine.
+            folder: The run's folder; made if it does not exist.
+            resume: Whether to go on from the newest checkpoint, or to begin again if there was none yet.
+            film: Whether to make a short film of each checkpoint, next to it.
+            cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine;
+                None: all run on this machine, without Ray.
 
         Raises:
             ClusterError: There is no such cluster, or it is too small.
@@ -140,13 +140,13 @@ class TrainingRun:
 
     @one_interrupt()
     def train(self, progress: Progress = lambda run: None) -> None:
-        """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
+        """Train up to the steps of the config. Ctrl-C saves the state after the last update, and is then raised.
 
         Args:
-            progress: Called after each update, and as each of its epochs begins: the first ones take minutes.
+            progress: Called after each update, and when each of its epochs begins: the first updates take minutes.
 
         Raises:
-            TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
+            TrainingError: The disk is full, or a process is lost; the run in the folder can be resumed.
         """
         kept = None
         try:

@@ -1,7 +1,7 @@
 """Statistics over training runs, after Agarwal et al., "Deep RL at the Edge of the Statistical Precipice", 2021.
 
-arXiv:2108.13264; the formulas are those of its library rliable 1.2.0, with whose values they agree. Scores are given by
-task, one of each run (training seed). What is pooled over tasks must be of one scale, such as win rates.
+arXiv:2108.13264. The formulas are those of its library rliable 1.2.0, and give the same values. Scores are given by
+task, one for each run (training seed). Scores that are pooled over tasks must be on the same scale, such as win rates.
 
 >>> scores = {"ffa_2": [0.6, 0.7, 0.5], "teams_2": [0.4, 0.5, 0.6, 0.4]}
 >>> value, low, high = stratified_bootstrap(iqm, scores)
@@ -28,9 +28,9 @@ class Estimate(NamedTuple):
     """A statistic and its 95 % interval.
 
     Attributes:
-        value: Of the scores themselves: a float, or float64 (thresholds,) of a performance profile.
+        value: The statistic of the scores themselves: a float, or float64 (thresholds,) for a performance profile.
         low: Lower end of the interval, of the same shape.
-        high: Upper end.
+        high: Upper end, likewise.
     """
 
     value: Any
@@ -39,30 +39,30 @@ class Estimate(NamedTuple):
 
 
 def mean(scores: Scores) -> Any:
-    """The mean over tasks of the means over runs, see `iqm`."""
+    """Return the mean over tasks of the means over runs. Arguments as for `iqm`."""
     return np.mean(_task_means(scores), 0)
 
 
 def median(scores: Scores) -> Any:
-    """The median over tasks of the means over runs, see `iqm`."""
+    """Return the median over tasks of the means over runs. Arguments as for `iqm`."""
     return np.median(_task_means(scores), 0)
 
 
 def iqm(scores: Scores) -> Any:
-    """The interquartile mean: that of the middle half of the scores of all runs of all tasks.
+    """Return the interquartile mean: the mean of the middle half of the scores of all runs of all tasks.
 
-    From each end, scores are left out as long as they weigh a quarter or less together, so that 1 of 7 is, as in
-    scipy.stats.trim_mean. Every task weighs the same: where tasks have different numbers of runs, a run of one that has
-    fewer weighs more.
+    At each end, scores are left out as long as their total weight is at most a quarter (1 score of 7, for example), as
+    in scipy.stats.trim_mean. Every task has the same weight: if tasks have different numbers of runs, a run of a task
+    with fewer runs weighs more.
 
     Args:
-        scores: By task, (..., runs) each. Leading axes, which all tasks have in common, are kept.
+        scores: Scores by task, (..., runs) each. Leading axes, which all tasks have in common, are kept.
 
     Returns:
-        float64 (...): a number, of scores without leading axes.
+        float64 (...): a single number for scores without leading axes.
 
     Raises:
-        TrainingError: There are no scores, or not only numbers.
+        TrainingError: There are no scores, or some are not numbers.
     """
     tasks = _checked(scores)
     runs = [each.shape[-1] for each in tasks]
@@ -78,19 +78,19 @@ def iqm(scores: Scores) -> Any:
 
 
 def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
-    """How probable it is that a run of ours scores more than one of theirs in the same task: the mean over tasks.
+    """Return the probability that a run of ours scores more than one of theirs in the same task: the mean over tasks.
 
-    Equal scores count half: the Mann-Whitney statistic over the number of pairs.
+    Equal scores count half, so it is the Mann-Whitney statistic divided by the number of pairs.
 
     Args:
-        ours: By task, (..., runs) each.
-        theirs: Of the same tasks; they may have other numbers of runs.
+        ours: Scores by task, (..., runs) each.
+        theirs: Scores in the same tasks; the numbers of runs may differ.
 
     Returns:
         float64 (...): from 0 to 1; 0.5: neither is better.
 
     Raises:
-        TrainingError: They are of different tasks, or there are no scores, or not only numbers.
+        TrainingError: The tasks differ, there are no scores, or some are not numbers.
     """
     if unmatched := set(ours) ^ set(theirs):
         raise TrainingError(f"only one of two has scores of {', '.join(sorted(map(str, unmatched)))}: compare the same")
@@ -99,17 +99,17 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
 
 
 def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> Array:
-    """The share of runs that score more than each threshold, every task weighing the same.
+    """Return the share of runs that score more than each threshold; every task has the same weight.
 
     Args:
-        scores: By task, (..., runs) each.
-        thresholds: (thresholds,).
+        scores: Scores by task, (..., runs) each.
+        thresholds: The thresholds, (thresholds,).
 
     Returns:
         float64 (..., thresholds).
 
     Raises:
-        TrainingError: There are no scores or thresholds, or not only numbers.
+        TrainingError: There are no scores or thresholds, or some are not numbers.
     """
     bounds = _numbers("thresholds", thresholds)
     if bounds.ndim != 1:
@@ -119,25 +119,25 @@ def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> 
 
 
 def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: int = REPS, seed: int = 0) -> Estimate:
-    """A statistic with its 95 % interval: percentiles of what it is of resampled runs.
+    """Return a statistic with its 95 % interval: percentiles of its values for resampled runs.
 
-    Runs are drawn with replacement within each task (a stratum), as many as it has; of several sets of scores,
-    independently of each other. So the interval is of other training seeds in the same tasks, and says nothing about
-    other tasks. It is too narrow where runs are few: of two or three runs of one task it goes from the lowest to the
-    highest, which leaves out the median of all possible runs in 1/2 or 1/4 of cases.
+    Runs are drawn with replacement within each task (a stratum), as many as it has, and independently for each set of
+    scores. So the interval is about other training seeds in the same tasks, and says nothing about other tasks. With
+    few runs it is too narrow: for two or three runs of one task it extends from the lowest to the highest score, which
+    misses the median of all possible runs in 1/2 or 1/4 of cases, respectively.
 
     Args:
         statistic: A function of as many sets of scores as are given, which keeps leading axes: `iqm`, `mean`, `median`,
             `probability_of_improvement`, or one of your own.
-        *scores: By task, (runs,) each; at least two runs of each task.
+        *scores: Scores by task, (runs,) each; at least two runs of each task.
         reps: How often runs are resampled.
-        seed: The same seed and order of tasks, the same interval.
+        seed: The same seed and order of tasks give the same interval.
 
     Returns:
         The statistic of the scores, and the ends of its interval.
 
     Raises:
-        TrainingError: There are no scores, or not only numbers, or a task has a single run.
+        TrainingError: There are no scores, some are not numbers, or a task has only one run.
     """
     if reps < 1:
         raise TrainingError(f"reps = {reps}: expected a number of resamplings from 1 on")
@@ -147,9 +147,9 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
 
 
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
-    """The 95 % bootstrap interval of the mean over the runs of one task; None of a single run.
+    """Return the 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
 
-    Raises TrainingError, see `stratified_bootstrap`.
+    Raises TrainingError; see `stratified_bootstrap`.
     """
     if len(values) == 1:
         return None
@@ -158,7 +158,7 @@ def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0
 
 
 def percentile_interval(resampled: Array) -> tuple[Any, Any]:
-    """Lower and upper end of the 95 % interval, of what a statistic is of resampled data: (resamplings, ...)."""
+    """Return both ends of the 95 % interval, given the statistic of resampled data, (resamplings, ...)."""
     low, high = np.quantile(resampled, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
     return low, high
 

@@ -25,13 +25,13 @@ OPTIONS = (*(each.name for each in fields(TrainingConfig)), "folder", "resume", 
 
 @dataclass(frozen=True)
 class TrainedRun:
-    """A run that is complete.
+    """A complete run.
 
     Attributes:
-        folder: With run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`
-            take it.
+        folder: The run's folder, with run.json, log.csv, TensorBoard's events and checkpoints, for `outlast.evaluate`
+            and `outlast.plot`.
         policy: The newest checkpoint, for `outlast.load_policy`.
-        steps: Agent-steps in it.
+        steps: Agent-steps trained for in that checkpoint.
         logged: The numbers that were logged last, by tag.
     """
 
@@ -72,40 +72,40 @@ def train(
     quiet: bool = False,
     **numbers: Number,
 ) -> TrainedRun:
-    """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves, and is raised again.
+    """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
 
     >>> run = outlast.train("ffa_2", steps=2_000_000, opponents="self:0.8,scripted:0.2", melee_damage=20)
     >>> print(outlast.evaluate("ffa_2", [run.folder, "scripted"], melee_damage=20))
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_2", "mygame.py:arena".
-        folder: Of the run; new, or that of the run to resume. None: runs/SCENARIO-PRESET-SEED.
-        steps: Agent-steps; whole rollouts are collected, so a few more may be done.
+        scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
+        folder: The run's folder; a new one, or that of the run to resume. None: runs/SCENARIO-PRESET-SEED.
+        steps: Agent-steps to train for. As whole rollouts are collected, there may be a few more.
         preset: Networks, numbers of PPO and the size of a rollout: "fast", "original", "paper", "scaled".
-        seed: The same seed, the same numbers.
-        resume: Go on from the newest checkpoint in the folder.
-        worlds: How many share a rollout; 0: as the preset has it.
-        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
-        settings: Numbers of PPO other than the preset's: {"gamma": 0.995}.
-        policies: "shared": one for all agents. "side", "agent": one for each of them.
+        seed: The same seed gives the same numbers.
+        resume: Whether to go on from the newest checkpoint in the folder.
+        worlds: How many worlds collect a rollout; 0: as in the preset.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as in the preset.
+        settings: Numbers of PPO that differ from the preset's: {"gamma": 0.995}.
+        policies: "shared": one policy for all agents. "side" or "agent": a policy for each side or agent.
         opponents: Who the learners play against, with weights: "self:0.5,scripted:0.5" or {"self": 0.5, ...}.
-        prioritised: Whether opponents are drawn the more often, the more they win.
-        snapshots: Updates between past selves.
-        memory: Numbers that each agent keeps from step to step; 0: none.
-        critic: What values are learned from: "own", what the agent observes; "state", the whole world, too.
-        warm_start: What policies are before PPO begins: "scripted", "FILE.zip"; "": random.
-        anneal: Numbers of the scenario that change in training: ``"rewards_kill=10:0@5e6"``, or several.
-        levels: A function that chooses the levels to train in, asked before each rollout; see
+        prioritised: Whether opponents that win more often are drawn more often.
+        snapshots: How many updates lie between past selves.
+        memory: How many numbers each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes; "state", the whole world as well.
+        warm_start: What policies start from before PPO begins: "scripted", "FILE.zip"; "": random weights.
+        anneal: Numbers of the scenario that change during training: ``"rewards_kill=10:0@5e6"``, or several.
+        levels: A function that chooses the levels to train in, called before each rollout; see
             outlast.training.curriculum.TrainingProgress. None: worlds draw their own.
-        dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: Of PyTorch, where policies are updated; they play on the CPU.
-        threads: Of the networks and the worlds; 0: one for each core, up to four.
-        processes: That share the worlds.
-        cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine.
-        halves: Whether half of the worlds are stepped while the networks are busy with the other half.
+        dead: What happens to the samples of dead agents: "keep" or "drop".
+        device: PyTorch device on which policies are updated; they play on the CPU.
+        threads: Threads for the networks and the worlds; 0: one for each core, up to four.
+        processes: How many processes share the worlds.
+        cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine.
+        halves: Whether to step half of the worlds while the networks are busy with the other half.
         every: Agent-steps between checkpoints.
-        film: Whether there is to be a short film of each checkpoint.
-        quiet: Whether to show nothing while it goes on.
+        film: Whether to make a short film of each checkpoint.
+        quiet: Whether to show no progress.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
@@ -113,8 +113,8 @@ def train(
 
     Raises:
         ScenarioError: There is no such scenario or preset.
-        NumberError: The scenario has no such number; it may be meant for one of the arguments.
-        TrainingError: Another value is not what it can be, or the run cannot begin or go on in the folder.
+        NumberError: The scenario has no such number (perhaps one of the arguments was meant).
+        TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
     """
     for name in numbers.keys() & KINDS.keys():
         raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
@@ -156,12 +156,12 @@ def _logged_last(folder: Path) -> dict[str, float]:
 
 
 def usual_folder(config: TrainingConfig) -> Path:
-    """Of a run whose folder is not named."""
+    """Return the folder of a run that is given none."""
     return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:
-    """Train, and show what a run comprises, how far it is, and how long it takes; see LiveView."""
+    """Train, and show what the run consists of, how far it is, and how long it takes; see LiveView."""
     config, work = run.config, Workload.of(run.config)
     about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
     view = LiveView(run.done, work.total, quiet=quiet, about=about)

@@ -1,7 +1,7 @@
 """A contact batch: the few bodies of one world that may touch something, handed to Box2D for one tick.
 
 Both backends (`native`, `portable`) take the same batch and give the same bits. A batch is a float32
-array (capacity, 16), one row a body in the order in which Box2D gets them; the columns are named here.
+array (capacity, 16), with a row for each body in the order in which Box2D gets them; the columns are named here.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it
 
 
 class Settings(NamedTuple):
-    """Box2D's numbers for a tick; gravity is zero. The defaults are the paper's (reference rules, section 1)."""
+    """Box2D's numbers for a tick, with zero gravity. The defaults are the paper's (reference rules, section 1)."""
 
     dt: np.float32 = np.float32(1 / 60)  # seconds a substep
     substeps: int = 2
@@ -50,4 +50,4 @@ class Settings(NamedTuple):
 
 
 class IncompatibleBox2D(OutlastError, RuntimeError):
-    """The installed Box2D is not laid out as the native backend expects; the portable backend works with any."""
+    """The installed Box2D has another memory layout than the native backend needs; the portable one works with any."""

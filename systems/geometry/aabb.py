@@ -1,8 +1,8 @@
 """Axis-aligned bounding boxes (AABBs) of all rows, and culling: sixteen rows at a time, which ones a ray may hit.
 
 Rays and contacts test one body against all others, and nearly all answers are no. The functions here take a block of
-rows and return a bitset (see blocks) of those for which the answer may be yes, and few others; only those get the exact
-test. Each AABB is enlarged by SLACK, so that rounding never loses a hit.
+rows and return a bitset (see blocks) of all rows for which the answer may be yes, and few others; only these get the
+exact test. Each AABB is enlarged by SLACK, so that rounding never loses a hit.
 
     aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
     for k in range(count):
@@ -26,13 +26,13 @@ HALF = np.float32(0.5)
 
 
 def make_half_extents(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Scratch for `compute_aabbs`: float32 (2, rows), room for whole blocks."""
+    """Make scratch memory for `compute_aabbs`: float32 (2, rows), with room for whole blocks."""
     return np.zeros((2, SIMD_WIDTH * dims["blocks"]), np.float32)
 
 
 @kernel
 def compute_aabbs(half_extents: Array, body: Array, shape: Array) -> AABBs:
-    """The AABBs of all rows where they are now; the half extents are written into the scratch `half_extents`."""
+    """Return the AABBs of all rows at their present places; half extents are written to the scratch `half_extents`."""
     for start in range(0, half_extents.shape[1], SIMD_WIDTH):
         cosine, sine = abs(load(body.cosine, start)), abs(load(body.sine, start))
         width, height = load(shape.half_width, start), load(shape.half_height, start)
@@ -44,7 +44,7 @@ def compute_aabbs(half_extents: Array, body: Array, shape: Array) -> AABBs:
 
 @kernel
 def aabbs_near_point(aabbs: AABBs, b: int, x: Real, y: Real, distance: Real) -> int:
-    """Bitset of the rows of block `b` whose AABB comes within `distance` of the point, along both axes."""
+    """Return the bitset of rows of block `b` whose AABB comes within `distance` of the point along both axes."""
     xs, ys, half_x, half_y = aabbs
     near_x = abs(load(xs, SIMD_WIDTH * b) - x) <= load(half_x, SIMD_WIDTH * b) + distance
     return int(to_bits(near_x & (abs(load(ys, SIMD_WIDTH * b) - y) <= load(half_y, SIMD_WIDTH * b) + distance)))
@@ -52,7 +52,7 @@ def aabbs_near_point(aabbs: AABBs, b: int, x: Real, y: Real, distance: Real) -> 
 
 @kernel
 def aabbs_hit_by_ray(aabbs: AABBs, b: int, ox: Real, oy: Real, dx: Real, dy: Real) -> int:
-    """Bitset of the rows of block `b` whose AABB the ray o + f d, 0 <= f <= 1, hits (a separating-axis test)."""
+    """Return the bitset of rows of block `b` whose AABB the ray o + f d, 0 <= f <= 1, hits (a separating-axis test)."""
     xs, ys, halves_x, halves_y = aabbs
     wide, high = abs(dx), abs(dy)
     half_x, half_y = load(halves_x, SIMD_WIDTH * b), load(halves_y, SIMD_WIDTH * b)

@@ -19,25 +19,25 @@ BITS, BLOCK = 0, 1  # lines of `blocks`: bitsets that are not empty, and the num
 
 
 def make_blocks(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Scratch for `nonempty_blocks`: int32 (2, blocks)."""
+    """Make scratch memory for `nonempty_blocks`: int32 (2, blocks)."""
     return np.zeros((2, dims["blocks"]), np.int32)
 
 
 @kernel
 def first_row(b: int, bits: int) -> int:
-    """The first row of a bitset of block `b`, which must not be empty."""
+    """Return the first row in a bitset of block `b`, which must not be empty."""
     return int(SIMD_WIDTH * b + trailing_zeros(bits))
 
 
 @kernel
 def without_row(bits: int, b: int, e: int) -> int:
-    """A bitset of block `b` less row `e`."""
+    """Return a bitset of block `b` without row `e`."""
     return bits & ~(1 << (e & SIMD_WIDTH - 1)) if e >> SIMD_SHIFT == b else bits
 
 
 @kernel
 def block_span(members: Array) -> tuple[int, int]:
-    """The blocks that have members: from the first up to, but not including, the second."""
+    """Return the range of blocks that have members: from the first up to, but not including, the second."""
     first, last = members.size, 0
     for b in range(members.size):
         if members[b]:
@@ -47,15 +47,15 @@ def block_span(members: Array) -> tuple[int, int]:
 
 @kernel
 def alive_bits(entities: Array, members: Array, b: int) -> int:
-    """Which of the `members` (bitsets by block) in block `b` are alive."""
+    """Return which of the `members` (bitsets by block) in block `b` are alive."""
     return int(to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & members[b])
 
 
 @kernel
 def nonempty_blocks(blocks: Array, entities: Array, members: Array) -> int:
-    """List the blocks in which members are alive, with their bitsets; returns how many.
+    """List the blocks in which members are alive, with their bitsets; return how many.
 
-    Without a branch, which would be mispredicted about every other time.
+    It has no branch, as that would be mispredicted about every other time.
     """
     count = 0
     for b in range(members.size):

@@ -1,6 +1,6 @@
 """Where a point is: in another body's frame, in a vision cone, how far from a rectangle.
 
-Pure float32 scalar kernels. All lengths share one unit; headings and box angles come as cosine and sine.
+Pure float32 scalar kernels. All lengths share one unit; headings and box angles are given as cosine and sine.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ ONE = np.float32(1.0)
 
 @kernel
 def to_local(x: Real, y: Real, cosine: Real, sine: Real) -> tuple[Real, Real]:
-    """Vector (x, y) in the frame of a body turned by the angle (b2MulT)."""
+    """Return vector (x, y) in the frame of a body turned by the angle (b2MulT)."""
     return cosine * x + sine * y, cosine * y - sine * x
 
 
@@ -31,7 +31,7 @@ def in_kite(
     half_fov_cos: Real,
     half_fov_sin: Real,
 ) -> Any:
-    """Whether point p lies in the camera's quadrilateral, border included.
+    """Return whether point p lies in the camera's quadrilateral, border included.
 
     Its corners: the apex o, the two points at distance depth and +-half_fov from the heading (cosine, sine),
     and the point at depth straight ahead. Its far sides are chords, so between axis and edge it reaches less
@@ -56,7 +56,7 @@ def in_sector(
     half_fov_cos: Real,
     half_fov_sin: Real,
 ) -> Any:
-    """Whether point p lies in the circular sector of radius depth and +-half_fov, border included.
+    """Return whether point p lies in the circular sector of radius depth and +-half_fov, border included.
 
     Also takes sixteen points at once (ecs.simd).
     """
@@ -77,7 +77,7 @@ def gap_circle_box(
     half_width: Real,
     half_height: Real,
 ) -> Real:
-    """Distance from the circle's rim to the rectangle's surface; negative: minus how deep they overlap."""
+    """Return the distance from the circle's rim to the rectangle's edge; if they overlap, minus the depth."""
     x, y = to_local(cx - bx, cy - by, cosine, sine)
     x, y = abs(x) - half_width, abs(y) - half_height
     if x <= ZERO or y <= ZERO:

@@ -1,12 +1,12 @@
 """Ray casts against circles, rectangles and entities.
 
-Pure float32 scalar kernels. All lengths share one unit; box angles come as cosine and sine. A ray is o + f * d for
-0 <= f <= 1, and the kernels return the fraction f of the first hit, or NO_HIT. A shape that holds the ray's origin is
-never hit.
+Pure float32 scalar kernels. All lengths share one unit; box angles are given as cosine and sine. A ray is o + f * d for
+0 <= f <= 1, and the kernels return the fraction f of the first hit, or NO_HIT. A shape that contains the ray's origin
+is never hit.
 
-Formulas follow Box2D 2.3: b2CircleShape::RayCast, b2PolygonShape::RayCast and ::TestPoint. It takes a ray's
-end points, so its direction is the rounded (o + d) - o. Keeping that rounding costs a nanosecond and makes
-the rays equal to Box2D's bit for bit (where neither compiler fuses multiply and add).
+Formulas follow Box2D 2.3: b2CircleShape::RayCast, b2PolygonShape::RayCast and ::TestPoint. Box2D takes a ray's
+end points, so its direction is the rounded (o + d) - o. Keeping that rounding costs a nanosecond, and makes
+the rays bit-identical to Box2D's (if neither compiler fuses multiply and add).
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def ray_circle(
     cy: Real,
     radius: Real,
 ) -> Real:
-    """Fraction at which the ray enters the circle, or NO_HIT (also from inside, or if shorter than 3.5e-4).
+    """Return the fraction at which the ray enters the circle, or NO_HIT (also from inside or if below 3.5e-4 long).
 
     A ray that starts on the rim and runs inwards hits at 0. A tangent hits.
     """
@@ -62,7 +62,7 @@ def ray_box(
     half_width: Real,
     half_height: Real,
 ) -> Real:
-    """Fraction at which the ray enters the rectangle, or NO_HIT (also from inside or on its edge).
+    """Return the fraction at which the ray enters the rectangle, or NO_HIT (also from inside or on its edge).
 
     (half_width, half_height) lie along the body's own axes; (cosine, sine) is the body's angle. A ray along
     an edge or through a corner hits.
@@ -109,7 +109,7 @@ def ray_body(
     half_width: Real,
     half_height: Real,
 ) -> Real:
-    """Fraction at which the ray enters the body at (x, y), or NO_HIT: a circle if radius > 0, else a box."""
+    """Return the fraction at which the ray enters the body at (x, y), or NO_HIT: a circle if radius > 0, else a box."""
     if radius > ZERO:
         return ray_circle(ox, oy, dx, dy, x, y, radius)
     return ray_box(ox, oy, dx, dy, x, y, cosine, sine, half_width, half_height)
@@ -117,7 +117,7 @@ def ray_body(
 
 @kernel
 def raycast_entity(body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int) -> Real:
-    """Fraction at which the ray enters entity `e`, or NO_HIT: `ray_body` on the tables Body and Shape."""
+    """Return the fraction at which the ray enters entity `e`, or NO_HIT: `ray_body` on the tables Body and Shape."""
     return ray_body(
         ox,
         oy,

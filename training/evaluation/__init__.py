@@ -1,1 +1,1 @@
-"""Policies against each other: matches, what agents do in them, ratings, and reports of all that."""
+"""Policies against each other: matches, what agents do in them, ratings, and reports."""

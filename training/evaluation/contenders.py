@@ -1,4 +1,4 @@
-"""The policies that an evaluation lets play: by name, from checkpoints or folders of runs, or as functions."""
+"""The policies that play in an evaluation: by name, from checkpoints or folders of runs, or as functions."""
 
 import copy
 import re
@@ -27,9 +27,9 @@ class Contender:
     """A policy with a label that can be part of file names.
 
     Attributes:
-        label: In tables.
+        label: Its label in tables.
         text: What it is: a name, the path of its checkpoint, or the name of a function.
-        player: That of a checkpoint; None: another one.
+        player: The Player of a checkpoint; None for other policies.
     """
 
     def __init__(self, label: str, policy: str | Policy) -> None:
@@ -46,7 +46,7 @@ class Contender:
             self.player.check(env)
 
     def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """The function that plays it, with a generator of that seed."""
+        """Return the function that plays it, with a generator of that seed."""
         player = self.player
         if player is None:
             whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
@@ -74,14 +74,14 @@ class Contender:
 
 
 def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
-    """A contender for each policy; of a folder of a run, or around several, the newest checkpoint of each run.
+    """Return a contender for each policy; for a folder with one or more runs, the newest checkpoint of each run.
 
     Args:
-        given: Names, paths, functions; perhaps by label, else labels are made out of names and paths.
+        given: Names, paths or functions, optionally by label; otherwise labels are derived from names and paths.
 
     Raises:
-        TrainingError: There are none, one is named twice, or there is no such file.
-        UsageError: One is no policy, or a folder without a checkpoint.
+        TrainingError: There are none, one is given twice, or there is no such file.
+        UsageError: One is not a policy, or is a folder without a checkpoint.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]
@@ -121,7 +121,7 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
 
 
 def labels(texts: Sequence[str]) -> list[str]:
-    """A unique label for each: of paths, as few parts from the end as it takes. Raises TrainingError."""
+    """Return a unique label for each; for paths, as few parts from the end as necessary. Raises TrainingError."""
     whole = [_parts(text) for text in texts]
     if len(set(whole)) < len(whole):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")

@@ -38,30 +38,31 @@ def evaluate(
     >>> print(outlast.evaluate("ffa_2", ["runs/duel", "scripted"], episodes=200))
 
     Args:
-        scenario: A Scenario, or the name of one: "ffa_2", "mygame.py:arena".
-        policies: Names, as "scripted"; paths of checkpoints; folders of runs, or around several, for the newest
-            checkpoint of each; functions (observations) -> actions of all agents of all worlds. Perhaps by label.
-        episodes: Of each pairing, at least.
-        worlds: Worlds at once; each plays as many episodes.
-        seed: The same seed, the same numbers.
-        threads: That share the worlds; the numbers stay the same.
-        out: Folder for the tables as CSV and JSON; what is complete is there after each pairing.
-        film: Whether there is to be a film and a page of a typical episode of each pairing in `out`.
+        scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
+        policies: Names, such as "scripted"; paths of checkpoints; folders with one or more runs, for the newest
+            checkpoint of each run; functions (observations) -> actions for all agents of all worlds. Optionally a dict
+            of these by label.
+        episodes: How many episodes each pairing plays, at least.
+        worlds: Worlds at once; all play the same number of episodes.
+        seed: The same seed gives the same numbers.
+        threads: How many threads share the worlds; the numbers stay the same.
+        out: Folder for the tables as CSV and JSON, which are updated after each pairing.
+        film: Whether to make a film and a page of a typical episode of each pairing in `out`.
         quiet: Whether to show no progress bar.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
-        The evaluation: `print` shows its tables; `estimates(policy, against)` has means and standard errors of each
-        column, `ratings()` the Elo ratings; these errors are over games. `groups()` has ratings of groups of runs that
-        differ by seeds only, with intervals over seeds and games. Its worlds are closed.
+        The evaluation. `print` shows its tables; `estimates(policy, against)` returns means and standard errors of each
+        column, and `ratings()` the Elo ratings; these errors are over games. `groups()` returns ratings of groups of
+        runs that differ only by seeds, with intervals over seeds and games. Its worlds are closed.
 
     Raises:
         ScenarioError: There is no such scenario.
-        NumberError: The scenario has no such number; it may be meant for one of the arguments.
+        NumberError: The scenario has no such number (perhaps one of the arguments was meant).
         TrainingError: There is no such policy, it cannot play there, or `out` cannot be written or holds another
             evaluation.
-        ValueError: `episodes` or `worlds` is no integer of at least 1.
-        ActionError: A function returned actions that are none.
+        ValueError: `episodes` or `worlds` is not an integer of at least 1.
+        ActionError: A function returned actions that are not valid.
     """
     game = resolve(scenario, numbers, OPTIONS)
     folder = checked_folder(out, film)
@@ -76,7 +77,7 @@ def evaluate(
 
 
 def checked_folder(out: str | Path | None, film: bool) -> Path | None:
-    """The folder, made before anything is played, so that no evaluation is lost for want of a place."""
+    """Return the folder, made before anything is played, so that no evaluation is lost because it cannot be written."""
     if out is None:
         if film:
             raise TrainingError("films need a folder: name one as out (--out FOLDER)")
@@ -90,7 +91,7 @@ def checked_folder(out: str | Path | None, film: bool) -> Path | None:
 
 @contextlib.contextmanager
 def recordings(film: bool) -> Iterator[Path | None]:
-    """A folder for the recordings that films are made of, if there are to be films."""
+    """Make a folder for the recordings that films are made from, if films are to be made."""
     if not film:
         yield None
         return
@@ -99,7 +100,7 @@ def recordings(film: bool) -> Iterator[Path | None]:
 
 
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
-    """Play every pairing; where there is a folder for tables, those of what is complete are always in it."""
+    """Play every pairing; if there is a folder for tables, it always has those of the complete pairings."""
     total = len(evaluation.pairs) * evaluation.episodes
     with tqdm(total=total, unit="episode", disable=quiet) as bar:
         for pair in evaluation.pairs:
@@ -110,7 +111,7 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
 
 
 def films(evaluation: Evaluation, hidden: Path, folder: Path) -> Iterator[Path]:
-    """Make a film and a page of a typical episode of each pairing; the path of each when it is there."""
+    """Make a film and a page of a typical episode of each pairing, and yield the path of each once it is made."""
     for pairing in evaluation.pairings:
         yield from show_pairing(evaluation, pairing, _recording(hidden, pairing.pair), folder)
 

@@ -28,17 +28,17 @@ Array = np.ndarray[Any, Any]
 class Evaluation:
     """Cross-play in `worlds` worlds at once.
 
-    Each pairing plays `episodes`, or a few more: every world plays as many, and each policy plays each side as often. A
-    pairing's numbers are a function of the seed and of the places of its two policies in the list; threads make no
-    difference. `str(evaluation)` has all tables.
+    Each pairing plays `episodes`, or a few more, so that all worlds play equally many, and each policy plays each side
+    equally often. A pairing's numbers are a function of the seed and of the positions of its two policies in the list;
+    threads make no difference. `str(evaluation)` has all tables.
 
     Attributes:
-        scenario: What is played, with observations that all policies can play with.
+        scenario: The scenario, with observations that all policies can play with.
         chosen: The policies.
-        pairings: Those that are complete.
-        each: Episodes that each world plays of a pairing.
-        worlds: How many.
-        seed: Of all of it.
+        pairings: The pairings that are complete.
+        each: Episodes of a pairing that each world plays.
+        worlds: How many worlds there are.
+        seed: Seed of the whole evaluation.
 
     Raises:
         ScenarioError: The scenario cannot be played.
@@ -72,12 +72,12 @@ class Evaluation:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """All pairings, in the order in which they are played; of each policy with itself, too."""
+        """All pairings, in the order in which they are played, including each policy with itself."""
         return [(i, j) for j in range(len(self.chosen)) for i in range(j + 1)]
 
     @property
     def episodes(self) -> int:
-        """Episodes of each pairing."""
+        """How many episodes each pairing plays."""
         return self.each * self.worlds
 
     @property
@@ -86,7 +86,7 @@ class Evaluation:
         return len(self.pairings) == len(self.pairs)
 
     def play_pair(self, pair: tuple[int, int], progress: Callable[[int], None] = lambda episodes: None) -> Pairing:
-        """Play a pairing; it is kept in `pairings` once it is complete. progress: see Match.play."""
+        """Play a pairing, and store it in `pairings` once it is complete. progress: see Match.play."""
         words = np.random.SeedSequence([self.seed, *pair]).generate_state(1 + ROLES, np.uint64) >> np.uint64(1)
         world, *seeds = (int(word) for word in words)
         players = dict.fromkeys(pair)  # one, if it meets itself
@@ -99,14 +99,14 @@ class Evaluation:
         return [self.play_pair(pair, progress) for pair in self.pairs]
 
     def ratings(self) -> tuple[Array, Array] | None:
-        """Elo ratings and their standard errors, see ratings.elo; None until a chain of games joins all policies."""
+        """Return Elo ratings and standard errors, see ratings.elo; None until a chain of games links all policies."""
         wins, draws = self._games()
         return elo(wins, draws) if len(self.chosen) > 1 and linked(wins + wins.T + draws) else None
 
     def groups(self) -> Groups | None:
-        """Ratings and wins of groups of runs that differ by their seeds only, with intervals over seeds and games.
+        """Return ratings and wins of groups of runs that differ only by seeds, with intervals over seeds and games.
 
-        None where no such group has several runs, where it is the only one, and until all pairings are complete.
+        None if no group has several runs, if there is only one group, and until all pairings are complete.
 
         Raises:
             TrainingError: Two of the policies are the same run, or runs of one seed.
@@ -120,11 +120,11 @@ class Evaluation:
         return rate_groups(grouped, *self._games(), self.seed) if several else None
 
     def estimates(self, policy: str, against: str) -> Estimates:
-        """Mean and standard error of each column, of a policy against another one: see training.columns.
+        """Return mean and standard error of each column (see training.columns) for a policy against another one.
 
         Args:
-            policy: The label of one.
-            against: The label of the other one, or the same.
+            policy: The label of the policy.
+            against: The label of the other policy, or of the same one.
 
         Raises:
             TrainingError: There is no such pairing, or it is not complete.

@@ -1,4 +1,4 @@
-"""Policies in groups of runs that differ by their seeds only: ratings and wins, with intervals over seeds and games."""
+"""Policies in groups of runs that differ only by their seeds: ratings and wins, with intervals over seeds and games."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ AGE = "agent_steps"  # what checkpoints of one run differ in
 
 @dataclass(frozen=True)
 class PolicyGroup:
-    """Policies that differ by the seeds of their training only; or a single other one.
+    """Policies that differ only by the seeds of their training, or a single policy that is not from a run.
 
     Attributes:
-        label: What sets it apart, see plots.groups.Group; of a policy that is no run, its own label.
+        label: What distinguishes the group (see plots.groups.Group), or the label of the single policy.
         members: The indices of its policies.
         trained: Whether they are runs.
     """
@@ -40,11 +40,11 @@ class Groups:
     """What groups achieve, each as one player that draws one of its runs for every game.
 
     Attributes:
-        groups: In order of their first policies.
-        ratings: Elo, of mean 1000 over groups: value, low and high are float64 (groups,); an end is infinite where no
-            game bounds the rating, as of who won every one.
-        wins: Share of games that the first wins against the second, a draw counting half: float64 (groups, groups)
-            each; NaN of a group against itself.
+        groups: The groups, in order of their first policies.
+        ratings: Elo ratings with a mean of 1000 over groups: value, low and high are float64 (groups,). An end is
+            infinite if no game bounds the rating, as for a group that won every game.
+        wins: Share of games that the first group wins against the second, where a draw counts half: value, low and high
+            are float64 (groups, groups); NaN for a group against itself.
     """
 
     groups: list[PolicyGroup]
@@ -53,7 +53,7 @@ class Groups:
 
 
 def group_policies(chosen: Sequence[Contender]) -> list[PolicyGroup]:
-    """The groups of policies. Raises TrainingError if two are the same run, or runs of one seed."""
+    """Return the groups of policies. Raises TrainingError if two are the same run, or runs of one seed."""
     runs = {k: run for k, contender in enumerate(chosen) if (run := _run(contender)) is not None}
     found = [PolicyGroup(each.label, (k,), False) for k, each in enumerate(chosen) if k not in runs]
     for group in group_runs(list(runs.values())) if runs else []:
@@ -72,20 +72,20 @@ def _run(contender: Contender) -> Run | None:
 
 
 def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: int, reps: int = REPS) -> Groups:
-    """Ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
+    """Return ratings and wins of groups, with 95 % bootstrap intervals over runs and games.
 
-    Each resampling draws as many runs as a group has from it, with replacement, and the games of each pairing anew. The
-    wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh no more. Of
-    a group of one run, nothing but games is drawn anew: its interval says nothing of other seeds.
+    Each resampling draws from a group as many runs as it has, with replacement, and the games of each pairing anew. The
+    wins between two groups are means over the pairings of their runs, so groups with more runs have no more weight. In
+    a group of one run, only games are drawn anew, so its interval says nothing about other seeds.
 
-    Who won every game would win every resampled one, too: an end of a share that is 1 or 0 is there, and a rating that
-    no game bounds has an infinite end, see `ratings.chained`.
+    A group that won every game wins every resampled one, too: its share's interval ends at 1 (or 0 for its opponents),
+    and a rating that no game bounds has an infinite end; see `ratings.chained`.
 
     Args:
-        groups: At least two, which hold all policies.
+        groups: At least two groups, which together hold all policies.
         wins: Games that each policy won against each, (policies, policies).
-        draws: Games that were drawn.
-        seed: The same seed, the same intervals.
+        draws: Games that were drawn, likewise.
+        seed: The same seed gives the same intervals.
         reps: How many resamplings.
     """
     generator, own = np.random.default_rng(seed), np.zeros((1, len(groups), len(wins)))

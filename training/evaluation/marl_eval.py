@@ -1,4 +1,4 @@
-"""Results in the JSON of marl-eval, which its tools and BenchMARL's plot: Gorsane et al., 2022, arXiv:2209.10485.
+"""Results in the JSON format of marl-eval (Gorsane et al., 2022, arXiv:2209.10485), for its and BenchMARL's plots.
 
 {environment: {task: {algorithm: {"seed_0": {"step_0": {"step_count": ..., metric: [...]}, "absolute_metrics": ...}}}}}
 """
@@ -21,11 +21,11 @@ class RunMetrics:
     """What a run achieved.
 
     Attributes:
-        task: The name of what was played.
-        algorithm: Without commas, which marl-eval does not read.
-        seed: Of training.
+        task: The name of the task that was played.
+        algorithm: The name of the algorithm, without commas, which marl-eval cannot read.
+        seed: The seed of training.
         steps: The metrics of each evaluation, by agent-steps of training.
-        absolute: Those of its best policy, evaluated anew: the absolute metric of the paper, section 4.
+        absolute: The metrics of its best policy, evaluated again: the absolute metric of the paper, section 4.
     """
 
     task: str
@@ -36,17 +36,17 @@ class RunMetrics:
 
 
 def marl_eval_json(environment: str, runs: Iterable[RunMetrics]) -> str:
-    """The results as text in JSON, in order of task, algorithm and seed.
+    """Return the results as JSON text, in order of task, algorithm and seed.
 
-    marl-eval reads tables without gaps, and names without regard to case. What it would misread is refused.
+    marl-eval needs complete tables, and ignores case in names. Anything that it would misread is refused.
 
     Args:
-        environment: The name of what the tasks belong to.
-        runs: At least one. Every algorithm has the same seeds in every task; all have as many evaluations, and the same
-            metrics in each.
+        environment: The name of the environment that the tasks belong to.
+        runs: At least one run. Every algorithm must have the same seeds in every task; all runs must have equally many
+            evaluations, with the same metrics.
 
     Raises:
-        TrainingError: A run is missing or there twice, or its evaluations, metrics, names or numbers do not fit.
+        TrainingError: A run is missing or given twice, or its evaluations, metrics, names or numbers do not fit.
     """
     ordered = sorted(runs, key=lambda run: (run.task, run.algorithm, run.seed))
     _check_complete(ordered)

@@ -1,4 +1,4 @@
-"""Matches: two policies against each other in many worlds; each plays each side as often."""
+"""Matches: two policies against each other in many worlds; each plays each side equally often."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,9 +23,9 @@ Act = Callable[
 class MatchResults:
     """The outcomes of the episodes of a match.
 
-    figures: float64 (worlds, episodes of each, roles, 2) by name: sum and count, whose ratio is the figure. The count
-    is 1 for most; of behaviour, the ticks in which it could be measured. spans: int (worlds, episodes, 2): the first
-    and the last tick record of each episode in a recording of the match.
+    figures: float64 (worlds, episodes of each, roles, 2) by name: a sum and a count, whose ratio is the figure. The
+    count is 1 for most figures; for those of behaviour it is the ticks in which it could be measured. spans: int
+    (worlds, episodes, 2): the first and the last tick record of each episode in a recording of the match.
     """
 
     def __init__(self, worlds: int, each: int) -> None:
@@ -38,7 +38,7 @@ class MatchResults:
         figure[where] = np.stack(np.broadcast_arrays(values, counts), -1)
 
     def typical(self) -> tuple[int, int]:
-        """World and episode of median length, of the lower median if there are two: the first such."""
+        """Return world and episode of the first episode of median length (the lower median, if there are two)."""
         length = self.figures["length"][:, :, 0, 0]
         median = np.sort(length, axis=None)[(length.size - 1) // 2]
         world, episode = np.argwhere(length == median)[0]
@@ -48,8 +48,8 @@ class MatchResults:
 class Match:
     """Plays `each` episodes in every world, however long they take, so that short ones are not favoured.
 
-    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see sides.role_of, or one that plays both.
-    Who wins: see sides.wins; a draw counts half.
+    base_env: worlds with autoreset DISABLED. acts: the policy of each role (see sides.role_of), or one that plays both.
+    sides.wins says who wins; a draw counts half.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:
@@ -62,7 +62,7 @@ class Match:
         self._assign()
 
     def play(self, progress: Callable[[int], None] = lambda episodes: None) -> MatchResults:
-        """Play all of it. progress: called with how many more episodes have ended."""
+        """Play the whole match. progress: called with how many more episodes have ended."""
         while (self.done < self.each).any():
             if ended := self._step():
                 progress(ended)

@@ -13,26 +13,26 @@ Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
 
 @dataclass(frozen=True)
 class Pairing:
-    """A pairing that was played: the indices of its policies, which may be the same one, and all of its episodes."""
+    """A pairing that was played: the indices of its policies, which may be the same policy, and all its episodes."""
 
     pair: tuple[int, int]
     results: MatchResults
 
     def estimates(self, role: int) -> Estimates:
-        """Estimates of the policy in that role. NaN where there was nothing to measure."""
+        """Return estimates for the policy in that role; NaN if there was nothing to measure."""
         return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
-        """Episodes that the first policy won, that were drawn, and that it lost."""
+        """Return how many episodes the first policy won, drew and lost."""
         wins = self.results.figures["wins"][:, :, 0, 0]
         return int((wins == 1).sum()), int((wins == 0.5).sum()), int((wins == 0).sum())
 
 
 def ratio(pairs: Array) -> tuple[float, float]:
-    """The sum of all sums over the sum of all counts, and its standard error to first order.
+    """Return the sum of all sums divided by the sum of all counts, and its standard error to first order.
 
-    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN where all counts are 0;
-    the error, too, where all but one are.
+    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN if all counts are 0; the
+    error also if all but one are.
     """
     total, count = pairs.sum(0)
     there = np.count_nonzero(pairs[:, 1])

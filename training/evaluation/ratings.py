@@ -15,10 +15,10 @@ SURE, MOST = 1e-8, 1000  # log odds: a step of Newton's method that is shorter i
 
 
 def chained(scores: Array) -> Array:
-    """Whether a chain of scores leads from i to j: i has scored against one who has scored against ... j.
+    """Return whether a chain of scores leads from i to j: i has scored against one who has scored against ... j.
 
-    scores: (..., players, players), those of i against j. Where none leads from i to j, the likelihood grows for ever
-    as j is rated higher above i.
+    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows without
+    bound as j is rated higher above i.
     """
     count = scores.shape[-1]
     chain: Array = (scores > 0) | np.eye(count, dtype=bool)
@@ -28,18 +28,18 @@ def chained(scores: Array) -> Array:
 
 
 def linked(games: Array) -> bool:
-    """Whether a chain of games joins any two players; games: (..., players, players), how many they had."""
+    """Return whether a chain of games links any two players; games: (..., players, players), how many they played."""
     return bool(chained(games).all())
 
 
 def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
-    """Ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
+    """Return ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
-    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. Where they met, half a game
-    that i won and half a game that j won are `added`, so that ratings stay finite where one always wins. Errors are the
-    sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that draws, which
-    scatter less, count as such. Leading axes are of other tables. Raises ValueError if no chain of games joins all
-    players.
+    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two players met, half a
+    game that i won and half a game that j won are `added`, so that ratings stay finite if one always wins. Errors are
+    the sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, which takes into
+    account that draws scatter less. Leading axes are for several tables. Raises ValueError if no chain of games
+    connects all players.
     """
     met = (wins + wins.swapaxes(-1, -2) + draws > 0) & ~np.eye(wins.shape[-1], dtype=bool)
     won, drawn = np.where(met, wins + added, 0.0), np.where(met, draws, 0.0)
@@ -54,12 +54,12 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 
 
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
-    """Ratings of players against opponents whose ratings are fixed, and their standard errors.
+    """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
 
-    The rating under which the expected score of a player against all of its opponents is the one that was seen. It
-    depends on nothing but these games, so it can be compared with those of other players against the same opponents,
-    whenever they play. As in `elo`, half a game won and half a game lost are added to each pairing that met: a player
-    that wins (or loses) everything has a finite rating, which is a lower (upper) bound, with a large error.
+    A player's rating is the one at which its expected score against all of its opponents equals its actual score. It
+    depends only on these games, so it can be compared with the ratings of other players against the same opponents,
+    whenever they play. As in `elo`, half a game won and half a game lost are added to each pairing that met, so a
+    player that wins (or loses) everything has a finite rating, which is a lower (upper) bound, with a large error.
 
     Args:
         wins: Games that each player won against each opponent, (players, opponents).
@@ -68,10 +68,10 @@ def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Ar
         fixed: Elo ratings of the opponents, (opponents,), taken as exact.
 
     Returns:
-        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate, see `elo`.
+        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate; see `elo`.
 
     Raises:
-        TrainingError: Shapes do not fit, numbers are negative or none, or a player has met no opponent.
+        TrainingError: Shapes do not fit, an entry is negative or not a number, or a player has met no opponent.
     """
     wins, draws, losses, fixed = (np.asarray(each, np.float64) for each in (wins, draws, losses, fixed))
     _check_anchored(wins, draws, losses, fixed)

@@ -28,7 +28,7 @@ UNBOUNDED = "; inf: no game bounds the rating on that side"
 
 
 class Played(Protocol):
-    """What is reported: an Evaluation."""
+    """What a report needs of an Evaluation."""
 
     scenario: Scenario
     chosen: list[Contender]
@@ -43,21 +43,21 @@ class Played(Protocol):
 
     @property
     def episodes(self) -> int:
-        """Of each pairing."""
+        """How many episodes each pairing plays."""
 
     @property
     def complete(self) -> bool:
         """Whether all pairings have been played."""
 
     def ratings(self) -> tuple[Array, Array] | None:
-        """Elo ratings and their standard errors."""
+        """Return Elo ratings and their standard errors."""
 
     def groups(self) -> Groups | None:
-        """Ratings and wins of groups of runs. Raises TrainingError."""
+        """Return ratings and wins of groups of runs. Raises TrainingError."""
 
 
 def text(evaluation: Played) -> str:
-    """All tables under a heading. Of incomplete evaluations, what is complete."""
+    """Return all tables under a heading; for an incomplete evaluation, those of the pairings that are complete."""
     if not evaluation.pairings:
         return "no pairing is complete"
     parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), *_groups(evaluation)]
@@ -94,7 +94,7 @@ def write_tables(evaluation: Played, folder: Path) -> list[Path]:
 
 
 def check_folder(evaluation: Played, folder: Path) -> None:
-    """TrainingError if there are tables of another evaluation, which these would replace: of a game, or of policies."""
+    """TrainingError if the folder has tables of another game or other policies, which these tables would replace."""
     path, now = folder / TABLES, json.loads(json.dumps(_json(_played(evaluation))))
     if not path.exists():
         return

@@ -19,9 +19,9 @@ SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper'
 
 
 def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, folder: Path) -> list[Path]:
-    """Write the typical episode of a pairing into the folder: A-B.webm and A-B.html, each whole or not at all.
+    """Write the typical episode of a pairing to the folder: A-B.webm and A-B.html, each completely or not at all.
 
-    recording: of all its episodes. Raises RecordingError, FilmError, PageError.
+    recording: that of all its episodes. Raises RecordingError, FilmError, PageError.
     """
     names, results = [evaluation.chosen[k].label for k in pairing.pair], pairing.results
     sides, game = _sides(evaluation.env.worlds.dims["sides"], results), evaluation.scenario.name
@@ -40,7 +40,7 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
 
 
 def film_players(names: Sequence[str], sides: Sequence[str]) -> str:
-    """Who plays which sides, with names that are shortened in the middle until a film's title has room for both."""
+    """Return who plays which sides, with names shortened in the middle until a film's title has room for both."""
     for most in range(max(LEAST, *map(len, names)), LEAST - 1, -1):
         words = _players([_shortened(name, most) for name in names], sides)
         if fits(words, SIZE):

@@ -1,4 +1,4 @@
-"""What `outlast plot` compares: groups of runs, curves, and the table of their end values."""
+"""What `outlast plot` compares: groups of runs, their curves, and the table of their end values."""
 
 import csv
 import hashlib
@@ -21,11 +21,11 @@ AXES = ("steps", "time")
 
 @dataclass(frozen=True)
 class EndValues:
-    """The end values of a curve in a group: of each run the mean of the last tenth of its points.
+    """The end values of a curve in a group: for each run, the mean of the last tenth of its points.
 
     Attributes:
         panel: The curve.
-        each: A value of each run that counts, in order of seeds; empty where none has the curve.
+        each: A value for each run that counts, in order of seeds; empty if none has the curve.
     """
 
     panel: Panel
@@ -38,7 +38,7 @@ class EndValues:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval of the mean; NaN of a single run."""
+        """The 95 % confidence interval of the mean; NaN for a single run."""
         return interval(self.each)
 
     def __str__(self) -> str:
@@ -53,10 +53,10 @@ class Comparison:
     """Runs to compare; `str(comparison)` is a table of their end values in Markdown.
 
     Attributes:
-        groups: Of runs that differ by seeds, in order.
+        groups: Groups of runs that differ by seeds, in order.
         panels: The curves.
         x: What they are drawn over, one of AXES.
-        files: What was written.
+        files: The paths of the files that were written.
     """
 
     groups: tuple[Group, ...]
@@ -66,12 +66,12 @@ class Comparison:
 
     @property
     def runs(self) -> list[Run]:
-        """All of them."""
+        """The runs of all groups."""
         return [run for group in self.groups for run in group.runs]
 
     @property
     def title(self) -> str:
-        """What all runs have in common, and how many there are."""
+        """What all runs have in common, and how many runs there are."""
         parts = [
             common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
         ]
@@ -81,12 +81,12 @@ class Comparison:
 
     @property
     def faint(self) -> bool:
-        """Whether there is room for the points of single runs."""
+        """Whether the figure has room for the points of single runs."""
         return len(self.groups) <= 3
 
     @property
     def drawn_how(self) -> str:
-        """How curves are drawn, in words."""
+        """A description of how curves are drawn."""
         several = any(len(group.runs) > 1 for group in self.groups)
         single = any(len(group.runs) == 1 for group in self.groups)
         longer = any(len({run.steps for run in group.runs}) > 1 for group in self.groups)
@@ -100,7 +100,7 @@ class Comparison:
         return "; ".join(parts)
 
     def notes(self) -> list[str]:
-        """Sentences on what a reader must know: runs that are averaged though they differ, and unfinished ones."""
+        """Sentences about what a reader must know: runs averaged although they differ, and unfinished runs."""
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
@@ -116,7 +116,7 @@ class Comparison:
         return [*notes, unfinished] if short else notes
 
     def ends(self, group: Group) -> Iterator[EndValues]:
-        """The end values of a group, of each curve."""
+        """Return the end values of a group, for each curve."""
         curves = [drawn(run, self.panels) for run in group.ended]
         for panel in self.panels:
             values = [one.values[panel.name] for one in curves if panel.name in one.values]
@@ -133,7 +133,7 @@ class Comparison:
         return f"{self.title}. {means}{within}.{notes}\n\n{markdown_table(heads, lines)}\n"
 
     def csv(self) -> str:
-        """The table with all digits that mean something: a row for each group and curve."""
+        """Return the table with all significant digits, with a row for each group and curve."""
         text = io.StringIO()
         names = list(self.groups[0].values)
         heads = [*names, "curve", "runs", "seeds", "agent-steps", "mean", "low 95 %", "high 95 %", "lowest", "highest"]
@@ -149,7 +149,7 @@ class Comparison:
         return text.getvalue()
 
     def digest(self) -> str:
-        """A digest of what the figure shows."""
+        """Return a digest of what the figure shows."""
         total = hashlib.blake2b(f"{self.title} {self.x}".encode(), digest_size=16)
         for group in self.groups:
             total.update(json.dumps([group.label, group.mixed]).encode())

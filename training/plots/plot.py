@@ -18,7 +18,7 @@ FIGURE = "curves"  # the name of its file
 
 
 def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
-    """The comparison of the runs in these places, with nothing written yet. See `plot`."""
+    """Compare the runs in these places, without writing anything; see `plot`."""
     if not places:
         raise TrainingError("no runs are given: name their folders, or one around them")
     runs = load(places)
@@ -43,20 +43,20 @@ def plot(
     >>> print(outlast.plot(["runs/weak", "runs/strong"], by="melee_damage"))
 
     Args:
-        runs: Folders of runs, kept results, or folders around several.
-        out: Folder to write into: curves.png, ends.md, ends.csv.
-        by: Settings that set groups apart, such as "melee_damage", "preset", "opponents", "seed". Without, groups are
-            of runs that differ by seeds only, named by what differs.
-        curves: What to draw: statistics of episodes ("return", "length") or tags of the log ("wins/scripted").
-            Without, up to six.
+        runs: Folders of runs, kept results, or folders that contain several of them.
+        out: Folder to write to: curves.png, ends.md, ends.csv.
+        by: Settings that distinguish groups, such as "melee_damage", "preset", "opponents", "seed". By default, a group
+            has runs that differ only by seeds, and groups are named by what distinguishes them.
+        curves: What to draw: statistics of episodes ("return", "length") or tags of the log ("wins/scripted"). By
+            default, up to six.
         x: What to draw over: "steps" (agent-steps) or "time" (hours of training).
-        form: Of the figure: "png" or "svg".
+        form: Format of the figure: "png" or "svg".
 
     Returns:
-        The comparison; `str` of it is the table in Markdown, `files` are the paths of what was written.
+        The comparison. `str` turns it into the table in Markdown; `files` has the paths of the files written.
 
     Raises:
-        TrainingError: There are no runs, no such setting or curve, or no matplotlib; nothing is written.
+        TrainingError: There are no runs, no such setting or curve, or matplotlib is not installed; nothing is written.
     """
     try:
         from .figure import picture
