@@ -1,4 +1,4 @@
-"""What agents choose from: an integer for each action, or one for all of them together; and what would do nothing."""
+"""What agents choose from: an integer for each action, or one for all of them; and which would do nothing."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,14 +21,14 @@ MASKED = 20  # actions: there is a mask for each set of them
 
 
 class MaskedMultiDiscrete(spaces.MultiDiscrete):
-    """A MultiDiscrete (actions,) whose `sample` also takes a mask as environments have it, (entries,).
+    """A MultiDiscrete (actions,) whose `sample` also takes a mask in the environments' form, (entries,).
 
-    Gymnasium's own takes a tuple with an array for each action; what environments have is one array of all of them, one
-    action behind the other, as networks have outputs.
+    Gymnasium's own takes a tuple with an array for each action; environments have one array that joins those of all
+    actions, like the outputs of networks.
     """
 
     def sample(self, mask: Any = None, probability: Any = None) -> Any:
-        """See gymnasium.spaces.MultiDiscrete. mask: int8 or bool (entries,), or a tuple."""
+        """Sample as gymnasium.spaces.MultiDiscrete does. mask: int8 or bool (entries,), or a tuple."""
         if isinstance(mask, np.ndarray):
             mask = tuple(np.split(mask.astype(np.int8), np.cumsum(self.nvec)[:-1]))
         return super().sample(mask, probability)
@@ -37,25 +37,25 @@ class MaskedMultiDiscrete(spaces.MultiDiscrete):
 class ActionSpace:
     """The actions of an agent in the form that a learner wants, and their masks.
 
-    "multi": an integer for each action, as in `MultiDiscrete([3, 3, 3, 2, 2, 2])`. "joint": one for all of them, as in
-    `Discrete(216)`: numbers of base `sizes` whose first digit is the first action, as numpy.unravel_index has it.
-    "continuous": a float from -1 to 1 for each of them, as in `Box(-1, 1, (6,))`. That range has a part for each value,
-    all of one width: -1 is the lowest value and 1 the highest, and of two the upper one is taken from 0 on. What is
-    simulated, recorded and replayed is the value.
+    "multi": an integer for each action, as in `MultiDiscrete([3, 3, 3, 2, 2, 2])`. "joint": one integer for all of
+    them, as in `Discrete(216)`: in the mixed base `sizes`, with the first action as the first digit, as in
+    numpy.unravel_index. "continuous": a float from -1 to 1 for each action, as in `Box(-1, 1, (6,))`. The values of an
+    action divide that range into equal parts: -1 is the lowest value and 1 the highest, and with two values the upper
+    one begins at 0. It is the value that is simulated, recorded and replayed.
 
     Attributes:
         kind: One of KINDS.
         keys: The name of each action.
         sizes: How many values each has, (actions,).
         zeros: Which of them does nothing, (actions,).
-        noop: The action that does nothing, as a learner would give it: integers (actions,), or () of kind "joint";
-            of kind "continuous" the middle of its parts, float32 (actions,).
-        mask_size: Entries of an agent's mask: of kind "multi" all values of all actions, one action behind the other;
-            of kind "joint" all joint actions; of kind "continuous" 0, as there are no masks.
+        noop: The action that does nothing, as a learner would pass it: integers (actions,), or () for kind "joint";
+            for kind "continuous" the middle of its parts, float32 (actions,).
+        mask_size: The length of an agent's mask. Kind "multi": all values of the first action, then those of the
+            second, and so on; "joint": all joint actions; "continuous": 0, as there are no masks.
     """
 
     def __init__(self, worlds: Worlds, kind: str, masked: bool = False) -> None:
-        """ValueError for another kind, for more joint actions than MOST, or for no masks if it is to be `masked`."""
+        """ValueError for another kind, more joint actions than MOST, or `masked` for a kind without masks."""
         check_choice("actions", kind, KINDS)
         columns = published(worlds, Action)
         self.kind, self.keys = kind, [key for key, *_ in columns]
@@ -82,13 +82,13 @@ class ActionSpace:
 
     @property
     def single(self) -> spaces.Space[Any]:
-        """Of one agent, a new object: MultiDiscrete (actions,), Discrete or Box (actions,)."""
+        """Return the space of one agent, a new object: MultiDiscrete (actions,), Discrete or Box (actions,)."""
         if self.kind == "continuous":
             return spaces.Box(-1, 1, self.sizes.shape, np.float32)
         return MaskedMultiDiscrete(self.sizes) if self.kind == "multi" else spaces.Discrete(self.mask_size)
 
     def batched(self, agents: int) -> spaces.Space[Any]:
-        """Of all agents of a world, a new object: MultiDiscrete (agents, actions) or (agents,), or Box as the first."""
+        """Return that of all agents of a world, a new object: MultiDiscrete or Box (agents, actions), or (agents,)."""
         if self.kind == "continuous":
             return spaces.Box(-1, 1, (agents, *self.sizes.shape), np.float32)
         return spaces.MultiDiscrete(
@@ -105,15 +105,15 @@ class ActionSpace:
         who: str = "agent {1} in world {0}",
         what: str = "actions",
     ) -> Array:
-        """Actions that a learner gave, as they are.
+        """Return the actions that a learner passed, checked but not converted.
 
         Args:
-            given: Of kind "multi" integers of any type (*shape, actions), of kind "joint" (*shape); of kind
-                "continuous" floats (*shape, actions).
-            shape: That of agents.
-            ranges: Whether to check that each is in its range. Of kind "continuous" it always is.
+            given: For kind "multi" integers of any type (*shape, actions), for "joint" (*shape); for "continuous"
+                floats (*shape, actions).
+            shape: The shape of the agents.
+            ranges: Whether to check that each is in its range. Kind "continuous" is always checked.
             axes: What `shape` is called in errors: "worlds, agents".
-            who: What the agent of the indices is called in errors.
+            who: What the agent with certain indices is called in errors.
             what: What `given` is called in errors.
 
         Raises:
@@ -135,7 +135,7 @@ class ActionSpace:
         return checked_actions(given, shape, self.sizes, ranges, what=what, axes=axes, who=who, keys=self.keys)
 
     def rows(self, given: Any, shape: tuple[int, ...], ranges: bool = True, **named: str) -> Array:
-        """Actions that a learner gave, as integers (*shape, actions). Arguments and errors are those of `checked`."""
+        """Return the actions that a learner passed, as integers (*shape, actions). For the arguments see `checked`."""
         checked = self.checked(given, shape, ranges, **named)
         if self.kind == "continuous":
             checked = np.clip((checked + 1) * self.sizes / 2, 0, self.sizes - 1).astype(np.int64)
@@ -143,7 +143,7 @@ class ActionSpace:
         return rows
 
     def given(self, rows: Array) -> Array:
-        """What a learner would have given: of kind "continuous" the middle of the value's part. The inverse of `rows`.
+        """Return what a learner would have passed (the middle of a value's part, if continuous): the inverse of `rows`.
 
         rows: integers (..., actions).
         """
@@ -155,15 +155,15 @@ class ActionSpace:
         return given
 
     def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
-        """Write what a learner gave for all agents of a batch into `actions`, integers (worlds, agents, actions).
+        """Write what a learner passed for all agents of a batch into `actions`, integers (worlds, agents, actions).
 
         Args:
-            given: As `rows` takes it.
-            actions: Where to; as it was, if what was given is refused.
-            ranges: As in `rows`.
+            given: As for `rows`.
+            actions: Where to write; unchanged if `given` is refused.
+            ranges: As for `rows`.
 
         Raises:
-            ActionError: As `rows`.
+            ActionError: As for `rows`.
         """
         plain = self.kind == "multi" and not ranges and isinstance(given, np.ndarray)
         if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):  # the usual case takes no time
@@ -179,10 +179,11 @@ class ActionSpace:
             )
 
     def masks(self) -> Array:
-        """Which values can change anything in the next tick, or are the one that does nothing: bool, a new array.
+        """Return which values can change anything in the next tick, or are those of `noop`: bool, a new array.
 
-        What is False would leave the same world behind as `noop`, to the bit; not all that is True does something. It
-        is False where the weapon waits, for `use`, `give` and `drop` with an empty bag, and for all that the dead do.
+        A value that is False would leave exactly the same world behind as `noop`; one that is True may still have no
+        effect. It is False while the weapon is cooling down, for `use`, `give` and `drop` with an empty bag, and for
+        everything that the dead do.
 
         Returns:
             (worlds, agents, mask_size).

@@ -1,4 +1,4 @@
-"""The agents of every world as arrays: who is alive, which side each one is on, and its share of a statistic."""
+"""The agents of every world as arrays: who is alive, which side each agent is on, and its share of a statistic."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,29 +14,29 @@ Array = np.ndarray[Any, Any]
 
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Which agents are alive: bool (worlds, agents), a new array. where: an index of worlds; 0 gives (agents,)."""
+    """Return which agents are alive: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
     living: Array = worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
     return living
 
 
 def present(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Which agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
+    """Return which agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
     there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
     return there
 
 
 def counts_vary(worlds: Worlds) -> bool:
-    """Whether worlds have other numbers of agents than each other."""
+    """Return whether worlds have different numbers of agents."""
     return fewest_agents(worlds) < worlds.dims["agents"]
 
 
 def fewest_agents(worlds: Worlds) -> int:
-    """How many agents every world has, whatever is drawn."""
+    """Return how many agents every world has at least, whatever is drawn."""
     return worlds.layout.agent_counts()[0]
 
 
 def fewest_sides(worlds: Worlds) -> int:
-    """How many sides have an agent in every world, whatever is drawn: the last of unequal teams may have none."""
+    """Return how many sides have an agent in every world, whatever is drawn; the last of unequal teams may lack one."""
     agents = fewest_agents(worlds)
     if not (sizes := worlds.layout.groups(agents)):
         return min(worlds.dims["sides"], agents)
@@ -45,10 +45,11 @@ def fewest_sides(worlds: Worlds) -> int:
 
 
 def counted(worlds: Worlds) -> dict[str, Array]:
-    """Which entries of statistics are of an agent, or of a side with agents, that the episode has.
+    """Return which entries of statistics belong to an agent, or to a side with agents, that the episode has.
 
     Returns:
-        By key, of statistics with an entry an agent or side: bool (worlds, n). {} where all episodes have all agents.
+        For each statistic with an entry per agent or side, by key: bool (worlds, n). {} if all episodes have all
+        agents.
     """
     if not counts_vary(worlds):
         return {}
@@ -59,22 +60,22 @@ def counted(worlds: Worlds) -> dict[str, Array]:
 
 
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
+    """Return each agent's side, -1 if it is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
     return sides
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: slice = slice(None)) -> dict[str, Array]:
-    """Each agent's share of the statistics of episodes.
+    """Return each agent's share of the statistics of episodes.
 
     Args:
-        worlds: The worlds that the statistics are of.
+        worlds: The worlds that the statistics belong to.
         statistics: What `spaces.statistics` returned, or info["statistics"]: (worlds,) or (worlds, n).
-        agents: Of which agents of a world.
+        agents: Which agents of a world to return.
 
     Returns:
-        By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
-        side, and of all others what its world has. Of who is absent, 0.
+        By key, (worlds, agents): the agent's own entry if there is one per agent, its side's if there is one per side,
+        and its world's otherwise; 0 for absent agents.
     """
     reported, sides, own = reported_statistics(worlds), side(worlds)[:, agents], dict[str, Array]()
     absent = sides < 0

@@ -1,4 +1,4 @@
-"""Observations written into memory of the caller: float32 arrays by key, or one array with a row for each agent."""
+"""Observations in the caller's memory: float32 arrays by key, or one array with a row for each agent."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ Array = np.ndarray[Any, Any]
 
 
 def flat_size(observations: Mapping[str, Array]) -> int:
-    """Numbers in the row of one agent, all observations one behind the other in order of their keys."""
+    """Return the length of the row of one agent that joins all observations in order of their keys."""
     return sum(int(np.prod(array.shape[2:])) for array in observations.values())
 
 
@@ -27,19 +27,19 @@ def write(observations: Mapping[str, Array], arrays: Any) -> None:
 
 
 def checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> Any:
-    """Memory of the caller's for observations.
+    """Return the caller's memory for observations.
 
     Args:
-        observations: By key, of shape (worlds, agents, ...).
+        observations: Observations by key, of shape (worlds, agents, ...).
         out: A mapping with a float32 array of the same shape for each key, or one float32 array
             (worlds, agents, numbers), `flat_size` numbers in order of the keys; see `writable`.
-        name: What it is called in errors.
+        name: What `out` is called in errors.
 
     Returns:
         `out` as numpy arrays that share its memory.
 
     Raises:
-        ValueError: It is neither.
+        ValueError: `out` is neither.
     """
     if not isinstance(out, Mapping):
         worlds, agents = next(iter(observations.values())).shape[:2]
@@ -50,14 +50,14 @@ def checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> A
 
 
 def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.float32) -> Array:
-    """Memory of the caller's as a numpy array.
+    """Return the caller's memory as a numpy array.
 
     Args:
         name: What it is called in errors.
-        given: A numpy array, or a tensor of a library that shares its memory with numpy, such as PyTorch's on the CPU,
+        given: A numpy array, or a tensor of a library that can share memory with numpy, such as PyTorch's on the CPU,
             pinned or not.
-        shape: That it must have.
-        dtype: Likewise.
+        shape: The shape that it must have.
+        dtype: The type that it must have.
 
     Raises:
         ValueError: It has another shape or type, cannot be written to, or is on another device.
@@ -79,7 +79,7 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
 
 
 def read_only(array: Array) -> Array:
-    """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
+    """Return a view that cannot be written to: the engine writes only what changes, and relies on the rest."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""Calls of one environment: one at a time, also one in the background whose result is fetched later."""
+"""Calls of one environment: one at a time, including a call in the background whose result is fetched later."""
 
 import functools
 import os
@@ -27,7 +27,7 @@ class CallGuard:
         self.inside: dict[str, int] = {}  # the thread that is: what Ctrl-C leaves here, its next call clears
 
     def enter(self) -> None:
-        """Begin a call; `leave` ends it. Raises PendingError while another thread is in one."""
+        """Begin a call; `leave` ends it. Raises PendingError while another thread is in a call."""
         me = get_ident()
         if self.inside.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
@@ -38,11 +38,11 @@ class CallGuard:
 
     @property
     def busy(self) -> bool:
-        """Whether a call has begun whose result has not been fetched."""
+        """Whether the result of a call that has begun has not been fetched yet."""
         return self.pending is not None
 
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:
-        """Begin a call; the one before must have been fetched. Raises PendingError if another thread is in one."""
+        """Begin a call. The previous one must have been fetched. Raises PendingError if another thread is in a call."""
         self.enter()
         self.leave()
         self._owner = os.getpid()
@@ -50,7 +50,7 @@ class CallGuard:
         self._worker.submit(self.pending)
 
     def fetch(self) -> Any:
-        """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
+        """Wait for the call, and return or raise what it did. Raises PendingError if no call has begun."""
         if (job := self.pending) is None:
             raise PendingError("recv() without send()")
         self.check_owner()
@@ -67,19 +67,19 @@ class CallGuard:
         return result
 
     def check_owner(self) -> None:
-        """PendingError for a call that was begun ahead of the fork that this process is."""
+        """PendingError for a call that began before this process was forked."""
         if self.pending is not None and self._owner != os.getpid():
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
 
     def wait(self) -> None:
-        """Wait for the end of a call that has begun, if there is one; it can still be fetched."""
+        """Wait for the end of a call that has begun, if there is one; its result can still be fetched."""
         job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
         if job is not None and here and not job.finished:
             self._worker.submit(job)  # again, as in `fetch`
             job.wait()
 
     def close(self) -> None:
-        """Let the thread go, after its call."""
+        """Release the thread, after its call."""
         self._worker.close()
 
     def _guarded(self, call: Callable[..., Any], *arguments: Any) -> Any:
@@ -91,7 +91,7 @@ class CallGuard:
 
 
 def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
-    """A method of an open environment that one thread at a time may be in. Raises ClosedError or PendingError."""
+    """Let only one thread at a time enter a method, and only of an open environment. ClosedError, PendingError."""
 
     @functools.wraps(call)
     def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
@@ -110,7 +110,7 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
 
 
 def exclusive_step(call: Step) -> Step:
-    """`exclusive` for `step`, with arguments by name: to pack and unpack them would take 4 % of one world's step."""
+    """Do as `exclusive`, for `step`, with named arguments: packing and unpacking would take 4 % of a world's step."""
 
     @functools.wraps(call)
     def checked(env: Any, actions: Any, *, out: Any = None) -> Any:

@@ -1,4 +1,4 @@
-"""A log of deaths, by the logger "outlast.deaths" at level INFO."""
+"""A log of deaths, written by the logger "outlast.deaths" at level INFO."""
 
 import logging
 

@@ -18,30 +18,30 @@ POSE = ("x", "y", "angle")
 
 
 class GlobalState:
-    """The state of one world as one float32 vector, with what no agent sees.
+    """The state of one world as one float32 vector, including what no agent sees.
 
-    In this order, each a block of rows; all but the flags are 0 for what is not there:
+    It consists of these blocks of rows, in this order; for entities that are not there, all but the flags are 0:
 
     ======= ===================================================================================
-    agents  alive (0, 1), then the row `own` of their observation, with the fields of that
+    agents  alive (0, 1), then the row `own` of their observation, with its fields
     zone    the row `zone` of their observation, likewise; only if the scenario has one
-    objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
+    objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and other things with hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
-    walls   stands (0, 1), x, y, angle, half width, half height: blocks inside of the room
-    bodies  stands (0, 1), x, y, angle: all others, such as a ball, but the four walls around
-    numbers those that vary (Scenario.vary), in order of names; no words and no lists of numbers
+    walls   stands (0, 1), x, y, angle, half width, half height: blocks inside the room
+    bodies  stands (0, 1), x, y, angle: all others, such as a ball, except the four walls around the room
+    numbers those that vary (Scenario.vary), in order of names, except words and lists of numbers
     ======= ===================================================================================
 
     Objects, items, walls and bodies are in the order of their rows (`Worlds.span` says which kinds are where).
 
     Attributes:
-        space: Of the vector.
-        names: Of its numbers: "agent_0.health", "zone.x", "box_3.stands" ...
-        scale: What its numbers are to be divided by to be about -1 to 1, float32 like the vector.
+        space: The space of the vector.
+        names: The names of its numbers: "agent_0.health", "zone.x", "box_3.stands" ...
+        scale: What to divide its numbers by to get about -1 to 1, float32 like the vector.
     """
 
     def __init__(self, worlds: Worlds, scaled: bool = False) -> None:
-        """scaled: whether it is divided by them, with angles wrapped, and what has no bounds clipped: scaling.Scale."""
+        """scaled: whether to divide by the scales, wrap angles and clip numbers without bounds, like scaling.Scale."""
         rows = worlds.layout.rows
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)

@@ -1,4 +1,4 @@
-"""The episodes of worlds: where they begin and end, and worlds that cannot begin or go on."""
+"""The episodes of worlds: when they begin and end, and worlds that cannot begin or go on."""
 
 import contextlib
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def check_playable(worlds: Worlds, name: str) -> None:
 
 
 def check_faults(worlds: Worlds, first_world: int) -> None:
-    """FaultError if a body of a world got a number that physics cannot take in the last tick, or found no place."""
+    """FaultError if in the last tick a body got a number that the physics cannot handle, or found no place."""
     check_places(worlds, first_world)
     if Fault in worlds and (faulty := (worlds[Fault].physics[:, 0] != 0) & (worlds.mode != SKIP)).any():
         w = int(faulty.argmax())
@@ -48,23 +48,23 @@ def check_places(worlds: Worlds, first_world: int) -> None:
 
 
 class EpisodeTracker:
-    """Which worlds are in an episode, and which have ended and wait for a reset; and the steps from one to the next.
+    """Tracks which worlds are in an episode and which have ended and wait for a reset, and takes steps and resets.
 
     Attributes:
-        running: Started, and not interrupted in mid-tick: bool (worlds,).
-        ended: By their scenario's rule or at its time limit: bool (worlds,).
-        stopped: By the `stops` of `SurvivalVectorEnv.stop_when`: bool (worlds,).
-        actions: What the agents do in the next step, int64 (worlds, agents, actions), as learners number them.
-        mode: Of each world in the last tick: SKIP, STEP or RESET, int8 (worlds,).
-        flags: What `step_functions.finish` said of the last tick.
+        running: Which worlds have started and were not interrupted in mid-tick: bool (worlds,).
+        ended: Which have ended by their scenario's rule or at its time limit: bool (worlds,).
+        stopped: Which were stopped by the `stops` of `SurvivalVectorEnv.stop_when`: bool (worlds,).
+        actions: What the agents do in the next step, int64 (worlds, agents, actions), numbered as for learners.
+        mode: The mode of each world in the last tick: SKIP, STEP or RESET, int8 (worlds,).
+        flags: What `step_functions.finish` returned for the last tick.
         set_states: How often each world went on from a state that was set, int64 (worlds,).
     """
 
     def __init__(self, worlds: Worlds, sizes: Array, zeros: Array, autoreset: AutoresetMode) -> None:
-        """Make it; nothing is running.
+        """Make it; no world is running yet.
 
         Args:
-            worlds: Made with the FUNCTIONS and PARTS of step_functions.
+            worlds: Worlds that were made with the FUNCTIONS and PARTS of step_functions.
             sizes: How many values each action has, (actions,).
             zeros: Which of them does nothing, (actions,).
             autoreset: When a world that ended begins its next episode.
@@ -101,18 +101,18 @@ class EpisodeTracker:
         self._address, self._ranges = int(self._block.ctypes.data), True
 
     def load(self) -> None:
-        """Load or compile all that runs in a step."""
+        """Load or compile everything that runs in a step."""
         self._begin, self._finish = map(self._worlds.function, ("begin", "finish"))
         self._whole = self._worlds.call_with_tick("step", "play")
 
     @property
     def masks(self) -> dict[str, Array]:
-        """What saved states have of each world beside its tables, bool (worlds,) each, by the names they have there."""
+        """What saved states hold besides the tables, bool (worlds,) each, by the names used there."""
         return {"over": self.ended, "started": self.running}
 
     @property
     def done(self) -> Array:
-        """Which episodes are over, a new array."""
+        """Which episodes are over; a new array."""
         done: Array = self.ended | self.stopped
         return done
 
@@ -121,10 +121,10 @@ class EpisodeTracker:
 
         Args:
             runner: What runs them: the worlds, or a recorder of them.
-            ranges: Whether the ranges of actions are checked.
+            ranges: Whether to check the ranges of actions.
 
         Returns:
-            OUT_OF_RANGE, if that is what actions are, and nothing has changed; else `flags`.
+            OUT_OF_RANGE if actions are out of range, and nothing has changed; otherwise `flags`.
 
         Raises:
             NotResetError: Worlds are not running, or have ended under DISABLED.
@@ -144,9 +144,9 @@ class EpisodeTracker:
         return int(found)
 
     def step_some(self, runner: Any, some: Array) -> int:
-        """`step` of the worlds `some` alone, bool (worlds,), whose actions are in range; others take no tick.
+        """Take only the worlds `some`, bool (worlds,), through a step; their actions must be in range.
 
-        What they were paid, and their events, stay in their tables: a recording has these, too.
+        The tables of the other worlds keep their rewards and events, which a recording has, too.
         """
         if not self.running[some].all() or self.done[some].any():
             self._refuse(some)
@@ -158,7 +158,7 @@ class EpisodeTracker:
     def reset(self, runner: Any, some: Array, keys: tuple[Array, Array, Array] | None = None) -> None:
         """Begin new episodes in the worlds `some`, bool (worlds,).
 
-        keys: seeds and worlds, (worlds,) each, that key their random numbers from now on, and of which worlds, bool.
+        keys: seeds and worlds, (worlds,) each, that key random numbers from now on, and the worlds that get them, bool.
         """
         self.mode[:] = np.where(some, RESET, SKIP)
         if keys is not None and runner is not self._worlds and runner.recording:
@@ -168,7 +168,7 @@ class EpisodeTracker:
         self.run(runner, keys)
 
     def run(self, runner: Any, keys: tuple[Array, Array, Array] | None = None) -> None:
-        """Take the worlds through the tick, by their `mode`. If it is cut short, as by Ctrl-C, they no longer run."""
+        """Take the worlds through the tick by their `mode`. If it is cut short, by Ctrl-C, say, they no longer run."""
         before, ran, outcome = self.running.copy(), self.mode != SKIP, FAILED
         self.running[ran] = False
         try:
@@ -190,10 +190,10 @@ class EpisodeTracker:
 
     @contextlib.contextmanager
     def overwritten(self, where: Any) -> Iterator[dict[str, Array]]:
-        """While the worlds `where` are overwritten, none is running: Ctrl-C may leave half a world.
+        """Let no world run while the worlds `where` are overwritten, as Ctrl-C may leave a world half-written.
 
         Yields:
-            `masks` to overwrite, of which "started" counts only once all else is written.
+            `masks` to overwrite; "started" takes effect only when everything else is written.
         """
         before, masks = self.running.copy(), self.masks | {"started": self.running.copy()}
         self.running[:] = False
@@ -206,7 +206,7 @@ class EpisodeTracker:
         self.running[:] = masks["started"]
 
     def check_running(self, call: str, where: Any = slice(None)) -> None:
-        """Raise NotResetError for `call`, such as "step", unless every world is in an episode, or those `where`."""
+        """Raise NotResetError for `call`, such as "step", unless all worlds, or those `where`, are in an episode."""
         if not self.running[where].all():
             raise NotResetError(
                 f"{call}() before reset(): {int((~self.running[where]).sum())} worlds have not started; reset them "

@@ -1,4 +1,4 @@
-"""A message when something takes long for a reason that the user cannot see."""
+"""A message for something that takes long for a reason that the user cannot see."""
 
 import contextlib
 import logging
@@ -13,7 +13,7 @@ LOGGER = logging.getLogger("outlast")
 
 @contextlib.contextmanager
 def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
-    """Log at level INFO that the tick is being compiled, if it is, and how long it took."""
+    """If the tick is being compiled, log this at level INFO, and how long it took."""
     if worlds.compiled:
         yield
         return

@@ -1,4 +1,4 @@
-"""The numbers of a game that runs: what they are, and how they change."""
+"""The numbers of a running game: their values, and how they change."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +19,7 @@ Array = np.ndarray[Any, Any]
 
 
 def current_numbers(worlds: Worlds) -> dict[str, Any]:
-    """All numbers by name; those that vary as arrays (worlds, ...), those that differ by role as (worlds, agents)."""
+    """Return all numbers by name; arrays (worlds, ...) if they vary, (worlds, agents) if they differ by role."""
     differ = worlds.numbers() | worlds.agent_numbers()
     if differ and not worlds[Clock].episode.all():
         raise NotResetError("numbers() before reset(): those that differ are of the episodes that worlds are in")
@@ -33,10 +33,10 @@ def change_numbers(
     mask: Any,
     check_unrecorded: Callable[[], None],
 ) -> None:
-    """Set numbers: see SurvivalVectorEnv.set_numbers.
+    """Set numbers; see SurvivalVectorEnv.set_numbers.
 
     Args:
-        scenario: What is played.
+        scenario: The scenario that is played.
         worlds: Its worlds.
         asked: Names and values.
         mask: The worlds, for those that vary; None: all.
@@ -67,7 +67,7 @@ def copy_changed(source: Worlds, target: Worlds) -> None:
 
 
 def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
-    """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
+    """Return the levels of the worlds' current episodes; see SurvivalVectorEnv.levels."""
     clock, varied = worlds[Clock], worlds.numbers()
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
     if not clock.episode[rows].all():
@@ -85,7 +85,7 @@ def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
 
 
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
-    """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
+    """Set the levels of the next episodes; see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
     if not worlds.layout.keyed:
         raise NumberError(NO_LEVELS)

@@ -22,18 +22,18 @@ Arrays = dict[str, Array]
 class Observations:
     """Reads what agents observe.
 
-    "dict": float32 arrays (worlds, agents, ...) by key. "flat": one float32 array (worlds, agents, flat_size), the keys
-    one behind the other in their order.
+    "dict": float32 arrays (worlds, agents, ...) by key. "flat": one float32 array (worlds, agents, flat_size), which
+    joins all keys in their order.
 
     Attributes:
         kind: One of KINDS.
-        views: By key, what the engine writes, read-only and in units, whatever the kind.
-        space: Of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size).
-        names: Of the columns of a flat row: "own.health", "heals.3.x", "heals_mask.3".
+        views: What the engine writes, by key, read-only and unscaled, whatever the kind.
+        space: The space of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size).
+        names: The names of the columns of a flat row: "own.health", "heals.3.x", "heals_mask.3".
     """
 
     def __init__(self, worlds: Worlds, kind: str, scaled: bool) -> None:
-        """ValueError for another kind. scaled: as scaling.Scale has it; all bounds are finite then."""
+        """ValueError for another kind. scaled: whether scaling.Scale is applied, so that all bounds are finite."""
         check_choice("observations", kind, KINDS)
         self.kind, self.scaled = kind, bool(scaled)
         found = published(worlds, Observation)
@@ -59,7 +59,7 @@ class Observations:
         self._buffer: Any = None
 
     def read(self, copy: bool) -> Any:
-        """What is observed now: new arrays, or without `copy` read-only ones that the next call overwrites."""
+        """Return the observations now: new arrays, or without `copy` read-only views that the next call overwrites."""
         if self.kind == "dict" and not self.scaled:
             return {key: view.copy() for key, view in self.views.items()} if copy else dict(self.views)
         room = self._room() if copy or self._buffer is None else self._buffer
@@ -70,18 +70,18 @@ class Observations:
         return each(room, read_only)
 
     def of_each(self, where: Array) -> Array:
-        """A copy of what is observed now in each of the worlds `where`, None for the others; objects (worlds,)."""
+        """Return a copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
         observations, found = self.read(copy=False), np.full(len(where), None, object)
         for w in np.flatnonzero(where):
             found[w] = each(observations, lambda array, w=w: array[w].copy())
         return found
 
     def check(self, out: Any, name: str = "out") -> Any:
-        """Memory of the caller's as numpy arrays, for `write`; see buffers.checked. Raises ValueError."""
+        """Return the caller's memory as numpy arrays, for `write`; see buffers.checked. Raises ValueError."""
         return checked(self.views, out, name)
 
     def write(self, arrays: Any) -> None:
-        """Write what is observed now, of either kind, into what `check` returned."""
+        """Write the present observations, of either kind, into what `check` returned."""
         write(self.views, arrays)
         if not self.scaled:
             return
@@ -92,7 +92,7 @@ class Observations:
             self._flat.apply(arrays)
 
     def of_agent(self, i: int) -> Any:
-        """The space of agent `i`, a new object: Dict of Box (...), or Box (flat_size,)."""
+        """Return the space of agent `i`, a new object: Dict of Box (...), or Box (flat_size,)."""
         if self.kind == "flat":
             return spaces.Box(self.space.low[i], self.space.high[i], dtype=np.float32)
         return spaces.Dict(
@@ -106,7 +106,7 @@ class Observations:
 
 
 def each(observations: Any, change: Any) -> Any:
-    """What `change` makes of each array: of observations by key, or of flat ones."""
+    """Apply `change` to each array of observations by key, or to flat ones."""
     return (
         {key: change(array) for key, array in observations.items()}
         if isinstance(observations, dict)

@@ -15,12 +15,12 @@ LIMIT = 10.0  # of scaled values whose range is not known, as wrappers that norm
 
 @dataclass(frozen=True)
 class Scale:
-    """What becomes of the columns of a row.
+    """How the columns of a row are scaled.
 
     Attributes:
-        divisors: float32 (columns,).
+        divisors: What columns are divided by, float32 (columns,).
         angles: Indices of columns in radians, which are wrapped to -pi to pi first.
-        unlimited: Indices of columns whose range is not known: they are clipped to -LIMIT to LIMIT.
+        unlimited: Indices of columns whose range is not known, which are clipped to -LIMIT to LIMIT.
     """
 
     divisors: Array
@@ -29,14 +29,14 @@ class Scale:
 
     @classmethod
     def of(cls, fields: Mapping[str, Field], columns: int) -> "Scale":
-        """Of a row with these fields, whose ranges do not matter; without any, it stays as it is."""
+        """Return the scale of a row with these fields, whatever their ranges; without fields, a row stays as it is."""
         divisors, angle = np.ones(columns, np.float32), np.zeros(columns, bool)
         for field in fields.values():
             divisors[field.columns], angle[field.columns] = field.scale, field.unit == "rad"
         return cls(divisors, np.flatnonzero(angle), np.zeros(0, int))
 
     def limited(self, low: Array, high: Array) -> tuple["Scale", Array, Array]:
-        """The same, clipped where one of the ends (..., columns) is infinite; and the ends of what comes of it."""
+        """Return the same, but clipped where one of the ends (..., columns) is infinite, and the ends of the result."""
         low, high = low.copy(), high.copy()
         low[..., self.angles], high[..., self.angles] = -np.float32(math.pi), np.float32(math.pi)
         endless = np.isinf(low) | np.isinf(high)
@@ -57,7 +57,7 @@ class Scale:
 
 
 def joined(scales: list[Scale]) -> Scale:
-    """Of rows that lie one behind the other."""
+    """Return the scale of rows that are joined into one."""
     starts = np.cumsum([0, *(len(scale.divisors) for scale in scales)])[:-1]
     shifted = [(scale.angles + at, scale.unlimited + at) for scale, at in zip(scales, starts, strict=True)]
     angles, unlimited = (np.concatenate(each) for each in zip(*shifted, strict=True))

@@ -33,9 +33,9 @@ BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see 
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
-    """(key, component, column name, column) of all columns of a kind, in order of their keys' components.
+    """Return (key, component, column name, column) of all columns of a kind.
 
-    Actions come in the order that their components declare; everything else in order of keys.
+    Actions come in the order that their components declare, everything else in order of keys.
     """
     found = [
         (column.key or name, component, name, column)
@@ -63,11 +63,12 @@ INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # what in
 
 
 def check_published(worlds: Worlds) -> None:
-    """Refuse what learners cannot use, or would use in vain.
+    """Refuse declarations that learners cannot use, or that would have no effect.
 
     Raises:
-        DeclarationError: A column that they see or set has no row an agent, or no system writes or reads it; what a
-            system pays is set anew after it; two statistics have one name; nobody counts one; nobody emits an event.
+        DeclarationError: A column that learners see or set has no row per agent, or no system writes or reads it; a
+            reward that a system pays is overwritten after it; two statistics have the same name; no system counts a
+            statistic, or emits an event.
     """
     systems = worlds.layout.systems
     for base in (Observation, Action):
@@ -130,15 +131,15 @@ def _check_fields(worlds: Worlds) -> None:
 
 
 def bounds(worlds: Worlds) -> dict[str, Ends]:
-    """The lowest and highest values of all observations of one world, by key: float32 (agents, ...), maybe infinite.
+    """Return the bounds of all observations of one world, by key: float32 (agents, ...), possibly infinite.
 
-    The range of a field (or of a key without fields) is what its column declares, narrowed to what modules say of it
-    (see ecs.Module.bounds). Where that is a single value it gets room for 1 more, as wrappers that rescale divide by
-    the width of the range.
+    The range of a field (or of a key without fields) is what its column declares, narrowed to what modules return for
+    it (see ecs.Module.bounds). A range of a single value is extended by 1, as wrappers that rescale divide by the width
+    of the range.
 
     Raises:
-        DeclarationError: a module's bounds do not fit the shape, have a low end above the high one, or are not by the
-            names of the key's fields.
+        DeclarationError: A module's bounds do not fit the shape, have a low end above the high one, or are not given by
+            the names of the key's fields.
     """
     if worlds.layout not in BOUNDS:
         BOUNDS[worlds.layout] = _bounds(worlds)
@@ -218,11 +219,11 @@ def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
 
 
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
-    """Copies of the episode statistics; rows of worlds that are not `where` are zero. Shapes (worlds,) or (worlds, n).
+    """Return copies of the episode statistics, (worlds,) or (worlds, n); rows of worlds other than `where` are zero.
 
-    Numbers that vary are among them, but for those that are words.
+    They include the numbers that vary, except words.
 
-    A column with one entry a damage type becomes one key for each: "deaths_zone".
+    A column with an entry per damage type becomes one key for each: "deaths_zone".
     """
     rows, result = np.flatnonzero(where), dict[str, Array]()
     for key, (values, _) in reported_statistics(worlds).items():
@@ -238,7 +239,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
 
 def reported_statistics(worlds: Worlds) -> dict[str, Reported]:
-    """Where the statistics that are reported are counted, by the names that they have then."""
+    """Return where the reported statistics are counted, by the names under which they are reported."""
     if worlds not in STATISTICS:
         STATISTICS[worlds] = found = dict[str, Reported]()
         for key, component, name, column in published(worlds, Statistic):

@@ -1,4 +1,4 @@
-"""Memory of the caller's for what a step returns."""
+"""The caller's memory for what a step returns."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,10 +11,10 @@ NAMES = ("observations", "rewards", "terminated", "truncated", "state", "action_
 
 
 class StepBuffers:
-    """What SurvivalVectorEnv.step got as `out`."""
+    """The memory that SurvivalVectorEnv.step was given as `out`."""
 
     def __init__(self, env: Described, out: Any) -> None:
-        """Look at it, and write nothing yet. Raises ValueError."""
+        """Check it, without writing anything yet. Raises ValueError."""
         self._env, self._given = env, {} if out is None else out
         if not isinstance(self._given, Mapping) or (unknown := sorted(map(repr, self._given.keys() - set(NAMES)))):
             found = f"the name {unknown[0]}" if isinstance(out, Mapping) else f"type {type(out).__name__}"
@@ -24,14 +24,14 @@ class StepBuffers:
             raise ValueError("out has one array for two names: each needs memory of its own")
 
     def put(self, name: str, values: Array) -> Any:
-        """The caller's memory of that name, with these values in it; without any, a copy of them."""
+        """Write the values into the caller's memory of that name and return it; without any, return a copy of them."""
         if name not in self._given:
             return values.copy()
         self._arrays[name][...] = values
         return self._given[name]
 
     def fill(self) -> Any:
-        """Write what is known when the step is over. Returns the caller's observations, None without any."""
+        """Write what is known when the step is over. Returns the caller's observations, or None if none were given."""
         if "state" in self._arrays:
             self._arrays["state"][...] = self._env._global_state(slice(None))
         if "action_mask" in self._arrays:

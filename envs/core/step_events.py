@@ -11,10 +11,10 @@ Array = np.ndarray[Any, Any]
 
 
 class StepEvents:
-    """The events of every world's last step, also of worlds that were reset at once after it.
+    """The events of every world's last step, even if the world was reset right after it.
 
     Attributes:
-        some: Whether those of some worlds are kept.
+        some: Whether events of some worlds are kept.
     """
 
     def __init__(self, worlds: Worlds) -> None:
@@ -24,7 +24,7 @@ class StepEvents:
         self._clock = np.empty((0, 2), np.int64)
 
     def keep(self, where: Array) -> None:
-        """Keep those of the worlds `where`, bool (worlds,), which are about to be reset."""
+        """Keep the events of the worlds `where`, bool (worlds,), which are about to be reset."""
         clock = self._worlds[Clock]
         self._kept = where.copy()
         self._memory = self._worlds.event_memory.of(where)
@@ -32,7 +32,7 @@ class StepEvents:
         self.some = len(self._clock) > 0
 
     def forget(self, where: Any = slice(None)) -> None:
-        """The worlds `where` (mask, indices or slice) have gone on: what is kept of them is not their last step."""
+        """Drop what is kept of the worlds `where` (mask, indices or slice), which have gone on from that step."""
         if not self.some:
             return
         left = self._kept.copy()
@@ -42,7 +42,7 @@ class StepEvents:
         self.some = len(self._clock) > 0
 
     def read(self) -> dict[str, Array]:
-        """By name of the event: see ecs.Worlds.entries."""
+        """Return the events by name; see ecs.Worlds.entries."""
         if not self.some:
             return self._worlds.events()
         clock, now = self._worlds[Clock], self._worlds.event_memory

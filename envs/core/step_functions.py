@@ -1,6 +1,6 @@
-"""What a step does around the tick, as machine code: whatever the number of worlds, it is one call from Python.
+"""What a step does around the tick, as machine code: a single call from Python, whatever the number of worlds.
 
-The functions take the address of a block of int64 words, see WORDS. They return flags.
+The functions take the address of a block of int64 words (see WORDS), and return flags.
 """
 
 from typing import Any
@@ -37,7 +37,7 @@ def check(block: int) -> int:
     """Check a step, and set the modes. A step that is refused changes nothing.
 
     Returns:
-        0, or why it is refused: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
+        0, or the reason for refusing it: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
     """
     worlds, columns = read(block + WORLDS), read(block + COLUMNS)
     running, ended, stopped = read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
@@ -87,7 +87,7 @@ def take(block: int, start: int, stop: int) -> None:
 
 @kernel
 def begin(block: int) -> int:
-    """`check`, and `take` of all worlds."""
+    """Do `check`, and `take` for all worlds."""
     refused = check(block)
     if not refused:
         take(block, 0, read(block + WORLDS))
@@ -96,16 +96,16 @@ def begin(block: int) -> int:
 
 @kernel
 def finish(block: int, outcome: int) -> int:
-    """Note which episodes are over, and which worlds run, after a tick of those whose mode is not SKIP.
+    """Record which episodes are over, and which worlds run, after a tick of the worlds whose mode is not SKIP.
 
-    The tick that starts an episode neither pays nor ends anything, whatever systems write: there was no action.
+    The tick that starts an episode neither pays nor ends anything, whatever systems write, as there was no action.
 
     Args:
         block: See WORDS.
-        outcome: FAILED: those worlds do not run any more. COMPLETED. LEFT: who runs is left as it is.
+        outcome: COMPLETED; FAILED: those worlds no longer run; LEFT: which worlds run is left as it is.
 
     Returns:
-        Flags: DONE if some episode is over, FAULTY if some world is in a state that cannot be.
+        Flags: DONE if some episode is over, FAULTY if some world is in a state that is not possible.
     """
     mode, running, ended, stopped = (
         read(block + MODE), read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
@@ -137,7 +137,7 @@ def finish(block: int, outcome: int) -> int:
 
 @kernel
 def play(frame: int, start: int, stop: int) -> int:
-    """Take the actions of the worlds from `start` to `stop`, and take these through the tick (see ecs.run_units)."""
+    """Take the actions of the worlds from `start` to `stop`, and run these worlds' tick (see ecs.run_units)."""
     take(read(frame + 8 * CALLER), start, stop)
     return run_units(frame, start, stop)
 
@@ -149,11 +149,12 @@ def step(block: int, frame: int, function: int, argument: int) -> int:
     Args:
         block: See WORDS.
         frame: See ecs.run_units.
-        function: The address of what plays all worlds: `play`, or what spreads that over threads.
-        argument: Its first one.
+        function: The address of the function that plays all worlds: `play`, or one that spreads it over threads.
+        argument: Its first argument.
 
     Returns:
-        As `check`, if it is refused; -1, if a system raised an exception; or as `finish`.
+        What `check` returns, if the step is refused; -1 if a system raised an exception; otherwise what `finish`
+        returns.
     """
     refused = check(block)
     if refused:

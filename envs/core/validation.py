@@ -1,4 +1,4 @@
-"""What a caller hands in, checked before anything changes: counts, seeds, masks, actions."""
+"""Checks of what callers pass in, before anything changes: counts, seeds, masks, actions."""
 
 import warnings
 from collections.abc import Sequence
@@ -33,14 +33,14 @@ def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = ""
 
 
 def check_flags(**flags: Any) -> None:
-    """ValueError unless all are True or False; any other word would count as True."""
+    """ValueError unless all are True or False; a text such as "no" would count as True."""
     for name, value in flags.items():
         if not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"{name} = {value!r}: allowed are True and False")
 
 
 def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
-    """`value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
+    """Return `value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
     if old not in options:
         return value
     warnings.warn(f"the keyword {old} is now called {new}", DeprecationWarning, stacklevel=3)
@@ -48,7 +48,7 @@ def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
 
 
 def autoreset_mode(mode: Any) -> AutoresetMode:
-    """The mode, or the one of that value. Raises ValueError for anything else."""
+    """Return the mode, or the mode of that value. Raises ValueError for anything else."""
     try:
         return AutoresetMode(mode)
     except ValueError:
@@ -57,10 +57,10 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
 
 
 def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array, Array]:
-    """What keys the worlds' random numbers, see SurvivalVectorEnv.reset.
+    """Return the keys of the worlds' random numbers; see SurvivalVectorEnv.reset.
 
     Returns:
-        Seeds and worlds, uint64 (count,), and which worlds get them, bool (count,): those without a seed go on.
+        Seeds and worlds, uint64 (count,), and which worlds get them, bool (count,): worlds without a seed go on.
     """
     given = np.asarray(seed, object)
     if given.ndim == 0:
@@ -78,9 +78,9 @@ def _seed(value: Any) -> np.uint64:
 
 
 def reset_mask(options: Any, count: int) -> Array:
-    """options["reset_mask"], bool (count,); all if there is none.
+    """Return options["reset_mask"], bool (count,); all worlds if there is none.
 
-    Other keys are a ValueError: a typo in this one would reset everything.
+    Other keys raise ValueError: otherwise, a typo in this one would reset everything.
     """
     if not isinstance(options, dict | None) or {*(options or ())} - {"reset_mask"}:
         raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
@@ -88,7 +88,7 @@ def reset_mask(options: Any, count: int) -> Array:
 
 
 def world_mask(name: str, given: Any, count: int) -> Array:
-    """A mask of worlds, bool (count,); all if it is None. ValueError, which names it, for anything else."""
+    """Return a mask of worlds, bool (count,); all if it is None. ValueError, which names it, for anything else."""
     if given is None:
         return np.ones(count, bool)
     mask: Array = as_array(given)
@@ -111,7 +111,7 @@ def checked_actions(
     who: str = "agent {1} in world {0}",
     keys: Sequence[str] = (),
 ) -> Array:
-    """Actions that a caller gave, as an array.
+    """Return the actions that a caller passed, as an array.
 
     Args:
         given: Integers of any type, as an array or nested lists.
@@ -120,7 +120,7 @@ def checked_actions(
         ranges: Whether to check that each action is from 0 to its size - 1.
         what: What `given` is called in errors ("others").
         axes: What `shape` is called in errors.
-        who: What the agent of the indices ahead of the last one is called in errors ("sub-environment {0}").
+        who: What the agent with all indices but the last is called in errors ("sub-environment {0}").
         keys: What the actions of an agent are called in errors.
 
     Returns:
@@ -146,10 +146,10 @@ def checked_actions(
 def checked_fractions(
     given: Any, shape: tuple[int, ...], *, what: str, axes: str, who: str, keys: Sequence[str]
 ) -> Array:
-    """Continuous actions that a caller gave, as float32 of that shape; otherwise as `checked_actions`.
+    """Return the continuous actions that a caller passed, as float32 of that shape; otherwise like `checked_actions`.
 
     Raises:
-        ActionError: The wrong shape or type, or an action that is not from -1 to 1, but for what float32 rounds.
+        ActionError: The wrong shape or type, or an action that is not from -1 to 1, apart from rounding to float32.
     """
     actions = _shaped(given, shape, "f", "floats", what, axes).astype(np.float32)
     bad = ~(np.abs(actions) <= 1 + ROUNDING)  # also what is not a number
@@ -176,10 +176,10 @@ def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[s
 
 
 def as_array(value: Any) -> Array:
-    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type.
+    """Return `value` as an array; lists of unequal length become an array of objects, which shape or type will refuse.
 
     Raises:
-        ActionError: It is a tensor that numpy cannot read, as one with a gradient, or on a GPU.
+        ActionError: It is a tensor that numpy cannot read, such as one with a gradient or on a GPU.
     """
     try:
         return np.asarray(value)

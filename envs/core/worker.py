@@ -1,8 +1,8 @@
-"""A worker thread that Ctrl-C cannot leave waiting, nor its caller.
+"""A worker thread that Ctrl-C cannot leave waiting for ever, nor its caller.
 
-`concurrent.futures`, `threading.Thread.start` and `threading.Condition` are Python code: Ctrl-C after they took a lock
-and before they entered the block that releases it leaves the lock taken, and every thread that needs it waits for ever.
-Here each wait is a single call into C, of a lock or of a queue: Ctrl-C comes before or after it, not within.
+`concurrent.futures`, `threading.Thread.start` and `threading.Condition` are Python code: if Ctrl-C comes when they have
+taken a lock but not yet entered the block that releases it, the lock remains taken, and every thread that needs it
+waits for ever. Here each wait is one call into C, of a lock or a queue: Ctrl-C comes before or after it, not within it.
 """
 
 import _thread
@@ -25,7 +25,7 @@ class Job:
         self._unfinished.acquire()
 
     def run(self) -> None:
-        """Make the call, unless it has begun."""
+        """Make the call, unless it has begun already."""
         if not self._claimed.acquire(blocking=False):
             return
         call, arguments = self._call
@@ -76,7 +76,7 @@ class Worker:
             self._threads[thread] = running  # Ctrl-C just before this leaves one thread too many, which is harmless
 
     def close(self) -> None:
-        """End the thread, after the jobs that were submitted."""
+        """End the thread, after all submitted jobs."""
         if self._owner == os.getpid():
             self._owner = 0
             self._end()

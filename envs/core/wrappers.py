@@ -1,4 +1,4 @@
-"""Gymnasium's vector wrappers that cannot work: refused by name, with the cure, and not by an error of numpy."""
+"""Gymnasium's vector wrappers that cannot work: refused by name and with a remedy, rather than by an error of numpy."""
 
 from collections.abc import Iterator
 from types import FrameType
@@ -11,10 +11,10 @@ SUMMING = (NormalizeReward, RecordEpisodeStatistics)
 
 
 def refuse_reward_sums(caller: FrameType | None) -> None:
-    """TypeError if a call comes through a wrapper that sums one reward for each sub-environment.
+    """TypeError if a call comes through a wrapper that sums up one reward for each sub-environment.
 
-    An environment does not see what wraps it before it is called; without this the wrapper would raise numpy's error
-    about shapes that do not broadcast.
+    An environment does not see its wrappers before it is called. Without this check, such a wrapper would raise numpy's
+    error about shapes that do not broadcast.
 
     Args:
         caller: The frame that called the environment; those of wrappers lie above it.
@@ -29,7 +29,7 @@ def refuse_reward_sums(caller: FrameType | None) -> None:
 
 
 def refuse_dicts(caller: FrameType | None) -> None:
-    """TypeError if a call comes through a wrapper that takes observations in one array; see `refuse_reward_sums`."""
+    """TypeError if a call comes through a wrapper that needs observations in one array; see `refuse_reward_sums`."""
     for wrapper in _wrappers(caller):
         if isinstance(wrapper, NormalizeObservation) and isinstance(wrapper.env.single_observation_space, Dict):
             raise TypeError(

@@ -1,4 +1,4 @@
-"""What was changed to derive a scenario: names and sentences that say it, and the numbers that follow others."""
+"""What was changed to derive a scenario: names and sentences that say so, and the numbers that follow others."""
 
 import dataclasses
 import hashlib
@@ -16,14 +16,15 @@ LONGEST = 60  # characters that a name adds for all changes (a hash stands for t
 
 
 def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
-    """In words and by name, what is different: "without boxes", "with swamp", "melee_damage=20".
+    """Return in words and by name what is different: "without boxes", "with swamp", "melee_damage=20".
 
     Args:
         before: Mechanics of a scenario.
         after: Mechanics of one that was derived from it.
 
     Returns:
-        Of new mechanics, the numbers that are unlike their defaults, too. Numbers that only follow others are left out.
+        The changes, including numbers of new mechanics that differ from their defaults. Numbers that only follow others
+        are left out.
     """
     there, here = ({module.slot(): type(module) for module in modules} for modules in (before, after))
     new = [module for module in after if there.get(module.slot()) is not type(module)]
@@ -38,19 +39,19 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
 
 
 def in_full(name: str) -> str:
-    """Name of the number that n_NAME stands for; others as they are."""
+    """Return the name of the number that n_NAME stands for; other names as they are."""
     return f"{name[2:]}_count" if name.startswith("n_") else name
 
 
 def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """What is given for numbers, by their full names ("agents_count"); warns of names of earlier versions.
+    """Return given values by the numbers' full names ("agents_count"); warn of names from earlier versions.
 
     Args:
         find: Scenario.find_number.
-        given: Names, any of theirs, and values.
+        given: Names, in any form, and values.
 
     Raises:
-        NumberError: An unknown number, or one that is given twice, as by two of its names.
+        NumberError: A number is unknown, or is given twice, by two of its names, say.
     """
     found = dict[str, Any]()
     for name, value in given:
@@ -63,19 +64,19 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
 
 
 def defaults(modules: Iterable[Module]) -> set[str]:
-    """The full names of the numbers that have their default in these mechanics, set by nobody or to that."""
+    """Return the full names of the numbers that have their default value in these mechanics, whether set or not."""
     fields = [(module, item) for module in modules for item in dataclasses.fields(module)]
     return {f"{m.name}_{item.name}" for m, item in fields if getattr(m, item.name) == item.default}
 
 
 def numbers(modules: Iterable[Module]) -> dict[str, Any]:
-    """Every number of these mechanics by its full name, sorted by mechanics."""
+    """Return every number of these mechanics by its full name, sorted by mechanics."""
     ordered = sorted(modules, key=lambda module: module.name)
     return {f"{m.name}_{item.name}": getattr(m, item.name) for m in ordered for item in dataclasses.fields(m)}
 
 
 def all_replaced(modules: Iterable[Module], given: Mapping[tuple[str, str], Any]) -> tuple[Module, ...]:
-    """Copies with other numbers, by names of mechanic and number."""
+    """Return copies with other numbers, which are given by names of mechanic and number."""
     return tuple(
         _replaced(module, {name: value for (own, name), value in given.items() if own == module.name})
         for module in modules
@@ -95,7 +96,7 @@ def _replaced(module: Module, given: dict[str, Any]) -> Module:
 
 
 def titles(origin: Any, made: Any) -> tuple[str, str]:
-    """The name and the sentence of a scenario that was derived from another one."""
+    """Return the name and the sentence (`about`) of a scenario that was derived from another one."""
     changed = changes(origin.modules, made.modules)
     changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]
     name, about = (differing(origin, made, changed, short) for short in (True, False))
@@ -103,13 +104,13 @@ def titles(origin: Any, made: Any) -> tuple[str, str]:
 
 
 def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> list[str]:
-    """The changes of a derived scenario with what differs from world to world and from agent to agent.
+    """Return the changes of a derived scenario, including what differs from world to world and from agent to agent.
 
     Args:
         origin: The scenario that it was derived from.
-        made: The derived one.
-        changed: See `changes`.
-        short: For a name, "n_agents=2..6"; otherwise as it is typed, "n_agents=integers(2, 6)".
+        made: The derived scenario.
+        changed: The other changes; see `changes`.
+        short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
     """
     drawn_anew = {_short(name) for name, _ in made.varied}  # what they would be otherwise is of no effect
     found = [each for each in changed if each.partition("=")[0] not in drawn_anew]
@@ -150,14 +151,14 @@ def _short(name: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A number as it is typed behind --set."""
+    """Return a number as it is typed after --set."""
     if isinstance(value, tuple):
         return ",".join(map(shown, value))
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
 def derived_name(name: str, changed: Sequence[str]) -> str:
-    """A scenario's name with its changes, "teams_3-without_boxes-n_agents=6", other ones for other changes."""
+    """Return a scenario's name with its changes, "teams_3-without_boxes-n_agents=6"; unique for each set of changes."""
     suffix = as_file_name("".join(f"-{each}" for each in changed))
     if len(suffix) > LONGEST:
         suffix = f"{suffix[: LONGEST - 9]}-{hashlib.sha256(suffix.encode()).hexdigest()[:8]}"
@@ -165,13 +166,13 @@ def derived_name(name: str, changed: Sequence[str]) -> str:
 
 
 def derived_about(about: str, changed: Sequence[str]) -> str:
-    """A scenario's sentence with its changes."""
+    """Return a scenario's sentence (`about`) with its changes."""
     short = [each if len(each) <= LONGEST else f"{each[: LONGEST - 3]}..." for each in changed]
     return "; ".join(filter(None, (about, f"changed: {', '.join(short)}" if changed else "")))
 
 
 def as_file_name(text: str) -> str:
-    """The text with what is not a letter, a digit or one of ._,=+- replaced, so that a file can be called so."""
+    """Return the text as a possible file name: all but letters, digits and ._,=+- are replaced."""
     return re.sub(r"[^\w.,=+-]", "_", text)
 
 
@@ -181,16 +182,16 @@ def following(
     given: Mapping[str, Any],
     added: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> dict[str, tuple[str, Any]]:
-    """The numbers that change with those that are given, as they were declared to: see ecs.number's `scales_with`.
+    """Return the numbers that change in proportion to given ones, as declared by `scales_with` of ecs.number.
 
-    A number follows only while it is what the scenario began with, in proportion; not once it was set by hand, and not
-    one that began as 0. Others may follow it in turn.
+    A number only follows another one while it has, in proportion, the value with which the scenario began: not if it
+    has been set explicitly, nor if it began as 0. Other numbers may follow it in turn.
 
     Args:
-        modules: With the numbers of now.
-        origin: All numbers that the scenario began with, by full name.
+        modules: The mechanics with their present numbers.
+        origin: All numbers with which the scenario began, by full name.
         given: New numbers by full name.
-        added: Of mechanics that were added later: by full name, the number then, and the one that it follows.
+        added: For mechanics that were added later: by full name, the number and the one that it follows, at that time.
 
     Returns:
         By full name, the number that it follows, and its new value.
@@ -215,7 +216,7 @@ def following(
 
 
 def leaders(modules: Sequence[Module]) -> dict[str, str]:
-    """The numbers that scale with another one, by full name, and which one."""
+    """Return the numbers that scale with another one, by full name, and the number that each scales with."""
     items = ((f"{module.name}_{item.name}", item) for module in modules for item in dataclasses.fields(module))
     return {name: item.metadata["scales_with"] for name, item in items if item.metadata.get("scales_with")}
 

@@ -1,4 +1,4 @@
-"""What differs between the worlds and the agents of a scenario, as JSON has it in files and fingerprints."""
+"""What differs between the worlds and between the agents of a scenario, as JSON for files and fingerprints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ KEYS = ("varied", "observed", "roles")
 
 
 def plain(scenario: Any) -> dict[str, Any]:
-    """Of each only what there is.
+    """Return the differences as JSON, without entries that would be empty.
 
     "varied": what numbers are drawn from: by name, the name of a distribution and its values. "observed": which of them
     agents observe. "roles": see ecs.roles.plain.
@@ -27,17 +27,17 @@ def plain(scenario: Any) -> dict[str, Any]:
 
 
 def same_for_all(scenario: Any) -> dict[str, Any]:
-    """The numbers that are one value, in all worlds and for all agents that have no other one by their role."""
+    """Return the numbers with one value in all worlds, and for all agents whose role does not set another one."""
     differing = {name for name, _ in scenario.varied} | {*(scenario.by_role.in_all if scenario.by_role else ())}
     return {name: value for name, value in scenario.numbers().items() if name not in differing}
 
 
 def restored(modules: Sequence[Module], given: Mapping[str, Any]) -> dict[str, Any]:
-    """What `plain` made, as arguments of a Scenario of these mechanics.
+    """Return the result of `plain` as arguments for a Scenario of these mechanics.
 
     Raises:
-        NumberError: A number that cannot vary or differ in that way.
-        ScenarioError: Numbers are observed that do not vary.
+        NumberError: A number cannot vary or differ in that way.
+        ScenarioError: A number is observed twice, or does not vary.
     """
     varied = {name: distributions.from_plain(*entry) for name, entry in given.get("varied", {}).items()}
     place(list(modules), varied)

@@ -1,4 +1,4 @@
-"""What identifies a game: a scenario's name, numbers and order, and the code of users' mechanics, as files keep it."""
+"""What identifies a game in files: a scenario's name, numbers and order, and the code of users' mechanics."""
 
 import json
 from collections.abc import Iterator
@@ -22,12 +22,12 @@ MORE = {  # what a fingerprint may have, and what it is
 
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
-    """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line.
+    """Return a scenario's name and numbers as JSON. The name lacks characters that cannot be shown in a line.
 
-    The name is that of the scenario that it was derived from, if it was: what its own name says of changes is in the
-    "label". Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not
+    For a derived scenario it is the name of the origin, and the "label" says what was changed. If there is any, the
+    fingerprint also has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not
     outlast's own: by name, the full name of the class, the version of Python and the hash of its code (ecs.identity);
-    and what `differing.plain` has.
+    and the entries of `differing.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
@@ -45,7 +45,7 @@ def _line(name: str) -> str:
 
 
 def is_fingerprint(given: Any) -> bool:
-    """Whether it could be one: a name; by name numbers, booleans, choices and lists of numbers; lists of words."""
+    """Return whether it could be one: a name; by name numbers, booleans, choices, lists of numbers; lists of words."""
     if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
         return False
     values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
@@ -92,14 +92,14 @@ def _are_words(given: Any) -> bool:
 
 
 def is_word(given: Any) -> bool:
-    """Whether it is a text that can be shown in a line."""
+    """Return whether it is a text that can be shown in a line."""
     return isinstance(given, str) and len(given) <= LONGEST and given.isprintable()
 
 
 def difference(given: Any, own: dict[str, Any]) -> str:
-    """Name of the scenario of that fingerprint and what first differs from one's own; empty if nothing does.
+    """Return the name in that fingerprint and its first difference from the own one; "" if there is no difference.
 
-    A fingerprint of before, which has no code, agrees with scenarios of outlast's own mechanics only.
+    A fingerprint of an earlier version, without code, agrees only with scenarios of outlast's own mechanics.
     """
     if not is_fingerprint(given):
         return "(it does not name one)"

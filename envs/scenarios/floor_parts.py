@@ -1,4 +1,4 @@
-"""Parts of a floor between which a body cannot get."""
+"""The parts of a floor between which a body cannot move."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -16,13 +16,13 @@ LISTED = 4  # parts that are told in a sentence
 
 
 class Part(NamedTuple):
-    """Floor on which a disc can get everywhere, and that it cannot leave.
+    """A part of the floor in which a disc can get everywhere, but which it cannot leave.
 
     Attributes:
-        x: Metres, of a point in it, near its middle, where the middle of the disc can be.
+        x: Position of a point in the part, near its middle, where the middle of the disc can be, metres.
         y: Likewise.
-        area: Square metres where the middle of the disc can be.
-        starts: Indices of the start areas that have some of it.
+        area: The area that the middle of the disc can reach, square metres.
+        starts: Indices of the start areas that overlap it.
     """
 
     x: float
@@ -34,16 +34,16 @@ class Part(NamedTuple):
 def parts_of(
     walls: Iterable[Rectangle], starts: Sequence[Rectangle], width: float, room: tuple[float, float]
 ) -> list[Part]:
-    """The parts of a floor, the largest first: see FloorPlan.parts.
+    """Return the parts of a floor, the largest first; see FloorPlan.parts.
 
     Args:
         walls: Rectangles (x, y, width, height, angle), metres and radians.
-        starts: Likewise, of the start areas.
-        width: Metres, the diameter of the disc.
+        starts: Rectangles of the start areas, likewise.
+        width: The diameter of the disc, metres.
         room: Width and height of the floor, metres.
 
     Raises:
-        ScenarioError: No width, no room, or points would lie farther apart than the disc's radius.
+        ScenarioError: There is no width or no room, or lattice points would be farther apart than the disc's radius.
     """
     step = max(width / CELLS, max(room) / MOST)
     if not (width > 0 and min(room) > 0 and step <= width / 2):
@@ -66,12 +66,12 @@ def parts_of(
 
 
 def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float) -> str:
-    """That a floor has several parts, where they are and who starts there; "" if there is one, or none.
+    """Return a text that a floor has several parts, where they are and who starts there; "" if there is at most one.
 
     Args:
         parts: See `parts_of`.
         owners: Who starts in each start area: a side, or "items".
-        width: Metres, of the disc.
+        width: The diameter of the disc, metres.
     """
     if len(parts) < 2:
         return ""

@@ -1,4 +1,4 @@
-"""A scenario as JSON has it: the form of the files that `Scenario.save` writes."""
+"""Scenarios as JSON: the form of the files that `Scenario.save` writes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,10 +20,10 @@ MOST = 2.0**128  # more than any number is
 
 
 def as_form(scenario: Any) -> dict[str, Any]:
-    """All of a scenario: its mechanics by the full names of their classes.
+    """Return the whole scenario, with mechanics by the full names of their classes.
 
-    What it was derived from is there, too ("origin"), and what "added" mechanics began with: which numbers follow
-    others, and what a derived one is called, depend on them.
+    It includes what the scenario was derived from ("origin"), and what "added" mechanics began with: these determine
+    which numbers follow others, and how derived scenarios are called.
     """
     form = {
         "version": VERSION,
@@ -41,10 +41,10 @@ def as_form(scenario: Any) -> dict[str, Any]:
 
 
 def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of `Scenario`, of what `as_form` made.
+    """Return the arguments for `Scenario` from the result of `as_form`.
 
     Raises:
-        ScenarioError, NumberError: It cannot be one.
+        ScenarioError, NumberError: The scenario is not possible.
         KeyError, TypeError, AttributeError: It is something else.
     """
     strict_json.check_version(form, VERSION)
@@ -64,7 +64,7 @@ def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple[Any, Any]]:
-    """What "added" mechanics began with: by name the number that follows another one, and that one.
+    """Return what "added" mechanics began with: by name, a number that follows another one, and that other one.
 
     Raises:
         ScenarioError: Such a number does not follow another one, or cannot be scaled.

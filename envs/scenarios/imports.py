@@ -21,11 +21,11 @@ NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages whose lines are not where a use
 
 
 def module_of(place: str) -> ModuleType:
-    """Import what a user names: a file, as a module, or a module.
+    """Import what a user names: a module, or a file as a module.
 
-    A file's folder joins `sys.path`, as a script's does. So it can import its neighbours, other processes can load
-    pickles of its mechanics, and a file that is named twice is imported once. A file within a package is imported as a
-    module of that package.
+    As for a script, the file's folder is added to `sys.path`. So the file can import its neighbours, other processes
+    can load pickles of its mechanics, and a file that is named twice is imported only once. A file within a package is
+    imported as a module of that package.
 
     Args:
         place: "FILE.py", or "package.module".
@@ -37,14 +37,14 @@ def module_of(place: str) -> ModuleType:
 
 
 def scenario_in(place: str, name: str) -> Scenario:
-    """A scenario in a file or module, which is imported.
+    """Return a scenario in a file or module, which is imported.
 
     Args:
-        place: As in `module_of`.
-        name: Of a Scenario there, or of a function without arguments that returns one. "": the only Scenario there.
+        place: The file or module, as for `module_of`.
+        name: Name of a Scenario there, or of a function without arguments that returns one. "": the only Scenario.
 
     Raises:
-        ScenarioError: There is none, and as in `module_of`.
+        ScenarioError: There is no such scenario, or the file or module cannot be imported (see `module_of`).
     """
     module = module_of(place)
     own = {key: value for key, value in vars(module).items() if isinstance(value, Scenario)}
@@ -65,7 +65,7 @@ def scenario_in(place: str, name: str) -> Scenario:
 
 
 def mechanic_in(place: str, name: str) -> type[Module]:
-    """The class of a mechanic in a file or module, which is imported. Raises ScenarioError as in `scenario_in`."""
+    """Return the class of a mechanic in a file or module, which is imported. Raises ScenarioError as `scenario_in`."""
     module = module_of(place)
     own = {key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Module)}
     found = member_of(module, name, place, own)
@@ -75,10 +75,10 @@ def mechanic_in(place: str, name: str) -> type[Module]:
 
 
 def member_of(module: ModuleType, name: str, place: str, wanted: Collection[str]) -> Any:
-    """What has that name in a module, which the user called `place`.
+    """Return the member of that name of a module, which the user called `place`.
 
     Raises:
-        ScenarioError: There is nothing of that name; the error lists the names that are `wanted` there.
+        ScenarioError: There is no such member; the message lists the names in `wanted`.
     """
     if not hasattr(module, name):
         own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]

@@ -1,4 +1,4 @@
-"""Whether mechanics can be those of one scenario."""
+"""Checks whether mechanics can be in one scenario together."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -12,22 +12,22 @@ from .changes import leaders
 
 
 def check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
-    """ScenarioError if one of them is no instance of a mechanic. scenario: the name that errors begin with."""
+    """ScenarioError if one of them is not an instance of a mechanic. scenario: the name that errors begin with."""
     for module in modules:
         if not isinstance(module, Module):
             raise ScenarioError(f"{scenario}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
 
 
 def check_together(scenario: str, modules: Sequence[Module]) -> None:
-    """Check that each could be there beside all others.
+    """Check that all mechanics can be in one scenario.
 
     Args:
         scenario: The name that errors begin with.
         modules: Its mechanics.
 
     Raises:
-        ScenarioError: One is no mechanic; two are of one slot; two mechanics or numbers have one name, and could not be
-            distinguished; or a number scales with one that no imported mechanic has.
+        ScenarioError: One is not a mechanic; two take the same slot; two mechanics or numbers have the same name; or a
+            number scales with one that no imported mechanic has.
     """
     check_mechanics(scenario, modules)
     taken: dict[type, Module] = {}

@@ -1,4 +1,4 @@
-"""Mechanics as files name them: full names of classes, and numbers. Nothing that a file names is imported."""
+"""Mechanics as named in files: full names of classes, and numbers. Nothing that a file names is imported."""
 
 import dataclasses
 import sys
@@ -18,17 +18,17 @@ KNOWN: dict[str, type[Module]] = {
 
 
 def current_class(name: str) -> str:
-    """The full name of today for one of any version."""
+    """Return the present full name of a class for its name in any version."""
     return CLASSES.get(name, name)
 
 
 def foreign(names: Iterable[str]) -> list[str]:
-    """Those of these full names of classes that are not outlast's own mechanics."""
+    """Return the full names among these that are not classes of outlast's own mechanics."""
     return [name for name in map(current_class, names) if name not in KNOWN]
 
 
 def imported() -> dict[str, type[Module]]:
-    """All mechanics that this process has, by full name: outlast's own, and those of the user's that are imported."""
+    """Return all mechanics of this process by full name: outlast's own, and those of the user's that are imported."""
     found: dict[str, type[Module]] = {}
     for kind in Module.imported()[1:]:
         module, before = sys.modules.get(kind.__module__), found.get(full_name(kind))
@@ -38,17 +38,17 @@ def imported() -> dict[str, type[Module]]:
 
 
 def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: bool = True) -> tuple[Module, ...]:
-    """Mechanics of these classes, which this process has, with these numbers.
+    """Make mechanics of these classes, which this process must have, with these numbers.
 
     Args:
         names: The full names of the classes.
-        numbers: By full name, as in `Scenario.numbers`.
-        strict: Whether all numbers must be there, and no others; else missing ones get their defaults, and unknown
-            ones, as of other versions of outlast, are left out.
+        numbers: Numbers by full name, as in `Scenario.numbers`.
+        strict: Whether exactly these numbers must exist. If not, missing numbers get their defaults, and unknown ones,
+            which other versions of outlast may have, are ignored.
 
     Raises:
         ScenarioError: A class was not imported, or a number is missing or unknown.
-        NumberError: A number cannot be.
+        NumberError: A value is not allowed.
     """
     left, made, known = current_numbers(dict(numbers)), [], imported()
     for name in map(current_class, names):

@@ -1,4 +1,4 @@
-"""What there is to know of a number: value, default, range, unit and meaning; for the command and the docs."""
+"""Everything there is to know about a number: value, default, range, unit and meaning; for the command and the docs."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -14,11 +14,11 @@ class NumberRow(NamedTuple):
     """A number of a mechanic, in words.
 
     Attributes:
-        name: As `Scenario.replace` takes it.
-        value: In the scenario; of one that worlds or agents differ in, what it is drawn from, and by which role.
-        default: Of the mechanic.
+        name: Its name, as for `Scenario.replace`.
+        value: Its value in the scenario; if worlds or agents differ in it, what it is drawn from, and by which role.
+        default: Its default in the mechanic.
         allowed: Its range, or its choices.
-        unit: In words; "" if it has none, or none is declared.
+        unit: Its unit in words; "" if it has none, or none is declared.
         about: What it is; "" if its declaration does not say.
     """
 
@@ -31,7 +31,7 @@ class NumberRow(NamedTuple):
 
 
 def scenario_rows(scenario: Scenario) -> list[NumberRow]:
-    """The numbers of a scenario, by mechanics."""
+    """Return the numbers of a scenario, by mechanics."""
     differing = {name: str(drawn) for name, drawn in scenario.varied}
     roles = scenario.by_role.roles if scenario.by_role else ()
     for name in scenario.by_role.numbers if scenario.by_role else ():
@@ -42,7 +42,7 @@ def scenario_rows(scenario: Scenario) -> list[NumberRow]:
 
 
 def number_rows(module: Module) -> list[NumberRow]:
-    """The numbers of a mechanic, in the order of their declaration."""
+    """Return the numbers of a mechanic, in the order of their declaration."""
     return [
         NumberRow(
             f"{module.name}_{item.name}",
@@ -57,14 +57,14 @@ def number_rows(module: Module) -> list[NumberRow]:
 
 
 def in_words(value: Any) -> str:
-    """A number as it can be typed, rounded to six digits."""
+    """Return a number as it can be typed, rounded to six digits."""
     if isinstance(value, tuple):
         return ",".join(map(in_words, value))
     return f"{value:.6g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def allowed(default: Any, rule: Mapping[str, Any]) -> str:
-    """Which values a number may have: "0 to 100000", "above 0", "masked, revealed"."""
+    """Return which values a number may have: "0 to 100000", "above 0", "masked, revealed"."""
     if choices := rule.get("choices"):
         return ", ".join(choices)
     if isinstance(default, bool):
@@ -79,7 +79,7 @@ def allowed(default: Any, rule: Mapping[str, Any]) -> str:
 
 
 def as_columns(rows: Iterable[NumberRow]) -> str:
-    """A table in text, with the names of the columns above."""
+    """Return a table as text, headed by the names of the columns."""
     lines = [tuple(name.replace("about", "meaning") for name in NumberRow._fields), *rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(NumberRow._fields))]
     padded = ((cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)

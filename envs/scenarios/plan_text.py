@@ -1,4 +1,4 @@
-"""Floor plans drawn in characters, as rectangles."""
+"""Floor plans drawn in characters, converted to rectangles."""
 
 import textwrap
 
@@ -11,17 +11,17 @@ Place = tuple[float, float, float, float, float]
 
 
 def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
-    """The rectangles of each sign in a drawing.
+    """Return the rectangles of each sign in a drawing.
 
     Args:
-        text: Its lines; blank ones around it, and indentation of all of them, are ignored.
-        cell: Metres of a character.
+        text: The lines of the drawing; blank lines around them and their common indentation are ignored.
+        cell: Side of the square that a character stands for, metres.
 
     Returns:
-        Sign and (x, y, width, height, angle) of each rectangle, metres; how many columns and rows the drawing has.
+        Sign and (x, y, width, height, angle) of each rectangle, metres; the drawing's numbers of columns and rows.
 
     Raises:
-        ScenarioError: A character that means nothing, or no lines.
+        ScenarioError: A character has no meaning, or there are no lines.
     """
     lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
     while lines and not lines[0]:

@@ -16,9 +16,9 @@ LOGGER = logging.getLogger("outlast")
 
 @functools.cache  # so that each warning is given once
 def installed() -> dict[str, EntryPoint]:
-    """The scenarios of installed packages by name; nothing of them is imported.
+    """Return the scenarios of installed packages by name, without importing anything of them.
 
-    One that cannot be used by its name is left out, with a warning that names the package.
+    A scenario that cannot be used by its name is left out, with a warning that names the package.
     """
     found = dict[str, EntryPoint]()
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, package(entry))):
@@ -36,12 +36,12 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def package(entry: EntryPoint) -> str:
-    """The name of the package that an entry point is of."""
+    """Return the name of the package that an entry point belongs to."""
     return entry.dist.name if entry.dist else entry.module
 
 
 def scenario_of_package(entry: EntryPoint) -> Scenario:
-    """Import the scenario of an entry point. Raises ScenarioError, which names the package."""
+    """Import the scenario of an entry point. Raises a ScenarioError that names the package."""
     try:
         return scenario_in(entry.module, entry.attr)
     except ScenarioError as error:

@@ -1,4 +1,4 @@
-"""Names that were other ones in earlier versions: those that users type work with a warning, those in files without."""
+"""Names that have changed since earlier versions: old names still work, with a warning if a user types them."""
 
 import sys
 import warnings
@@ -63,18 +63,18 @@ ADDED = {  # numbers by what was beside them when they were not there yet, and w
 
 
 def current_numbers(given: dict[str, Any], known: Collection[str] = ()) -> dict[str, Any]:
-    """The numbers of a file by current names, with those that there were not yet; see `current`."""
+    """Return the numbers of a file by current names, with those that did not exist yet; see `current`."""
     found = current(given, NUMBERS, known)
     return found | {new: value for new, (old, value) in ADDED.items() if old in found and new not in found}
 
 
 def current(given: dict[str, Any], table: dict[str, str], known: Collection[str] = ()) -> dict[str, Any]:
-    """The same by current names. A key that is `known` stays: a mechanic of the user's can have such a name.
+    """Return the same by current names. A key that is `known` stays, as a mechanic of the user's can have such a name.
 
     Args:
-        given: by name, from a file.
-        table: earlier names and the current ones.
-        known: names that are current wherever `given` is used.
+        given: Values by name, from a file.
+        table: Earlier names and the current ones.
+        known: Names that are current wherever `given` is used.
     """
     return {
         name if name in known or table.get(name, name) in given else table.get(name, name): value
@@ -83,7 +83,7 @@ def current(given: dict[str, Any], table: dict[str, str], known: Collection[str]
 
 
 def warn(old: str, new: str) -> None:
-    """A DeprecationWarning at the line outside of outlast that uses the old name."""
+    """Issue a DeprecationWarning at the line outside outlast that uses the old name."""
     frame, level = sys._getframe(), 1
     while frame.f_back and frame.f_globals["__name__"].partition(".")[0] == "outlast":
         frame, level = frame.f_back, level + 1

@@ -1,4 +1,4 @@
-"""Roles as a JSON file, for commands."""
+"""Roles from a JSON file, for commands."""
 
 import os
 from pathlib import Path
@@ -15,11 +15,11 @@ FORM = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {
 
 
 def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
-    """The scenario with the roles that a file says, as FORM; see ecs.roles.plain.
+    """Return the scenario with the roles in a file, which has the form FORM; see ecs.roles.plain.
 
     Raises:
         ScenarioError: The file cannot be read, or is something else.
-        NumberError: The roles cannot be, in this scenario.
+        NumberError: The roles are not possible in this scenario.
     """
     name = os.fspath(path)
     try:

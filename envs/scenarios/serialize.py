@@ -1,4 +1,4 @@
-"""Scenarios of files: which classes of mechanics one has, one made anew from such names, and how large it would be."""
+"""Scenarios in files: the classes of their mechanics, scenarios made anew from these names, and how large they are."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -15,17 +15,17 @@ LARGEST = 2**22  # bytes of the state of one world
 
 
 def classes(scenario: Scenario) -> list[str]:
-    """The full names of the classes of its modules, in order."""
+    """Return the full names of the classes of its modules, in order."""
     return current_classes(full_name(type(module)) for module in scenario.modules)
 
 
 def current_classes(names: Iterable[str]) -> list[str]:
-    """The same classes by their current names, in order."""
+    """Return the same classes by their current names, in order."""
     return sorted(map(current_class, names))
 
 
 def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
-    """The scenario of a fingerprint and of the full names of its classes. Raises as `rebuilt_mechanics` does."""
+    """Make the scenario of a fingerprint and the full names of its classes. Raises errors like `rebuilt_mechanics`."""
     modules = rebuilt_mechanics(current_classes(names), fingerprint["numbers"], strict)
     name = str(fingerprint.get("label") or fingerprint["name"])
     order = tuple(map(tuple, fingerprint.get("order", ())))
@@ -33,9 +33,9 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
 
 
 def planned(scenario: Scenario) -> tuple[int, int]:
-    """Agents in a world, and bytes that a world takes; next to nothing is allocated to know it.
+    """Return how many agents a world has, and how many bytes it takes, while allocating next to nothing.
 
-    Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
+    Raises ScenarioError if a world is absurdly large or has no agents, and the errors of Layout.
     """
     layout = Layout(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
     if "agents" not in layout.dims:
