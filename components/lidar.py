@@ -6,7 +6,7 @@ RAYS = "rays"  # the dimension
 
 
 class Rays(Component):
-    """Agents that have rays."""
+    """An agent that has rays."""
 
     off: Array = column("u1")  # 1: the agent is blind, and all its rays read 0
 

@@ -20,7 +20,7 @@ class Zone(Singleton):
 
 
 class ZoneView(Observation):
-    """Current centre and radius, next centre and radius; the same row for every agent."""
+    """Present centre and radius, next centre and radius; the same row for every agent."""
 
     zone: Array = column(
         "f4",

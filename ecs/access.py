@@ -80,7 +80,7 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
     """Read the annotations of a function.
 
     Raises:
-        DeclarationError: One is not in the table above, or the function would not run when it is called.
+        DeclarationError: An annotation is not in the table above, or the function would fail when it is called.
     """
     if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
         raise DeclarationError(

@@ -105,7 +105,7 @@ def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
 
 
 def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
-    """What a module's method returns, as a list. DeclarationError if it is no list of instances of `kind`."""
+    """Return the result of a module's method as a list. DeclarationError unless it is one of instances of `kind`."""
     given = getattr(module, method)()
     many = isinstance(given, Iterable)
     items = list(given) if many else [given]

@@ -13,10 +13,10 @@ EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's sta
 
 @kernel
 def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
-    """Count a tick, or start an episode, and forget the events of the tick before.
+    """Count a tick, or start an episode, and forget the events of the previous tick.
 
-    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear. kept: words of the state that
-    outlast an episode, the first ones.
+    world: the world's state as uint64, like initial_image. event_counts: see ecs.event.clear. kept: how many words at
+    the beginning of the state outlast an episode.
     """
     clear(event_counts)
     if mode == RESET:
@@ -29,7 +29,7 @@ def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, 
 
 @kernel
 def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
-    """Set all state but what is kept to what it is at the start of an episode."""
+    """Set the state, except the words that are kept, to what it is at the start of an episode."""
     for k in range(kept, initial_image.size):
         world[k] = initial_image[k]
 

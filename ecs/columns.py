@@ -49,7 +49,7 @@ class Column(types.Array):  # type: ignore[misc]
 
 
 class CheckedColumn(types.Array):  # type: ignore[misc]
-    """The same for systems from outside of outlast."""
+    """The same for systems from outside outlast, with checked indices."""
 
     def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
         super().__init__(dtype, ndim, layout, readonly=readonly, **more)

@@ -120,7 +120,7 @@ def column(
 
 
 def as_stored(label: str, column: Column, value: Any) -> Any:
-    """A prefab value as an array of the column's type. DeclarationError if the column cannot hold it."""
+    """Return a prefab value as an array of the column's type. DeclarationError if the column cannot hold it."""
     given = np.asarray(value)
     if column.dtype.kind == "f" and given.dtype.kind in "biuf":
         return given.astype(column.dtype)
@@ -158,12 +158,12 @@ def _check_column(label: str, column: Column) -> None:
 
 
 def snake_case(name: str) -> str:
-    """SafeZone as safe_zone, HTTPServer as http_server."""
+    """Return SafeZone as safe_zone, HTTPServer as http_server."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def table_type(cls: type["Component"]) -> Any:
-    """Namedtuple of the columns, findable by module and name so that numba can cache functions that use it."""
+    """Make a namedtuple of the columns that is found by module and name, so that numba can cache functions using it."""
     table = namedtuple("Table", list(cls.columns), module=cls.__module__)  # type: ignore[misc]
     table.__name__ = cls.__name__
     table.__qualname__ = f"{cls.__qualname__}.Table"
@@ -266,7 +266,7 @@ class Singleton(Component):
 
     @classmethod
     def keys(cls) -> set[str]:
-        """The keys of this component's columns, and of all that are imported and derived from it."""
+        """Return the keys of this component's columns, and of all imported components that are derived from it."""
         own = {column.key or name for name, column in cls.columns.items()}
         return own.union(*(subclass.keys() for subclass in cls.__subclasses__()))
 

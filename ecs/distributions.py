@@ -161,12 +161,12 @@ NAMES = ("uniform", "log_uniform", "integers", "choice", "free")
 
 
 def plain(distribution: Distribution) -> list[Any]:
-    """A distribution as JSON has it: the name of its kind, and its values."""
+    """Return a distribution as JSON: the name of its kind, and its values."""
     return [NAMES[distribution.kind], *(list(v) if isinstance(v, tuple) else v for v in distribution.values)]
 
 
 def from_plain(name: Any, *values: Any) -> Distribution:
-    """The distribution that `plain` was made of. NumberError for one that cannot be."""
+    """Return the distribution from the result of `plain`. NumberError if it is not possible."""
     makers: dict[str, Callable[..., Distribution]] = {
         each.__name__: each for each in (uniform, log_uniform, integers, choice, free)
     }
@@ -191,7 +191,7 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
 
 
 def in_python(value: Any) -> Any:
-    """A value without numpy's types, which JSON does not have; of several, a tuple."""
+    """Return a value without numpy's types, which JSON does not have; several values become a tuple."""
     found = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     return tuple(map(in_python, found)) if isinstance(found, (list, tuple)) else found
 

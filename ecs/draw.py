@@ -23,16 +23,16 @@ class Plan:
     """What draws the numbers of one world, as arrays; see `draw`.
 
     Attributes:
-        kinds: int8 (numbers,), of their distributions; a free number is a choice with one option.
-        real: int8 (numbers,), 1 where words are float32.
-        spans: int32 (numbers, 2), the first word and how many.
-        streams: uint64 (numbers,), of random numbers: that of the number's name.
-        ends: float64 (numbers, 2), lowest and highest; of choices 0.
-        choices: int32 (words,), of all choices, one behind the other.
+        kinds: int8 (numbers,), kinds of distributions; a free number is a choice with one option.
+        real: int8 (numbers,), 1 if words are float32.
+        spans: int32 (numbers, 2), the first word, and how many there are.
+        streams: uint64 (numbers,), streams of random numbers: those of the numbers' names.
+        ends: float64 (numbers, 2), lowest and highest value; 0 for choices.
+        choices: int32 (words,), the words of all choices in a row.
         options: int32 (numbers, 2), where a number's choices begin, and how many there are.
-        patches: int32 (patches, 3), of prefab values: a word, where it goes in the state, and in bytes how wide it is
-            there, 1 or 4.
-        absences: int32 (archetypes, 3), of counts: the word, and the first row and one after the last of the entities.
+        patches: int32 (patches, 3), for prefab values: the word, its place in the state, and its size there in bytes,
+            1 or 4.
+        absences: int32 (archetypes, 3), for counts: the word, the first row of the entities and one after the last.
     """
 
     kinds: Array
@@ -47,7 +47,7 @@ class Plan:
 
 
 def plan(layout: Any) -> Plan:
-    """The arrays for `draw`, for an ecs.layout.Layout. Raises what `varied.patches` raises."""
+    """Return the arrays for `draw`, for an ecs.layout.Layout. Raises the errors of `varied.patches`."""
     numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
     for number in numbers:
         values = number.distribution.values if number.distribution.kind in (CHOICE, FREE) else ()
@@ -78,7 +78,7 @@ def plan(layout: Any) -> Plan:
 
 @kernel
 def between(kind: int, low: float, high: float, key: Any) -> float:
-    """A draw between two ends, float64."""
+    """Draw a float64 between two ends."""
     if kind == INTEGERS:
         return low + np.float64(integer(key, 0, int(high) - int(low) + 1))
     unit = np.float64(words(key, 0)[0] >> TO_53_BITS) * ULP_53
@@ -89,7 +89,7 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
 
 @kernel
 def draw_between(values: Any, reals: Any, word: int, real: bool, kind: int, low: float, high: float, key: Any) -> None:
-    """Draw a word between two ends: of `values`, as int32, or, if it is `real`, of `reals`, as float32."""
+    """Draw a word between two ends: in `values`, as int32, or, if it is `real`, in `reals`, as float32."""
     if real:
         reals[word] = np.float32(between(kind, low, high, key))
     else:
@@ -98,9 +98,9 @@ def draw_between(values: Any, reals: Any, word: int, real: bool, kind: int, low:
 
 @kernel
 def take_key(clock: Any, given: Any, start: int) -> None:
-    """Key the random numbers of an episode: as somebody has said, or by the world's own key, which goes on meanwhile.
+    """Key the random numbers of an episode by a given key, or by the world's own, which goes on counting meanwhile.
 
-    given: its column of Given. start: where the keys are in it.
+    given: the world's column of Given. start: where the keys are in it.
     """
     own = start + 4
     if given[own] != 0:
@@ -131,10 +131,10 @@ def draw(
     patches: Any,
     absences: Any,
 ) -> None:
-    """Set the numbers of a world whose episode begins, and the prefab values that they are.
+    """Set the numbers of a world whose episode begins, and the prefab values set by these numbers.
 
-    given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
-    its state, as int32 and as uint8. kinds and all that follow: see Plan.
+    given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: its
+    whole state, as int32 and as uint8. kinds and all that follow: see Plan.
     """
     take_key(clock, given, values.size)
     for n in range(kinds.size):
@@ -171,7 +171,7 @@ def exists(entities: Any, e: int) -> bool:
 
 @kernel
 def check_absent(entities: Any) -> None:
-    """AbsentError if an entity is alive that this episode leaves out."""
+    """AbsentError if an entity is alive that is not in this episode."""
     for e in range(entities.alive.size):
         if entities.alive[e] and not exists(entities, e):
             raise AbsentError(
@@ -181,7 +181,7 @@ def check_absent(entities: Any) -> None:
 
 
 def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:
-    """What learners get a row of for each entity of a varied count: the number, the component and the column."""
+    """Return what has a row for learners per entity of a varied count: the number, the component and the column."""
     return [
         (number, component, name)
         for number in layout.varied.values()
@@ -196,8 +196,8 @@ def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:
 def show(rows: Any, words: Any, reals: Any, shown: Any) -> None:
     """Fill the rows of NumbersView.
 
-    rows: float32 (agents, n). words, reals: of Varied, as int32 and as float32. shown: int32 (n, 2), of each column the
-    word, and whether it is a float32.
+    rows: float32 (agents, n). words, reals: those of Varied, as int32 and as float32. shown: int32 (n, 2), for each
+    column its word, and whether it is a float32.
     """
     for i in range(rows.shape[0]):
         for k in range(shown.shape[0]):
@@ -205,7 +205,7 @@ def show(rows: Any, words: Any, reals: Any, shown: Any) -> None:
 
 
 def shown(layout: Any) -> Array:
-    """For `show`, int32 (n, 2)."""
+    """Return the argument `shown` of `show`, int32 (n, 2)."""
     numbers = [layout.varied[name] for name in layout.fields["numbers"]]
     words = [(number.start + k, number.dtype.kind == "f") for number in numbers for k in range(number.width)]
     return np.array(words, np.int32)
@@ -213,9 +213,9 @@ def shown(layout: Any) -> Array:
 
 @kernel
 def clear_rows(rows: Any, count: Any) -> None:
-    """Nothing is observed by who is absent, nor rewarded.
+    """Clear the rows of absent agents, who observe nothing and get no rewards.
 
-    rows: float32 (most, n), one behind the other. count: int32 (1,), how many are there.
+    rows: float32 (most, n), contiguous. count: int32 (1,), how many agents are there.
     """
     for i in range(count[0], rows.shape[0]):
         for k in range(rows.shape[1]):

@@ -91,7 +91,7 @@ class Event(Singleton, packed=False):
 
     @classmethod
     def capacity_dim(cls) -> str:
-        """The dimension by which a layout keeps the capacity as a number."""
+        """Return the name of the dimension in which a layout stores the capacity."""
         return f"capacity of {cls.name}"
 
 
@@ -134,7 +134,7 @@ def zero_entry(typing: Any, events: Any, k: Any) -> Any:
 
 
 def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype[Any]:
-    """The memory of one world's events: all columns. How many there are of each kind lies apart, see `EventMemory`."""
+    """Return the type of one world's events: all columns. The numbers of events are kept apart; see `EventMemory`."""
     columns: list[Any] = [
         (f"{event.name}.{name}", event.columns[name].dtype, event.row_shape(name, dims))
         for event in events
@@ -148,15 +148,16 @@ class EventMemory(NamedTuple):
     """The events of some worlds.
 
     Attributes:
-        counts: int32 (worlds, kinds), those of all worlds side by side: to look for events loads few cache lines.
-        lists: (worlds,) of `memory_type`.
+        counts: int32 (worlds, kinds), how many there are of each kind; as the counts of all worlds lie side by side,
+            looking for events loads few cache lines.
+        lists: The events themselves, (worlds,) of `memory_type`.
     """
 
     counts: Array
     lists: Array
 
     def of(self, where: Any) -> "EventMemory":
-        """Those of the worlds `where`, a mask or a slice; copied for a mask."""
+        """Return the events of the worlds `where`, a mask or a slice; copied for a mask."""
         return EventMemory(self.counts[where], self.lists[where])
 
 
@@ -165,14 +166,14 @@ def clear(counts: Any) -> None:
     """Empty the lists of one world; their entries stay as they are until `emit` reserves them again.
 
     Args:
-        counts: int32, how many there are of each kind.
+        counts: int32, how many events there are of each kind.
     """
     for k in range(counts.size):
         counts[k] = 0
 
 
 def zero_unused(kinds: Iterable[type[Event]], memory: EventMemory) -> None:
-    """Set the entries to 0 that lie behind the last one of each list: what was there before is no part of a state."""
+    """Set the entries after the last one of each list to 0: whatever was there before is not part of a state."""
     for k, event in enumerate(kinds):
         for name in event.columns:
             if name != COUNT:
@@ -181,7 +182,7 @@ def zero_unused(kinds: Iterable[type[Event]], memory: EventMemory) -> None:
 
 
 def table(event: type[Event], kinds: tuple[type[Event], ...], memory: EventMemory) -> Any:
-    """The table of an event in the memory of some worlds."""
+    """Return the table of an event in the memory of some worlds."""
     k = kinds.index(event)
     columns = (memory.lists[f"{event.name}.{name}"] for name in event.columns if name != COUNT)
     return event.Table(*columns, memory.counts[:, k : k + 1])
@@ -190,17 +191,17 @@ def table(event: type[Event], kinds: tuple[type[Event], ...], memory: EventMemor
 def entries(
     event: type[Event], kinds: tuple[type[Event], ...], memory: EventMemory, times: tuple[Array, Array, Array]
 ) -> Array:
-    """The events of a kind in the memory of some worlds, copied.
+    """Return a copy of the events of one kind in the memory of some worlds.
 
     Args:
         event: The kind.
-        kinds: All of them, in the order of the memory.
-        memory: Of these worlds.
-        times: Number of each of these worlds, its episode and its tick, integers (worlds,) each.
+        kinds: All kinds, in the order of the memory.
+        memory: The memory of these worlds.
+        times: The number of each of these worlds, its episode and its tick, integers (worlds,) each.
 
     Returns:
         A structured array with a row for each event, in order of worlds: `world`, `episode` and `tick`, int64, and the
-        event's columns. Empty for a kind that is none of them.
+        event's columns. Empty if `event` is not among `kinds`.
     """
     names = [name for name in event.columns if name != COUNT]
     if event not in kinds:
@@ -220,7 +221,7 @@ def entries(
 
 
 def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, type[Event], int] | None:
-    """World, event and capacity of the list to which `emit` could not add; its count is put right. None: no such."""
+    """Return world, event and capacity of a list that was full in a call of `emit`, and correct its count; or None."""
     for event in kinds:
         rows = table(event, kinds, memory)
         capacity = rows[0].shape[1]
@@ -234,7 +235,7 @@ def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, 
 def capacity_error(
     kinds: tuple[type[Event], ...], memory: EventMemory, systems: Iterable[Any], ticks: Array
 ) -> CapacityError | None:
-    """The error for the list that is full; None if there is no such list. systems: of the tick. ticks: (worlds,)."""
+    """Return the error for a list that is full; None if there is none. systems: of the tick. ticks: (worlds,)."""
     if (found := overflow(kinds, memory)) is None:
         return None
     w, kind, most = found

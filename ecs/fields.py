@@ -69,12 +69,12 @@ class Field:
 
     @property
     def columns(self) -> slice:
-        """Its columns in the row."""
+        """The slice of its columns in the row."""
         return slice(self.start, self.start + self.size)
 
 
 def width(fields: Mapping[str, Field]) -> int:
-    """Length of a row of these fields."""
+    """Return the length of a row of these fields."""
     return sum(field.size for field in fields.values())
 
 
@@ -101,12 +101,12 @@ def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
 
 
 def column_names(fields: Mapping[str, Field]) -> list[str]:
-    """The columns of a row: the names of its fields; of one with several columns "corners.0", "corners.1" ..."""
+    """Return the names of a row's columns: those of its fields; "corners.0", "corners.1" ... if a field has several."""
     return [name if field.size == 1 else f"{name}.{k}" for name, field in fields.items() for k in range(field.size)]
 
 
 def offset(fields: Fields, name: str, label: str) -> int:
-    """First column of the field that an Offset parameter is named after, KEY_FIELD.
+    """Return the first column of the field that an Offset parameter, KEY_FIELD, is named after.
 
     Args:
         fields: Layout.fields.
@@ -114,7 +114,7 @@ def offset(fields: Fields, name: str, label: str) -> int:
         label: The system's label, for errors.
 
     Raises:
-        DeclarationError: No field, or more than one, is called so.
+        DeclarationError: No field has that name, or more than one has it.
     """
     known = [(f"{key}_{field.name}", key, field) for key, named in fields.items() for field in named.values()]
     found = [(key, field) for full, key, field in known if full == name]
@@ -136,17 +136,17 @@ def offset(fields: Fields, name: str, label: str) -> int:
 
 
 def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: set[str]) -> dict[str, dict[str, Field]]:
-    """The fields of all observations by key and name, in order of their columns, with `start` and `scale` as numbers.
+    """Return the fields of all observations by key and name, in order of columns, with `start` and `scale` as numbers.
 
     Args:
         layout: The Layout; its modules say which fields they add, and scales may be functions of it.
-        observations: (the mechanic that brings it, its Column) by key.
-        imported: Keys of all observations that any imported mechanic declares. What is added to one of them that this
-            scenario lacks is left out, as the mechanic that brings it is.
+        observations: For each key, the mechanic that declares it, and its Column.
+        imported: Keys of all observations that any imported mechanic declares. Fields added to a key that this scenario
+            lacks are left out, like the mechanic that declares it.
 
     Raises:
-        DeclarationError: Fields are added to a key that nobody declares, or that has none of its own; two have one
-            name; a scale is too small, or no number; or a size is that of no dimension.
+        DeclarationError: Fields are added to a key that no mechanic declares, or that has no fields of its own; two
+            fields have the same name; a scale is too small or not a number; or a size names no dimension.
     """
     found = {
         key: [(field.order, owner, field) for field in column.fields]

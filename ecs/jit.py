@@ -3,10 +3,10 @@
 Kernels are serial and release the GIL; Worlds runs them on threads. Division follows numpy (no exceptions inside a
 kernel) and fast-math is never used: the same input must give the same bits.
 
-Kernels from outside of outlast check every index: one that is out of range raises IndexError, and is a crash
-otherwise. OUTLAST_BOUNDSCHECK=0 in the environment switches that off, for the time it takes.
+Kernels from outside outlast check every index: one out of range raises IndexError, and might crash otherwise. As the
+checks take time, OUTLAST_BOUNDSCHECK=0 in the environment switches them off.
 
-The second half is for calling a C library from a kernel: its functions by symbol, and loads and stores at an
+The second half is for calling a C library from a kernel: functions by symbol, and loads and stores at an
 address. Nothing checks an address; only a backend that has verified the library's layout may use them.
 """
 
@@ -38,7 +38,7 @@ _INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Within it, kernels that Python calls in this thread run as plain Python, and so do those that they call."""
+    """Run kernels that Python calls in this thread, and the kernels that these call, as plain Python."""
     token = _INTERPRETED.set(True)
     try:
         with np.errstate(**NUMPY_AS_COMPILED):
@@ -48,10 +48,10 @@ def interpreted() -> Iterator[None]:
 
 
 def options_of(function: Any) -> dict[str, Any]:
-    """Numba's options for a kernel.
+    """Return numba's options for a kernel.
 
-    Outlast's own allocate no memory, and compile faster without reference counts; but an array that a function returns
-    must be counted, as its caller may. Kernels from outside check their indices.
+    Outlast's own kernels allocate no memory, and compile faster without reference counts; but if a kernel returns an
+    array, it must be counted, as callers may count it. Kernels from outside check their indices.
     """
     if is_outside(function):
         return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
@@ -89,7 +89,7 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
 
 
 def noinline_kernel(function: Function) -> Function:
-    """A kernel that is not inlined: a large one with several callers, whose arguments are scalars, not tables."""
+    """Compile a kernel without inlining it: a large one with several callers and scalars, not tables, as arguments."""
     return kernel(function, inline=False)
 
 
@@ -100,12 +100,12 @@ def entry_point(function: Function) -> Function:
 
 
 def compiled() -> bool:
-    """False under NUMBA_DISABLE_JIT, when kernels run as plain Python and cannot call a C library."""
+    """Return False under NUMBA_DISABLE_JIT, when kernels run as plain Python and cannot call a C library."""
     return not numba.config.DISABLE_JIT
 
 
 def load_library(file: str) -> None:
-    """Let kernels link to the symbols that the shared library `file` exports; OSError if it cannot be loaded."""
+    """Let kernels link to the symbols that the shared library `file` exports. OSError if it cannot be loaded."""
     try:
         llvmlite.binding.load_library_permanently(file)
     except RuntimeError as error:
@@ -113,18 +113,18 @@ def load_library(file: str) -> None:
 
 
 def has_symbol(name: str) -> bool:
-    """Whether a kernel that calls `name` would link."""
+    """Return whether a kernel that calls `name` would link."""
     return llvmlite.binding.address_of_symbol(name) is not None
 
 
 class External(types.ExternalFunction):  # type: ignore[misc]
-    """A C function that kernels call. cure: what to do where Python would have to call it."""
+    """A C function that kernels call. cure: what users can do if Python would have to call it."""
 
     cure = ""
 
     @property
     def refusal(self) -> str:
-        """Why Python cannot call it, and what to do."""
+        """A text that says why Python cannot call it, and what to do."""
         return f"only machine code can call the C function {self.symbol}; {self.cure}"
 
     def __call__(self, *arguments: Any) -> Any:
@@ -136,15 +136,15 @@ register_model(External)(models.OpaqueModel)
 
 
 def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
-    """The C function `name` for use inside kernels.
+    """Return the C function `name` for use inside kernels.
 
-    Resolved by name when a kernel is linked, so kernels that call it can be cached on disk.
+    It is resolved by name when a kernel is linked, so kernels that call it can be cached on disk.
 
     Args:
         name: Its symbol.
-        returns: Type of its result: numba's name of it; a pointer is "intp".
+        returns: Numba's name of the type of its result; a pointer is "intp".
         *arguments: Types of its arguments, likewise.
-        cure: What the user can do where the kernel is to run as Python, for the error.
+        cure: What the user can do if the kernel has to run as Python, for the error.
     """
     kinds = [getattr(types, argument) for argument in arguments]
     function = External(name, getattr(types, returns)(*kinds))
@@ -153,7 +153,7 @@ def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
 
 
 class Intrinsic(_Intrinsic):  # type: ignore[misc]
-    """A function whose machine code is written out for kernels, and which has a plain form, `python`, for Python."""
+    """A function with handwritten machine code for kernels, and a plain form, `python`, for Python."""
 
     python: Callable[..., Any]
 
@@ -178,8 +178,8 @@ def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
         python: Its plain form.
 
     Returns:
-        A decorator of what numba calls the definition of an intrinsic. It returns the function; under
-        NUMBA_DISABLE_JIT the plain form.
+        A decorator for what numba calls the definition of an intrinsic. It returns the function, or under
+        NUMBA_DISABLE_JIT its plain form.
     """
 
     def define(definition: Callable[..., Any]) -> Any:
@@ -194,7 +194,7 @@ def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
 
 
 def loader(kind: str) -> Any:
-    """A function `(address) -> value` for kernels that reads one `kind` (numba's name, as "float32")."""
+    """Return a function `(address) -> value` for kernels that reads one `kind` (numba's name, such as "float32")."""
     value = getattr(types, kind)
 
     @intrinsic(lambda address: _memory(address, kind)[()])
@@ -209,7 +209,7 @@ def loader(kind: str) -> Any:
 
 
 def storer(kind: str) -> Any:
-    """A function `(address, value)` for kernels that writes one `kind`; the value is cast to it."""
+    """Return a function `(address, value)` for kernels that writes one `kind`, to which the value is cast."""
     value = getattr(types, kind)
 
     def python_store(address: int, number: Any) -> None:

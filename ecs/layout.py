@@ -150,17 +150,17 @@ class Layout:
 
     @functools.cached_property
     def agent_patches(self) -> list[tuple[int, int, int]]:
-        """Where numbers of agents are prefab values: a word, where it goes in the state, and how many bytes it has."""
+        """Which numbers of agents are prefab values: the word, its place in the state, and how many bytes it has."""
         return all_patches(self)
 
     @functools.cached_property
     def varied_patches(self) -> list[tuple[int, int, int]]:
-        """Likewise the varied numbers of a world. Raises what `varied.patches` raises."""
+        """The same for the varied numbers of a world. Raises the errors of `varied.patches`."""
         return patches(self)
 
     @property
     def keyed(self) -> bool:
-        """Whether each episode is a level, as numbers, walls or roles are drawn: keys can be given, see Given."""
+        """Whether each episode is a level, as numbers, walls or roles are drawn, so keys can be given; see Given."""
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
@@ -231,7 +231,7 @@ class Layout:
         return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
 
     def prefab_values(self, component: type[Component], column: str) -> dict[str, Any]:
-        """Prefab value of a column (one, or one an entity) by name of the archetypes that have the component."""
+        """Return prefab values of a column (one, or one per entity) by name of the archetypes with the component."""
         fill = component.columns[column].fill
         parts = ((name, part) for name, archetype in self.archetypes.items() for part in archetype.parts)
         return {name: part.fills.get(column, fill) for name, part in parts if type(part) is component}
@@ -276,7 +276,7 @@ class Layout:
 
     @property
     def actions(self) -> list[tuple[type[Component], str]]:
-        """Columns of actions as (component, name), in the `order` of their components."""
+        """The columns of actions as (component, name), in the `order` of their components."""
         kinds = [component for component in self.components if issubclass(component, Action)]
         kinds.sort(key=lambda component: (component.order, component.__qualname__))
         return [(component, name) for component in kinds for name in component.columns]
@@ -329,17 +329,17 @@ class Layout:
 
     @functools.cached_property
     def event_type(self) -> np.dtype[Any]:
-        """The memory of one world's events."""
+        """The type of one world's events in memory."""
         return memory_type(self.events, self.dims)
 
     @property
     def places(self) -> list[Place]:
-        """Every column."""
+        """The places of all columns."""
         return self._placing[0]
 
     @property
     def world_bytes(self) -> int:
-        """Of a world's state."""
+        """The size of a world's state in bytes."""
         return self._placing[1]
 
     @functools.cached_property

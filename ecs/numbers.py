@@ -57,7 +57,7 @@ KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, 
 
 
 def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
-    """The type of a number, as annotated. Raises DeclarationError if its default is of another one."""
+    """Return the annotated type of a number. Raises DeclarationError if its default has another type."""
     text = item.type if isinstance(item.type, str) else getattr(item.type, "__name__", str(item.type))
     kind = KINDS.get(text.partition("[")[0].strip())
     if kind is None or (kind is str and not item.metadata.get("choices")):
@@ -77,7 +77,7 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
 
 
 def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
-    """`value` as a `kind`, on which the compiled tick depends. NumberError if it violates `rule`."""
+    """Return `value` as a `kind`, on which the compiled tick depends. NumberError if it violates `rule`."""
     if isinstance(value, Distribution):
         raise NumberError(f"{name} = {value!r}: a value is needed; Scenario.vary lets it differ from world to world")
     if kind is str:
@@ -108,7 +108,7 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
 
 
 def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
-    """The index of the mechanic and its own name for every number, by full name."""
+    """Return for every number, by full name, the index of its mechanic and its name in the mechanic."""
     found: dict[str, tuple[int, str]] = {}
     for k, module in enumerate(modules):
         for item in dataclasses.fields(module):
@@ -119,5 +119,5 @@ def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
 
 
 def rule_of(module: Any, field: str) -> Any:
-    """What `number` declared of a mechanic's number."""
+    """Return what `number` declared about a mechanic's number."""
     return next(item.metadata for item in dataclasses.fields(module) if item.name == field)

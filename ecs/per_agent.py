@@ -47,7 +47,7 @@ class AgentNumbers(Singleton):
 
 @dataclass(frozen=True)
 class AgentNumber:
-    """A number of which each agent has its own.
+    """A number that differs from agent to agent.
 
     Attributes:
         name: "module_number".
@@ -67,10 +67,10 @@ class AgentNumber:
 
 
 def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
-    """Where the words of numbers that differ by role lie, by name; their dimensions are added to the layout's.
+    """Return where the words of numbers that differ by role lie, by name, and add their dimensions to the layout's.
 
     Raises:
-        NumberError: Roles that do not fit the agents, or a number that is unknown or the same for all agents.
+        NumberError: Roles do not fit the agents, or a number is unknown or cannot differ between agents.
     """
     rows = layout.spans.get(AGENT, range(0))
     if not rows:
@@ -93,10 +93,10 @@ def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
 
 
 def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
-    """The roles with numbers as the mechanics have them, each checked by itself.
+    """Return the roles with numbers of the mechanics' types, each checked by itself.
 
     Raises:
-        NumberError: One that is unknown, the same for all agents, or out of its range; as "role NAME: ...".
+        NumberError: A number is unknown, cannot differ between agents, or is out of its range: "role NAME: ...".
     """
     known = owners(modules)
     able = [name for name, (k, field) in known.items() if rule_of(modules[k], field).get("per_agent")]
@@ -128,13 +128,12 @@ def _probes(name: str, value: Any, kind: type) -> tuple[Any, ...]:
 
 
 def forms(layout: Any) -> list[Any]:
-    """The layouts of worlds in which everybody has one role: for bounds and systems, and whether its numbers can be.
+    """Return the layouts of worlds in which all agents have one role, for bounds and systems and to check its numbers.
 
-    Distributions at their lowest, and at their highest values.
+    There is one with distributions at their lowest values, and one with them at their highest values.
 
     Raises:
-        NumberError: A role's number is out of its range, or does not fit what the other mechanics say; as
-            "role NAME: ...".
+        NumberError: A role's number is out of its range, or does not fit the other mechanics: "role NAME: ...".
     """
     found = []
     for role, values in spread(layout.roles):
@@ -154,24 +153,24 @@ def _form(layout: Any, values: dict[str, Any], checks: bool = True) -> Any:
 
 
 def differing_numbers(layout: Any, module: str) -> list[str]:
-    """The numbers in which roles differ, by their names in the mechanic of that name."""
+    """Return the numbers in which roles differ, by their names in the mechanic of that name."""
     return [number.field for number in layout.per_agent.values() if layout.modules[number.module].name == module]
 
 
 def agent_values(worlds: Any, number: AgentNumber) -> Array:
-    """A number of each agent, (worlds, agents): a copy."""
+    """Return a number of each agent, (worlds, agents): a copy."""
     rows = worlds.layout.spans[AGENT]
     words = worlds[AgentNumbers].words[:, number.start + rows.start : number.start + rows.stop]
     return words.copy().view(number.dtype)
 
 
 def all_patches(layout: Any) -> list[tuple[int, int, int]]:
-    """All of `_patches`; `Layout.agent_patches` has them."""
+    """Return all patches; `Layout.agent_patches` keeps them."""
     return [each for number in layout.per_agent.values() for each in _patches(layout, number)]
 
 
 def initial_image(worlds: Any, w: int) -> Array:
-    """uint8 (world_bytes,): what the episode of world `w` began with, with the values of its own and of its agents."""
+    """Return the initial state of world `w` in its episode, with its and its agents' values: uint8 (world_bytes,)."""
     layout = worlds.layout
     image: Array = layout.initial_image.copy()
     if worlds[Clock].episode[w, 0]:
@@ -188,17 +187,19 @@ class Plan:
     """What sets the roles and numbers of the agents of one world, as arrays; see `assign`.
 
     Attributes:
-        rows: int32 (agents,), of the agents.
-        fixed: int8 (counts, agents), the role of each, before any is drawn, in worlds of the fewest agents and so on.
-        groups: int32 (counts, groups + 1), where groups of agents begin within which roles are drawn; of none, 1 entry.
-        real: int8 (numbers,), 1 where words are float32.
+        rows: int32 (agents,), the rows of the agents.
+        fixed: int8 (counts, agents), the role of each agent before any drawing, in worlds of the fewest agents, of one
+            more and so on.
+        groups: int32 (counts, groups + 1), where the groups of agents within which roles are drawn begin; 1 entry if
+            there are none.
+        real: int8 (numbers,), 1 if words are float32.
         starts: int32 (numbers,), the first word.
-        streams: uint64 (numbers,), of random numbers.
-        kinds: int8 (numbers, roles), of distributions; a value is a choice with one option.
-        ends: float64 (numbers, roles, 2), lowest and highest; of choices 0.
-        choices: int32 (words,), of all choices, one behind the other.
+        streams: uint64 (numbers,), streams of random numbers.
+        kinds: int8 (numbers, roles), kinds of distributions; a single value is a choice with one option.
+        ends: float64 (numbers, roles, 2), lowest and highest value; 0 for choices.
+        choices: int32 (words,), the words of all choices in a row.
         options: int32 (numbers, roles, 2), where choices begin, and how many there are.
-        patches: int32 (patches, 3), of prefab values: a word, where it goes in the state, and in bytes how wide it is.
+        patches: int32 (patches, 3), for prefab values: the word, its place in the state, and its size in bytes.
     """
 
     rows: Array
@@ -215,7 +216,7 @@ class Plan:
 
 
 def plan(layout: Any) -> Plan:
-    """The arrays for `assign`, for an ecs.layout.Layout with roles. Raises what `_patches` raises."""
+    """Return the arrays for `assign`, for an ecs.layout.Layout with roles. Raises the errors of `_patches`."""
     numbers, choices = list(layout.per_agent.values()), list[int]()
     shape = (len(numbers), len(layout.roles.roles))
     kinds, ends, options = np.zeros(shape, np.int8), np.zeros((*shape, 2)), np.zeros((*shape, 2), np.int32)
@@ -311,11 +312,11 @@ def assign(
     options: Any,
     patches: Any,
 ) -> None:
-    """Set the roles of the agents of a world whose episode begins, their numbers, and the prefab values that they are.
+    """Set roles and numbers of the agents of a world whose episode begins, and the prefab values set by these numbers.
 
     entities: the last agents may be absent. roles: the table of AgentRoles. values, reals: the words of AgentNumbers,
-    as int32 and as float32. state: all of the world's state, as int32. rows and all that follow: see Plan. Draws for a
-    number have the agent's id in the place of the tick.
+    as int32 and as float32. state: the whole state of the world, as int32. rows and all that follow: see Plan. Draws
+    for a number are keyed by the agent's id in place of the tick.
     """
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
     present = 0

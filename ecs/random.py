@@ -37,13 +37,13 @@ NORMAL = 8.6  # no `normal` is farther from 0
 
 
 def stream_number(name: str) -> int:
-    """Stream of `name`: its 64-bit blake2b hash, the same in every process, version and platform."""
+    """Return the stream of `name`: its 64-bit blake2b hash, the same in every process, version and platform."""
     return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
 
 
 @kernel
 def high_product(a: np.uint64, b: np.uint64) -> np.uint64:
-    """Upper 64 bits of the 128-bit product a * b."""
+    """Return the upper 64 bits of the 128-bit product a * b."""
     a_low, a_high = a & LOW, a >> HALF
     b_low, b_high = b & LOW, b >> HALF
     cross = a_high * b_low + (a_low * b_low >> HALF)
@@ -53,7 +53,7 @@ def high_product(a: np.uint64, b: np.uint64) -> np.uint64:
 
 @kernel
 def words(key: Key, index: int) -> Words:
-    """Four independent uniform uint64: Philox4x64-10 of (key, index)."""
+    """Return four independent uniform uint64: Philox4x64-10 of (key, index)."""
     k0, k1, c0, c1, c2 = key
     c3 = np.uint64(index)
     for _ in range(ROUNDS):

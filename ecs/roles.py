@@ -201,7 +201,7 @@ class Roles:
 
 
 def plain(roles: Roles) -> dict[str, Any]:
-    """Roles as JSON has them: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
+    """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
 
     A distribution is ["uniform", low, high], by the name of its kind.
     """
@@ -217,7 +217,7 @@ def _plain_role(role: Role) -> dict[str, Any]:
 
 
 def from_plain(given: Any) -> Roles:
-    """The roles that `plain` was made of. NumberError for anything else."""
+    """Return the roles from the result of `plain`. NumberError for anything else."""
     if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
         raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
     return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
@@ -241,7 +241,7 @@ def _role_of(given: Any) -> Role:
 
 
 def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:
-    """Each role with its numbers, once with all distributions at their lowest and once at their highest values."""
+    """Return each role with its numbers, once with all distributions at their lowest values, once at their highest."""
     for each in roles.roles:
         drawn = any(isinstance(value, Distribution) for _, value in each.numbers)
         yield from ((each, each.values(corner)) for corner in ((0, -1) if drawn else (0,)))

@@ -119,16 +119,16 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
 
 
 def check_brought(systems: Iterable[System], brought: Collection[type[Component]]) -> None:
-    """Refuse a system of a user's that would run in no scenario.
+    """Refuse a user's system that would run in no scenario.
 
-    One whose `Rows` or `needs` name a component that this scenario lacks is left out, as what brings it is.
+    A system whose `Rows` or `needs` name a component that this scenario lacks is left out, like the component itself.
 
     Args:
-        systems: Those of the scenario's mechanics.
+        systems: The systems of the scenario's mechanics.
         brought: The components that the scenario has.
 
     Raises:
-        ScheduleError: No mechanic that is imported brings it.
+        ScheduleError: No imported mechanic has the component.
     """
     for system in systems:
         rows = [c for p in system.parameters if p.kind in SELECTIONS.values() for c in p.components]

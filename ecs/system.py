@@ -39,7 +39,7 @@ class System:
 
     @property
     def outside(self) -> bool:
-        """Whether its function is from outside of this package: part of a user's mechanic."""
+        """Whether its function is from outside this package: part of a user's mechanic."""
         return is_outside(self.function)
 
     def touches(self, component: type[Component], *kinds: str) -> bool:

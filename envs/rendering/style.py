@@ -1,4 +1,4 @@
-"""How worlds look: the colours and sizes of pictures, films and pages. web/assets.py hands them to JavaScript.
+"""How worlds look: the colours and sizes of pictures, films and pages. web/assets.py passes them to JavaScript.
 
 Colours are those of Okabe and Ito, which colour-blind people can tell apart, on greys. Sides, heals and strikes never
 share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).
@@ -59,14 +59,14 @@ SIZES = Sizes()
 
 @functools.lru_cache(maxsize=1024)
 def mix(one: Color, other: Color, share: float) -> Color:
-    """From `one` (share 0) to `other` (share 1)."""
+    """Mix two colours, from `one` (share 0) to `other` (share 1)."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))
     return red, green, blue
 
 
 @functools.cache
 def of_side(side: int) -> Color:
-    """The colour of a side. After the fifth they come again, darker, then lighter, and so on; -1 (none) is grey."""
+    """Return the colour of a side. After the fifth, colours repeat darker, then lighter, and so on; -1 (none): grey."""
     if side < 0:
         return BOX
     other, share = ((BLACK, 0.0), (BLACK, 0.4), (WHITE, 0.5))[side // len(SIDES) % 3]
@@ -75,22 +75,22 @@ def of_side(side: int) -> Color:
 
 @functools.cache
 def of_box(owner: int) -> Color:
-    """The colour of a box: that of its owner, lighter; grey and darker without one (-1)."""
+    """Return the colour of a box: its owner's, but lighter; darker grey without an owner (-1)."""
     return BOX if owner < 0 else mix(of_side(owner), WHITE, 0.35)
 
 
 @functools.cache
 def ink_on(color: Color) -> Color:
-    """Black or white, whichever is easier to read on this colour."""
+    """Return black or white, whichever is easier to read on this colour."""
     red, green, blue = color
     return INK if 0.3 * red + 0.6 * green + 0.1 * blue > 145 else WHITE
 
 
 def of_health(share: float) -> Color:
-    """The colour of a bar that is full to this share."""
+    """Return the colour of a bar that is filled to this share."""
     return WHOLE if share > SIZES.hurt else HURT if share > SIZES.dying else DYING
 
 
 def css(color: Color) -> str:
-    """As style sheets and canvases take it: #rrggbb."""
+    """Return a colour as used in style sheets and canvases: #rrggbb."""
     return "#{:02x}{:02x}{:02x}".format(*color)

@@ -1,7 +1,7 @@
 """What a camera sees of the floor: its vision cone up to the first body that blocks sight on each ray.
 
-The reference for pictures and pages. It means what the mechanic `cameras` means: a ray ends where it enters a disc or a
-rectangle, a shape that holds the camera itself hides nothing, and a kite is bounded by the chords of its arc.
+The reference for pictures and pages. It has the same meaning as in the mechanic `cameras`: a ray ends where it enters a
+disc or a rectangle, a shape that contains the camera hides nothing, and a kite is bounded by the chords of its arc.
 """
 
 import math
@@ -21,17 +21,17 @@ BLOCKER = ("x", "y", "cosine", "sine", "radius", "half_width", "half_height")
 def visible_corners(
     x: float, y: float, angle: float, fov: float, depth: float, kite: bool, blockers: Sequence[Sequence[float]] | Array
 ) -> Array:
-    """The part of a vision cone that nothing hides.
+    """Return the part of a vision cone that nothing hides.
 
     Args:
         x: The camera's place, metres.
-        y: The same.
-        angle: Where it looks, radians.
+        y: Likewise.
+        angle: The direction in which it looks, radians.
         fov: The cone's opening angle, radians, up to pi.
         depth: How far it reaches, metres.
         kite: Whether the far rim is the two chords of the arc's halves instead of the arc.
         blockers: The bodies that block sight, without the camera's own, numbers (bodies, 7): x, y, cosine and sine of
-            the angle, radius (0: a rectangle), half width, half height; see BLOCKER. What is no number hides nothing.
+            the angle, radius (0: a rectangle), half width, half height; see BLOCKER. NaNs hide nothing.
 
     Returns:
         Corners of a polygon, float64 (corners, 2), metres: first the camera's place, then the far rim,

@@ -1,4 +1,4 @@
-"""Blocks as barriers: bodies that are pushed into one stay outside, and what is aimed through one hits it."""
+"""Blocks as barriers: bodies that are pushed into a block stay outside, and strikes aimed through a block hit it."""
 
 from typing import Any
 
@@ -33,9 +33,9 @@ def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
 
 @kernel
 def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
-    """Take back what body `e` moved towards rectangle `o`, and its speed that way; along the side it moved freely.
+    """Undo the motion of body `e` towards rectangle `o`, and its speed in that direction, but not along the side.
 
-    A body that was inside before the tick, as only states that somebody set have, is left alone.
+    A body that was inside before the tick, which can only happen in a state that was set, is left alone.
     """
     cosine, sine = body.cosine[o], body.sine[o]
     x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], cosine, sine)
@@ -81,7 +81,7 @@ def hold_back(
 def first_barrier(
     body: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, me: int, target: int
 ) -> int:
-    """The block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
+    """Return the block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
     ox, oy = body.x[me], body.y[me]
     reach = abs(body.x[target] - ox) + abs(body.y[target] - oy)

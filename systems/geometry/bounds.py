@@ -9,25 +9,25 @@ ROUNDING = 1 + 2.0**-22  # sums and means of a few float32 are at most this many
 
 
 def farthest_body(layout: Layout) -> tuple[float, float]:
-    """Metres to the centre of a body that spawns or moves: walls keep it inside. Infinite without walls."""
+    """Return how far away a body that spawns or moves can be, metres: walls keep it inside; infinite without walls."""
     sides = room_sides(layout) if layout.numbers("room").get("walls") else None
     return (sides[0] / 2, sides[1] / 2) if sides else (math.inf, math.inf)
 
 
 def farthest_item(layout: Layout) -> tuple[float, float]:
-    """Metres to the centre of an item: where it spawned, or where an agent dropped it, which can be in a wall."""
+    """Return how far away an item can be, metres: where it spawned, or where it was dropped, maybe inside a wall."""
     dropped: float = max(layout.numbers("death_drop").get("radius", 0), layout.numbers("drop_last").get("offset", 0))
     x, y = farthest_body(layout)
     return (x + dropped) * ROUNDING, (y + dropped) * ROUNDING
 
 
 def ends(far: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Bounds of the fields x and y."""
+    """Return bounds of the fields x and y."""
     return {"x": (-far[0], far[0]), "y": (-far[1], far[1])}
 
 
 def floor_sides(layout: Layout) -> tuple[float, float]:
-    """Metres, width and height of the floor; infinite if there is none."""
+    """Return width and height of the floor, metres; infinite if there is none."""
     return room_sides(layout) or (math.inf, math.inf)
 
 

@@ -1,4 +1,4 @@
-"""Walls along the lines of a grid of cells, with openings by which all cells are connected."""
+"""Walls along the lines of a grid of cells, with openings that connect all cells."""
 
 from typing import Any
 
@@ -21,13 +21,13 @@ def make_grid_memory() -> np.ndarray[Any, Any]:
 
 @kernel
 def edge_count(columns: int, rows: int) -> int:
-    """Walls between the cells of a grid: first those that stand upright, row by row, then those that lie."""
+    """Return how many walls are between the cells of a grid: the vertical ones, row by row, then the horizontal ones."""
     return (columns - 1) * rows + columns * (rows - 1)
 
 
 @kernel
 def edge_cells(k: int, columns: int, rows: int) -> tuple[int, int]:
-    """The two cells that edge `k` divides; cell i + columns * j is in column i and row j."""
+    """Return the two cells that edge `k` divides; cell i + columns * j is in column i and row j."""
     upright = (columns - 1) * rows
     if k < upright:
         cell = k % (columns - 1) + columns * (k // (columns - 1))
@@ -37,7 +37,7 @@ def edge_cells(k: int, columns: int, rows: int) -> tuple[int, int]:
 
 @kernel
 def root(memory: Array, cell: int) -> int:
-    """The cell that stands for all that are connected to this one."""
+    """Return the cell that represents all cells connected to this one."""
     while memory[PARENT, cell] != cell:
         memory[PARENT, cell] = memory[PARENT, memory[PARENT, cell]]
         cell = memory[PARENT, cell]
@@ -46,14 +46,14 @@ def root(memory: Array, cell: int) -> int:
 
 @kernel
 def open_edges(memory: Array, columns: int, rows: int, extra: Real, key: Any) -> int:
-    """Draw which edges have an opening: a random spanning tree (Kruskal), and of the others a share.
+    """Draw which edges have an opening: those of a random spanning tree (Kruskal), and a share of the others.
 
     Args:
-        memory: Of `make_grid_memory`; its line OPEN is 1 for each edge with an opening.
+        memory: Memory from `make_grid_memory`; its line OPEN becomes 1 for each edge with an opening.
         columns: Cells from left to right.
         rows: Cells from bottom to top.
-        extra: Probability of an opening where the cells are connected without it.
-        key: Of random numbers.
+        extra: Probability of an opening where the cells are connected already.
+        key: Key of random numbers.
 
     Returns:
         How many edges there are.
@@ -90,7 +90,7 @@ def place_block(
 
 @kernel
 def place_span(tables: Any, e: int, line: Real, start: Real, stop: Real, half: Real, upright: bool) -> None:
-    """Set up block `e` along a line, upright ones at x = line from y = start to stop; `half` of its thickness."""
+    """Set up block `e` along a line (if vertical, at x = line from y = start to stop); half: half of its thickness."""
     body, shape, entities = tables
     middle, length = HALF * (start + stop), HALF * (stop - start)
     if upright:
@@ -103,21 +103,21 @@ def place_span(tables: Any, e: int, line: Real, start: Real, stop: Real, half: R
 def place_edges(
     tables: Any, walls: Array, memory: Array, columns: int, rows: int, sides: Any, thickness: Real, door: Real, key: Any
 ) -> int:
-    """Set up the blocks of all edges; `open_edges` comes first.
+    """Set up the blocks of all edges; call `open_edges` first.
 
     Args:
         tables: Body, Shape and Entity.
-        walls: Rows of the blocks, enough of them.
+        walls: Rows of the blocks; there must be enough.
         memory: As `open_edges` left it.
-        columns: As there.
-        rows: As there.
+        columns: As for `open_edges`.
+        rows: As for `open_edges`.
         sides: Width and height of the floor, metres.
-        thickness: Of a wall, metres.
-        door: Metres, width of an opening, somewhere in its wall; 0: it is all of the wall.
-        key: Of random numbers.
+        thickness: Thickness of a wall, metres.
+        door: Width of an opening somewhere in its wall, metres; 0: the whole wall is open.
+        key: Key of random numbers.
 
     Returns:
-        How many blocks stand.
+        How many blocks are standing.
     """
     width, height = sides[0] / np.float32(columns), sides[1] / np.float32(rows)
     half, count = HALF * thickness, 0

@@ -28,14 +28,14 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 @kernel
 def extent(half_width: Real, half_height: Real, cosine: Real, sine: Real, ux: Real, uy: Real) -> Real:
-    """Half the length of a rectangle's shadow on the axis (ux, uy), a unit vector."""
+    """Return half the length of a rectangle's projection on the axis (ux, uy), a unit vector."""
     along, across = to_local(ux, uy, cosine, sine)
     return half_width * abs(along) + half_height * abs(across)
 
 
 @kernel
 def apart(body: Array, shape: Array, e: int, o: int) -> bool:
-    """Whether at least MARGIN is between two bodies; of two rectangles, along a side of one of them."""
+    """Return whether two bodies are at least MARGIN apart; for two rectangles, along a side of one of them."""
     x, y = body.x[o] - body.x[e], body.y[o] - body.y[e]
     reach = shape.radius[e] + shape.half_width[e] + shape.half_height[e]
     reach += shape.radius[o] + shape.half_width[o] + shape.half_height[o] + MARGIN
@@ -60,7 +60,7 @@ def apart(body: Array, shape: Array, e: int, o: int) -> bool:
 
 @kernel
 def is_free(tables: Any, e: int) -> bool:
-    """Whether body `e` stands inside of the room and apart from all obstacles.
+    """Return whether body `e` stands inside the room and apart from all obstacles.
 
     tables: Body, Shape, Entity, Floor; half the sides of the AABBs (see aabb); and the obstacles, a bitset by block.
     """
@@ -102,7 +102,7 @@ def is_for(areas: Array, n: int, use: int) -> bool:
 
 @kernel
 def move_into(body: Array, e: int, area: Array, u: Real, v: Real) -> None:
-    """Put body `e` at the shares u and v of an area's width and height."""
+    """Put body `e` at the fractions u and v of an area's width and height."""
     cosine, sine = np.cos(area[ANGLE]), np.sin(area[ANGLE])
     x, y = (u - HALF) * area[WIDTH], (v - HALF) * area[HEIGHT]
     body.x[e], body.y[e] = area[X] + cosine * x - sine * y, area[Y] + sine * x + cosine * y
@@ -110,7 +110,7 @@ def move_into(body: Array, e: int, area: Array, u: Real, v: Real) -> None:
 
 @kernel
 def drawn_area(areas: Array, use: int, share: Real) -> int:
-    """The area for `use` in which this share of all their floor ends; -1 if there is none."""
+    """Return the area for `use` in which this share of their total floor ends; -1 if there is none."""
     total, found = ZERO, -1
     for n in range(areas.shape[0]):
         if is_for(areas, n, use):
@@ -127,7 +127,7 @@ def drawn_area(areas: Array, use: int, share: Real) -> int:
 
 @kernel
 def find_place(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
-    """Move body `e` to a random free place in the areas for `use`; False, and it is anywhere, if none is found."""
+    """Move body `e` to a random free place in the areas for `use`. False if none is found; it may then be anywhere."""
     body, entities = tables[0], tables[2]
     identity = entities.identity[e]
     for t in range(TRIES):
@@ -141,7 +141,7 @@ def find_place(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
 
 @kernel
 def scan_places(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
-    """The same on a lattice, from a random point of it on: it finds what random places miss, and takes longer."""
+    """Do the same on a lattice, starting at a random point. It finds places that random draws miss, but is slower."""
     body, entities = tables[0], tables[2]
     points = areas.shape[0] * LATTICE * LATTICE
     first = int(uniform(key, entities.identity[e] + (2 * TRIES << STRIDE)) * np.float32(points))
@@ -160,7 +160,7 @@ def scan_places(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
 
 @kernel
 def fill_floor(area: Array, floor: Array) -> None:
-    """Make an area of all of the room."""
+    """Make an area that covers the whole room."""
     area[:] = 0
     area[WIDTH], area[HEIGHT], area[USE] = floor.size[0], floor.size[floor.size.size - 1], ANYWHERE
 
@@ -176,7 +176,7 @@ def has_area(areas: Array, use: int) -> bool:
 
 @kernel
 def place_body(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
-    """Move body `e` to a free place; a rectangle is cut in half until it has one. False if there is none."""
+    """Move body `e` to a free place; a rectangle is halved until it finds one. False if there is none."""
     shape = tables[1]
     if find_place(tables, e, areas, use, key):
         return True
@@ -192,7 +192,7 @@ def place_body(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
 
 @kernel
 def measure(wall: Array, walls: Array, half_extents: Array, body: Array, shape: Array) -> None:
-    """Half the sides of the AABBs of all bodies; those of blocks are kept, as they hold for all of the episode."""
+    """Compute half the sides of all bodies' AABBs; those of blocks are kept, as they hold for the whole episode."""
     compute_aabbs(half_extents, body, shape)
     for o in walls:
         wall.half_x[o], wall.half_y[o] = half_extents[ALONG_X, o], half_extents[ALONG_Y, o]
@@ -206,19 +206,19 @@ def add_obstacle(obstacles: Array, e: int) -> None:
 
 @kernel
 def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any) -> int:
-    """Give a free place to every body that has none: round ones in order of rows, then rectangles, which can be cut.
+    """Give a free place to every body that has none: round ones in order of rows, then rectangles, which can be halved.
 
     Args:
-        tables: See `is_free`; the obstacles are written here, the half sides by `measure`.
-        spawned: The table of Spawned; who gets another place has no cell any more.
+        tables: See `is_free`; this function writes the obstacles, `measure` the half sides.
+        spawned: The table of Spawned; bodies that get another place lose their cells.
         side: The table of Side.
         solids: Rows of all solid bodies.
-        rows: Rows of all that are placed; by row, the number of each among these, and the number of the agent (or -1).
-        areas: Where who starts; the last one is the room. A body whose use has no area starts anywhere.
-        key: Of random numbers.
+        rows: Rows of all bodies to place; by row, the index of each among these, and the number of the agent (or -1).
+        areas: The start areas; the last one is the room. A body whose use has no area starts anywhere.
+        key: Key of random numbers.
 
     Returns:
-        How many found no place.
+        How many bodies found no place.
     """
     entities, obstacles = tables[2], tables[5]
     placed, index, agents = rows

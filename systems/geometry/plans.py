@@ -1,4 +1,4 @@
-"""Rectangles of a layout in plain Python: where they reach, which overlap, and what floor they leave.
+"""Rectangles of a layout in plain Python: how far they reach, which overlap, and which floor they leave free.
 
 A rectangle is a tuple of numbers: x and y of its middle, width, height (metres), angle (radians), and maybe more.
 """
@@ -14,20 +14,20 @@ POINTS = 100  # along either side, by which free floor is measured
 
 
 def corners(rectangle: Rectangle) -> list[complex]:
-    """Its corners, counter-clockwise."""
+    """Return its corners, counter-clockwise."""
     x, y, width, height, angle = rectangle[:5]
     turn = complex(math.cos(angle), math.sin(angle))
     return [complex(x, y) + turn * complex(a * width, b * height) / 2 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
 
 
 def reach(rectangle: Rectangle) -> tuple[float, float]:
-    """How far from the origin it reaches along x and along y, metres."""
+    """Return how far from the origin it reaches along x and along y, metres."""
     points = corners(rectangle)
     return max(abs(point.real) for point in points), max(abs(point.imag) for point in points)
 
 
 def overlap(one: Rectangle, two: Rectangle) -> bool:
-    """Whether two rectangles have floor in common; touching is none (a separating-axis test)."""
+    """Return whether two rectangles overlap; touching does not count (a separating-axis test)."""
     for angle in (one[4], one[4] + math.pi / 2, two[4], two[4] + math.pi / 2):
         axis = complex(math.cos(angle), -math.sin(angle))
         first, second = ([(point * axis).real for point in corners(each)] for each in (one, two))
@@ -37,7 +37,7 @@ def overlap(one: Rectangle, two: Rectangle) -> bool:
 
 
 def lattice(rectangle: Rectangle, points: int = POINTS) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Points all over a rectangle, in the middles of equal parts: x and y, metres, float64 (points, points) each."""
+    """Return points in the middles of equal parts of a rectangle: x and y, metres, float64 (points, points) each."""
     x, y, width, height, angle = rectangle[:5]
     share = (np.arange(points) + 0.5) / points - 0.5
     along, across = share[None, :] * width, share[:, None] * height
@@ -46,14 +46,14 @@ def lattice(rectangle: Rectangle, points: int = POINTS) -> tuple[np.ndarray[Any,
 
 
 def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, float], radius: float) -> Any:
-    """Whether a disc around each point touches no block and is inside of the room: bool, of the shape of x and y.
+    """Return whether a disc around each point touches no block and is inside the room: bool, of the shape of x and y.
 
     Args:
-        x: Metres.
-        y: Metres.
-        blocks: What is in the way.
+        x: Coordinates of the points, metres.
+        y: Likewise.
+        blocks: The blocks.
         sides: Width and height of the room, metres.
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
     """
     free = (abs(x) + radius <= sides[0] / 2) & (abs(y) + radius <= sides[1] / 2)
     for middle_x, middle_y, width, height, angle in (block[:5] for block in blocks):
@@ -65,13 +65,13 @@ def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, fl
 
 
 def connected(free: Any) -> Any:
-    """The parts of a lattice whose points are connected, each to its eight neighbours.
+    """Return the connected parts of a lattice, in which each free point is connected to its eight neighbours.
 
     Args:
-        free: bool (rows, columns); others are in no part.
+        free: Which points are free, bool (rows, columns); others are in no part.
 
     Returns:
-        The number of each point's part, from 1 on, int (rows, columns); 0 of those that are in none.
+        The number of each point's part, from 1 on, int (rows, columns); 0 for points in no part.
     """
     first = np.diff(free, axis=1, prepend=False) & free
     runs = np.cumsum(first).reshape(free.shape) * free  # of neighbours in a row

@@ -1,13 +1,13 @@
-"""Strips: which rows are near a place, without a look at each; for rooms with hundreds of bodies.
+"""Strips: which rows are near a place, without examining every row; for rooms with hundreds of bodies.
 
-The room is cut into strips along x and along y. Of each strip two bitsets are kept: the rows that begin in it or before
-it, and those that end in it or behind it. A row whose AABB reaches into a rectangle begins at or before the rectangle's
-last strip, and ends at or behind its first one, along both axes: a conjunction of four bitsets.
+The room is cut into strips along x and along y. Each strip has two bitsets: the rows that begin in it or before it, and
+those that end in it or after it. A row whose AABB overlaps a rectangle begins in or before the rectangle's last strip,
+and ends in or after its first one, along both axes: a conjunction of four bitsets.
 
     fill_strips(strips, extent, blocks, count, aabbs)
     count = rows_near(blocks, strips, extent, low_x, high_x, low_y, high_y)
 
-The answer has every such row, and others that are a strip away.
+The result has every such row, and others that are a strip away.
 """
 
 from typing import Any
@@ -29,17 +29,17 @@ SHARE, PART = np.float32(0.01), np.float32(1e-6)  # of a strip, of the coordinat
 
 
 def make_strips(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Scratch for the bitsets: int32 (axes, 2, strips, blocks); none where there are FEW blocks."""
+    """Make scratch memory for the bitsets: int32 (axes, 2, strips, blocks); none if there are FEW blocks."""
     return np.zeros((2, 2, STRIPS, dims["blocks"] if dims["blocks"] > FEW else 0), np.int32)
 
 
 def make_extent() -> np.ndarray[Any, Any]:
-    """Scratch for where the strips lie: float32 (axes, 2), where the first one begins, and the width of each."""
+    """Make scratch memory for the strips' places: float32 (axes, 2), where the first begins, and the width of each."""
     return np.ones((2, 2), np.float32)
 
 
 def make_scratch(name: str, dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """All scratch of a mechanic that looks for bodies: half_extents, strips, extent, or a list of blocks."""
+    """Make any scratch memory of a mechanic that looks for bodies: half_extents, strips, extent or a list of blocks."""
     if name == "extent":
         return make_extent()
     made = {"half_extents": make_half_extents, "strips": make_strips}
@@ -48,7 +48,7 @@ def make_scratch(name: str, dims: dict[str, int]) -> np.ndarray[Any, Any]:
 
 @kernel
 def strip(extent: Array, axis: int, at: Real) -> int:
-    """The strip of a coordinate; what is beyond all of them belongs to the first or the last one."""
+    """Return the strip of a coordinate; one beyond all strips belongs to the first or the last one."""
     k = (at - extent[axis, 0]) / extent[axis, 1]
     k = k if k > ZERO else ZERO  # NaN, too
     return int(k if k < LAST else LAST)
@@ -56,7 +56,7 @@ def strip(extent: Array, axis: int, at: Real) -> int:
 
 @kernel
 def fill_strips(strips: Array, extent: Array, blocks: Array, count: int, aabbs: AABBs) -> None:
-    """Sort the rows of `count` lines of `blocks` into strips, which span where the first row of each line is."""
+    """Sort the rows of `count` lines of `blocks` into strips, which cover the range of the lines' first rows."""
     xs, ys, half_x, half_y = aabbs
     for s in range(STRIPS):
         for b in range(strips.shape[3]):
@@ -88,7 +88,7 @@ def sort_rows(strips: Array, extent: Array, axis: int, blocks: Array, count: int
 
 @kernel
 def rows_near(blocks: Array, strips: Array, extent: Array, low_x: Real, high_x: Real, low_y: Real, high_y: Real) -> int:
-    """List in `blocks` the rows whose AABB may reach into a rectangle; returns how many lines."""
+    """List in `blocks` the rows whose AABB may overlap a rectangle; return how many lines."""
     first_x, last_x = strip(extent, X, low_x), strip(extent, X, high_x)
     first_y, last_y = strip(extent, Y, low_y), strip(extent, Y, high_y)
     for b in range(strips.shape[3]):

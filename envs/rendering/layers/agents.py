@@ -21,7 +21,7 @@ class AgentsLayer(Layer):
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All of them, the first one lowest."""
+        """Draw all living agents, the first one at the bottom."""
         for e in scene.living(Body, Shape, Side):
             self._draw(canvas, scene, e)
 
@@ -35,14 +35,14 @@ class AgentsLayer(Layer):
 
 @dataclass(frozen=True)
 class IdsLayer(Layer):
-    """The number of every living agent, where it can be read and fits into its disc."""
+    """The number of every living agent, if it is readable and fits into its disc."""
 
     zorder = ZOrder.AGENTS + 1
     needs = (Side,)
     height: float = 1.15  # of a digit, in radii
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """In black or white, whatever is easier to read on the disc."""
+        """Draw the numbers in black or white, whichever is easier to read on the disc."""
         alive = set(scene.living(Body, Shape, Side))
         for i, e in enumerate(scene.rows(Side)):
             if e in alive:

@@ -12,7 +12,7 @@ from .layer import Layer, ZOrder
 
 @dataclass(frozen=True)
 class BoxesLayer(Layer):
-    """Boxes that stand."""
+    """Standing boxes."""
 
     zorder = ZOrder.BODIES
     needs = (Box, Guard)
@@ -20,7 +20,7 @@ class BoxesLayer(Layer):
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Their shapes, with a rim; very thin ones are all rim."""
+        """Draw their shapes with a rim; very thin ones consist of the rim alone."""
         owner = scene[Guard].vulnerable_only_to
         for e in scene.living(Body, Shape, Box):
             color = of_box(owner[e])
@@ -31,14 +31,14 @@ class BoxesLayer(Layer):
 
 @dataclass(frozen=True)
 class BoxItemsLayer(Layer):
-    """Broken boxes that lie around."""
+    """Broken boxes on the ground."""
 
     zorder = ZOrder.ITEMS
     needs = (BoxItem, Box, Guard)
     shows = (BoxItem,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Squares; a dark one in a square of the owner's tint."""
+        """Draw squares: a dark one in a square of the owner's tint."""
         body, radii = scene.body, scene.shape.radius
         for e in scene.living(Body, Shape, BoxItem):
             color, x, y, half = of_box(owner_of(scene, e)), body.x[e], body.y[e], SIZES.box_item * radii[e]
@@ -47,5 +47,5 @@ class BoxItemsLayer(Layer):
 
 
 def owner_of(scene: Scene, item: int) -> int:
-    """The side that owns the box which the broken box in row `item` was, -1: none."""
+    """Return the side that owns the box of which row `item` is the broken form, -1: none."""
     return int(scene[Guard].vulnerable_only_to[scene.rows(Box)[scene[BoxItem].index[item]]])

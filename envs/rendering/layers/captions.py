@@ -17,7 +17,7 @@ MIDDLE, HEIGHT = 0.66, 0.36  # of digits, in margins: bars of agents at the wall
 
 @dataclass(frozen=True)
 class StepCounterLayer(Layer):
-    """How many steps the episode has had, in the upper left corner, where there is room for text."""
+    """The number of steps of the episode, in the upper left corner, if there is room for text."""
 
     zorder = ZOrder.WORDS
 
@@ -30,11 +30,11 @@ class StepCounterLayer(Layer):
 
 @dataclass(frozen=True)
 class KillFeedLayer(Layer):
-    """The last deaths of those who are dead, the latest on the left, as many as fit; they fade out with age.
+    """The last deaths of agents that are still dead, the latest on the left, as many as fit; they fade out with age.
 
-    A disc in the colour of the dead agent, its number, and the side that killed it, or else the damage type. All of it
-    is state, as events are those of one tick: `Died` keeps damage type and source, `Health` the tick in which the
-    points reached 0.
+    Each is a disc in the colour of the dead agent, its number, and the side that killed it, or else the damage type.
+    All of it comes from the state, as events only last for a tick: `Died` keeps damage type and source, `Health` the
+    tick in which the points reached 0.
     """
 
     zorder = ZOrder.WORDS
@@ -70,18 +70,18 @@ class KillFeedLayer(Layer):
 
 @dataclass(frozen=True)
 class FeedStrip(Strip):
-    """The last deaths of the episode below the picture, as KillFeedLayer has them in the margin."""
+    """The last deaths of the episode in a strip below the picture, otherwise like KillFeedLayer in the margin."""
 
     needs = KillFeedLayer.needs
     zorder = ZOrder.WORDS + 2
     feed: KillFeedLayer = KillFeedLayer()
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """One line."""
+        """Return the height of one line."""
         return round(LINE * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """As many as fit."""
+        """Draw as many as fit."""
         height = digit(canvas.size)
         self.feed.write(canvas, scene, canvas.half - height, 0, height, INK)
 

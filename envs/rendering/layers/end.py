@@ -23,15 +23,15 @@ MOST = 1.9  # halves of the picture that words take
 class EndLayer(Layer):
     """A banner across the last picture of an episode: the side that lived longest, and why it ended.
 
-    Where episodes end at their limit alone (ending_rule "never"), it names no side: another thing than life decides.
-    In pictures that are too small for its words there is none.
+    If episodes only end at their limit (ending_rule "never"), it names no side, as survival does not decide who wins.
+    Pictures too small for its words have no banner.
     """
 
     zorder = ZOrder.WORDS + 1
     needs = (End,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """In the upper part, where the fewest episodes end."""
+        """Draw it in the upper part, where the fewest episodes end."""
         if not (scene[End].terminated[0] or scene[End].truncated[0]):
             return
         height, wide, y = digit(canvas.size) / canvas.scale, 2 * canvas.half, PLACE * canvas.half
@@ -45,7 +45,7 @@ class EndLayer(Layer):
 
 
 def winner(scene: Scene) -> int | None:
-    """The side that lived longer than all others, after the last tick of an episode; None if there is none."""
+    """Return the side that lived longer than all others, after the last tick of an episode; None if there is none."""
     if not _rivals(scene):
         return None
     alive = scene[Score].alive

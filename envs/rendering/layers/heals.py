@@ -14,14 +14,14 @@ VISIBLE = 6  # pixels, radius of the smallest disc that a cross is drawn on
 
 @dataclass(frozen=True)
 class HealsLayer(Layer):
-    """Heals that lie around."""
+    """Heals on the ground."""
 
     zorder = ZOrder.ITEMS
     needs = (Heal,)
     shows = (Heal,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """As large as they are."""
+        """Draw them in their real size."""
         body, radii = scene.body, scene.shape.radius
         for e in scene.living(Body, Shape, Heal):
             x, y, radius = body.x[e], body.y[e], radii[e]

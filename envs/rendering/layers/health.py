@@ -15,7 +15,7 @@ FRAMED = 1.0  # pixels, height of the lowest bar with a frame
 
 @dataclass(frozen=True)
 class HealthBarsLayer(Layer):
-    """A bar that is as long as the hit points are many: full at those at the start, longer with more, up to twice."""
+    """A bar for hit points: full with as many as at the start, and up to twice as long with more."""
 
     zorder = ZOrder.MARKS
     needs = (Health,)
@@ -23,7 +23,7 @@ class HealthBarsLayer(Layer):
     height: float = SIZES.bar_height
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
+        """Draw bars of all agents, and of other bodies that are damaged; none in very small pictures."""
         if self.height * canvas.scale < VISIBLE:
             return
         points, whole, has_health = scene[Health].points, scene.prefab(Health).points, scene[Health].has_health

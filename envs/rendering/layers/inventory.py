@@ -16,14 +16,14 @@ VISIBLE = 1.0  # pixels, side of the smallest item worth drawing
 
 @dataclass(frozen=True)
 class InventoryLayer(Layer):
-    """Carried items in a row below their carrier, the last one, which is the one in use, on the right."""
+    """Carried items in a row below their carrier, with the last item, which would be used next, on the right."""
 
     zorder = ZOrder.MARKS
     needs = (Bag,)
     half: float = SIZES.bag_half  # the side of an item
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Heals are discs, broken boxes are squares, all others are discs in the colour of their kind."""
+        """Draw heals as discs, broken boxes as squares, and all others as discs in the colour of their kind."""
         if 2 * self.half * canvas.scale < VISIBLE:
             return
         bag, step = scene[Bag], SIZES.bag_step * self.half
@@ -36,7 +36,7 @@ class InventoryLayer(Layer):
 
 
 def draw_item(canvas: Canvas, scene: Scene, item: int, x: float, y: float, half: float) -> None:
-    """The item in row `item` as it looks in a bag, around (x, y), half its side given."""
+    """Draw the item in row `item` as it looks in a bag, around (x, y), given half of its side."""
     edge = max(1 / canvas.scale, half / 3)
     if item in scene.rows(BoxItem):
         outer, color = half + edge, of_box(owner_of(scene, item))

@@ -1,4 +1,4 @@
-"""Lidar: a line along each ray of an agent, up to what it hits. Off unless asked for."""
+"""Lidar: a line along each ray of an agent, up to what it hits. Not shown by default."""
 
 import math
 from collections.abc import Collection
@@ -15,7 +15,7 @@ from .layer import Layer, ZOrder
 
 @dataclass(frozen=True)
 class LidarLayer(Layer):
-    """The rays of living agents, or only of those with the numbers `agents`."""
+    """The rays of living agents: all of them, or those with the numbers `agents`."""
 
     zorder = ZOrder.SIGHT
     needs = (systems.Lidar, LidarView, Side)
@@ -23,7 +23,7 @@ class LidarLayer(Layer):
     width: float = SIZES.ray
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Blind agents have no rays."""
+        """Draw the rays of agents that are not blind."""
         body, living = scene.body, {*scene.living(Body, Side)}
         for i, e in enumerate(scene.rows(Side)):
             if e not in living or (self.agents is not None and i not in self.agents):
@@ -35,14 +35,14 @@ class LidarLayer(Layer):
 
 
 def directions(scene: Scene, e: int) -> list[Point]:
-    """Metres ahead and to the left of a step along each ray of the agent in row `e`, from right to left."""
+    """Return a step along each ray of the agent in row `e`, in metres ahead and to the left, from right to left."""
     lidar = scene.mechanic(systems.Lidar, e)
     bearings = [((k + 0.5) / lidar.rays - 0.5) * lidar.angle for k in range(lidar.rays)]
     return [(math.cos(bearing), math.sin(bearing)) for bearing in bearings]
 
 
 def distances(scene: Scene, i: int) -> list[float]:
-    """What the rays of agent number `i` read, metres."""
+    """Return the readings of the rays of agent number `i`, metres."""
     columns = scene.worlds.layout.fields["lidar"]["distance"].columns
     read: list[float] = scene[LidarView].lidar[i][columns]
     return read

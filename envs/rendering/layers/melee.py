@@ -14,14 +14,14 @@ from .layer import Layer, ZOrder
 
 @dataclass(frozen=True)
 class MeleeLayer(Layer):
-    """Who attacked in the last tick: up to what was hit, or as far as the weapon reaches."""
+    """The strikes of the last tick: up to what was hit, or as far as the weapon reaches."""
 
     zorder = ZOrder.STRIKES
     needs = (Strike, systems.Melee)
     width: float = SIZES.strike
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """From the attacker's place after the tick: it has moved since it struck."""
+        """Draw strikes from the attacker's place after the tick, as it has moved since it struck."""
         alive = set(scene.living(Body, Shape))
         for strike in scene.events(Strike):
             me, reach = strike.agent, scene.mechanic(systems.Melee, strike.agent).reach
@@ -38,7 +38,7 @@ class MeleeLayer(Layer):
 
 @dataclass(frozen=True)
 class HitsLayer(Layer):
-    """A star where a strike of the last tick has landed."""
+    """A star where a strike of the last tick hit something."""
 
     zorder = ZOrder.AGENTS + 2
     needs = (Strike, systems.Melee)
@@ -46,7 +46,7 @@ class HitsLayer(Layer):
     rim: float = SIZES.star_rim
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """On the skin of what was hit, as both stand after the tick."""
+        """Draw stars on the surface of what was hit, with both at their places after the tick."""
         alive = set(scene.living(Body, Shape))
         for strike in scene.events(Strike):
             if strike.agent in alive and strike.target >= 0:

@@ -1,4 +1,4 @@
-"""Items and bodies of mechanics that have no layer of their own, by what their components say."""
+"""Items and bodies of mechanics that have no layer of their own, drawn according to their components."""
 
 import functools
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ POINT = 0.2  # metres, radius of a body without a size
 
 @dataclass(frozen=True)
 class OthersLayer(Layer):
-    """Items and bodies that no other layer shows: their shapes in the colour of their kind, and its name.
+    """Items and bodies that no other layer shows: their shapes in the colour of their kind, and the kind's name.
 
     A layer that draws entities itself names one of their components in `shows`.
     """
@@ -29,7 +29,7 @@ class OthersLayer(Layer):
     height: float = 0.45  # metres, of a digit in names; 0: no names
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All bodies, then the names that overlap with no other one."""
+        """Draw all bodies, then the names that do not overlap with another one."""
         rows = others(scene)
         for e in rows:
             self._draw(canvas, scene, e)
@@ -60,7 +60,7 @@ def _name(canvas: Canvas, scene: Scene, e: int, height: float, taken: list[tuple
 
 
 def others(scene: Scene) -> list[int]:
-    """Rows of the bodies in the world that neither outlast's own layers nor one that says so in `shows` draws."""
+    """Return the rows of bodies that neither outlast's own layers draw nor any layer that names them in `shows`."""
     rows = _unknown(scene.worlds.layout, frozenset(scene.shown))
     fixed = {*walls(scene)} if rows and Solid in scene else {}
     living = {*scene.living(Body)} if rows else {}
@@ -68,7 +68,7 @@ def others(scene: Scene) -> list[int]:
 
 
 def of_kind(scene: Scene, e: int) -> Color:
-    """The colour of the kind of entity in this row; kinds get theirs in the order of their rows."""
+    """Return the colour of the kind of entity in this row; kinds get colours in the order of their rows."""
     layout = scene.worlds.layout
     return KINDS[own_kinds(layout).index(kinds(layout)[e]) % len(KINDS)]
 
@@ -82,12 +82,12 @@ def _unknown(layout: Layout, shown: frozenset[type[Component]]) -> list[int]:
 
 @functools.lru_cache(maxsize=64)
 def kinds(layout: Layout) -> tuple[str, ...]:
-    """The name of the kind of each row."""
+    """Return the name of the kind of each row."""
     return tuple(kind for kind, span in layout.spans.items() for _ in span)
 
 
 @functools.lru_cache(maxsize=64)
 def own_kinds(layout: Layout) -> tuple[str, ...]:
-    """The kinds without a component of outlast's own layers."""
+    """Return the kinds without a component that outlast's own layers draw."""
     known = {e for component in KNOWN for e in layout.rows(component).tolist()}
     return tuple(kind for kind, span in layout.spans.items() if not known.intersection(span))

@@ -1,4 +1,4 @@
-"""The room: its floor, and what stands around it."""
+"""The room: its floor, and the walls around it."""
 
 from dataclasses import dataclass
 
@@ -18,20 +18,20 @@ class RoomLayer(Layer):
     needs = (Floor,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """A rectangle."""
+        """Draw a rectangle."""
         x, y = scene.sides
         canvas.rectangle(-x, -y, x, y, FLOOR)
 
 
 @dataclass(frozen=True)
 class WallsLayer(Layer):
-    """Walls, and all other obstacles that nothing can push and that are neither agents nor boxes."""
+    """Walls, and all other immovable obstacles that are neither agents nor boxes."""
 
     zorder = ZOrder.BODIES
     needs = (Solid,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Their shapes, a pixel larger: two walls meet in a single point. Behind them there is nothing to see."""
+        """Draw their shapes, a pixel larger, as two walls meet in a single point. Behind them is nothing to see."""
         fixed = walls(scene)
         for e in fixed:
             canvas.body(scene, e, WALL, 1 / canvas.scale)
@@ -43,6 +43,6 @@ class WallsLayer(Layer):
 
 
 def walls(scene: Scene) -> list[int]:
-    """Rows of the obstacles in the world that nothing can push, and that are neither agents nor boxes."""
+    """Return the rows of immovable obstacles in the world that are neither agents nor boxes."""
     others, dynamic = {*scene.rows(Side), *scene.rows(Box)}, scene[Solid].dynamic
     return [e for e in scene.living(Body, Shape, Solid) if not dynamic[e] and e not in others]

@@ -1,4 +1,4 @@
-"""The scoreboard of a film: what every agent has left, below the picture."""
+"""The scoreboard of a film, below the picture: what every agent has left."""
 
 import functools
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ HIGHEST = 0.75  # of the strip's length: more lines are left out
 
 @dataclass(frozen=True)
 class Board:
-    """Where everything stands on a scoreboard: agents in columns, in order of their numbers, below a line of teams.
+    """The layout of a scoreboard: agents in columns, in order of their numbers, below a line of teams.
 
     Attributes:
         parts: What is shown of each agent, with the place where it begins, in heights of a digit.
-        width: Of a column, in heights of a digit.
-        rows: Agents of a column.
+        width: Width of a column, in heights of a digit.
+        rows: How many agents a column has.
         shown: How many agents there is room for.
-        lines: How many there are, of teams, agents, and how many agents are left out.
+        lines: How many lines there are: of teams, of agents, and one that says how many agents are left out.
     """
 
     parts: dict[str, float]
@@ -39,17 +39,17 @@ class Board:
 
 @dataclass(frozen=True)
 class ScoresStrip(Strip):
-    """Agents in the colours of their sides, with hit points, kills and what they carry, as far as there is room."""
+    """Agents in the colours of their sides, with hit points, kills and carried items, as far as there is room."""
 
     needs = (Side,)
     zorder = ZOrder.WORDS + 1
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """The same whatever sides agents are on."""
+        """Return the height, which does not depend on the agents' sides."""
         return round((_board(scene, size).lines * LINE + GAP) * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Agents below and beside each other; what they say of themselves is as `Entry` has it."""
+        """Draw agents below and beside each other, each as an `Entry`."""
         board, unit, alive = _board(scene, canvas.size), digit(canvas.size), {*scene.living(Side)}
         left, top = unit - canvas.half, canvas.height / 2 - 0.5 * (LINE + GAP) * unit
         if _teams(scene):
@@ -98,7 +98,7 @@ class Entry:
     alive: bool
 
     def draw(self, x: float, y: float) -> None:
-        """From x to the right, pixels."""
+        """Draw it from x to the right, pixels."""
         unit = digit(self.canvas.size)
         for part, start in self.board.parts.items():
             getattr(self, f"_{part}")(x + start * unit, y, unit)

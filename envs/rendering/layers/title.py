@@ -1,4 +1,4 @@
-"""The title of a film: what is played, and where in it the picture is."""
+"""The title of a film: what is played, and which moment of it the picture shows."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -18,13 +18,13 @@ FIGURE = 0.75  # heights of a digit, its width
 
 @dataclass(frozen=True)
 class TitleStrip(Strip):
-    """What is played, seed and world; episode and tick on the right. What has no room is left out.
+    """What is played, seed and world; on the right, episode and tick. Whatever has no room is left out.
 
-    Seed, world and episode are the key of the world's random numbers: an environment of that seed and world plays the
+    Seed, world and episode are the key of the world's random numbers: an environment with that seed and world plays the
     same episode again. In a world that was reset with a seed of its own, they count from there.
 
-    text: the game and who plays; "" beside other worlds, where the mosaic has a title of its own. seed: whether the
-    seed is said beside other worlds, too, as it is not that of all of them.
+    text: the game and who plays; "" in a mosaic, which has its own title. seed: whether to show the seed in a mosaic,
+    too, because worlds have different seeds.
     """
 
     above = True
@@ -33,11 +33,11 @@ class TitleStrip(Strip):
     seed: bool = False
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """One line."""
+        """Return the height of one line."""
         return round(LINE * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """The tick comes first, then the game, then the rest."""
+        """Draw it; the tick has priority, then the game, then the rest."""
         clock = scene[Clock]
         seed, world, episode, tick = (column[0] for column in (clock.seed, clock.world, clock.episode, clock.tick))
         ends = [f"tick {tick}", f"episode {episode}, tick {tick}"]
@@ -48,11 +48,11 @@ class TitleStrip(Strip):
 
 
 def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> None:
-    """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
+    """Write on a strip the longest of `ends` that fits, on the right, and the longest of `starts`, on the left.
 
-    Ends but the first take at most half of it, and no room that the first start needs; that is cut if there is none
-    beside the first end either. Numbers are taken for figures of four digits, so that nothing comes and goes while they
-    grow.
+    Ends other than the first take at most half of the strip, and no room that the first start needs. The first start is
+    cut if there is not enough room even with the first end. Numbers count as having four digits, so that nothing
+    appears or disappears while they grow.
     """
     edge = height = digit(canvas.size)
     first, *longer = map(printable, starts)
@@ -83,7 +83,7 @@ def _cut(canvas: Canvas, words: str, room: float) -> str:
 
 
 def fits(words: str, size: int) -> bool:
-    """Whether the words fit on the strip of a film of so many pixels, beside the tick."""
+    """Return whether the words fit on the strip of a film of this size, in pixels, together with the tick."""
     canvas = Canvas(size, size / 2, round(LINE * digit(size)))
     return canvas.length(printable(words), digit(size)) <= _room(canvas, "tick 0")
 
@@ -101,16 +101,16 @@ def _length(canvas: Canvas, words: str) -> float:
 
 
 def prefixes(words: str) -> list[str]:
-    """The words up to each of their commas, and all of them."""
+    """Return the words up to each of their commas, and all of them."""
     parts = words.split(", ")
     return [", ".join(parts[: k + 1]) for k in range(len(parts))]
 
 
 def printable(words: str) -> str:
-    """The words with "?" for what the fonts of pictures lack."""
+    """Return the words with "?" for characters that the fonts of pictures lack."""
     return words.encode("ascii", "replace").decode()
 
 
 def digit(size: int) -> int:
-    """Pixels of a digit on a strip of `size` pixels."""
+    """Return the height of a digit on a strip of `size` pixels, pixels."""
     return min(max(LEAST, round(size / SHARE)), MOST)

@@ -1,4 +1,4 @@
-"""The safe zone: a clear disc on a darkened floor, and in dashes where it goes."""
+"""The safe zone: a clear disc on a darkened floor, and a dashed circle where it moves to."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from .layer import Layer, ZOrder
 
 @dataclass(frozen=True)
 class SafeZoneLayer(Layer):
-    """The safe circle now and the next one."""
+    """The present safe circle and the next one."""
 
     zorder = ZOrder.ZONE
     needs = (Zone, Floor)
@@ -20,7 +20,7 @@ class SafeZoneLayer(Layer):
     dash: float = SIZES.zone_dash
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """A void zone is no disc; where the zone is about to vanish, there is a cross."""
+        """Draw both; a void zone has no disc, and a cross marks where the zone is about to vanish."""
         zone, (half_width, half_height) = scene[Zone], scene.sides
         x, y, radius = zone.x[0], zone.y[0], zone.radius[0]
         canvas.rectangle(-half_width, -half_height, half_width, half_height, UNSAFE)
