@@ -14,7 +14,7 @@ STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97
 
 @dataclass(frozen=True)
 class EndValue:
-    """Mean and standard deviation of the points of the last tenth of a curve; NaN where that is one point."""
+    """Mean and standard deviation of the last tenth of a curve's points; the latter is NaN for a single point."""
 
     mean: float
     deviation: float
@@ -24,7 +24,7 @@ class EndValue:
 class MovingAverage:
     """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
 
-    Where some runs have ended, those of the others; or none, see `average`.
+    After some runs have ended, these are of the others, or the curve ends; see `average`.
     """
 
     steps: Array
@@ -34,16 +34,16 @@ class MovingAverage:
 
     @property
     def peak(self) -> tuple[int, float]:
-        """Agent-steps and height of the highest point."""
+        """The agent-steps and the height of the highest point."""
         top = int(np.nanargmax(self.mean))
         return int(self.steps[top]), float(self.mean[top])
 
 
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
-    """The moving average over the runs that have the tag: at least one. Between its points a run is interpolated.
+    """Return the moving average over the runs that have the tag, at least one. Runs are interpolated between points.
 
-    common: only from where all of them have begun to where the first ends, so that it never jumps as one goes; there
-    may be no such points.
+    common: only from where all runs have begun to where the first one ends, so that it never jumps because a run ends;
+    there may be no such points.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))
@@ -63,7 +63,7 @@ def _at(steps: Array, own: Array, values: Array) -> Array:
 
 
 def smooth(values: Array) -> Array:
-    """The moving average over the points around each. At both ends there are fewer of them; NaNs are left out."""
+    """Return the moving average over the points around each; fewer of them at both ends. NaNs are left out."""
     half = window_size(len(values)) // 2
     there = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
@@ -76,19 +76,19 @@ def smooth(values: Array) -> Array:
 
 
 def window_size(points: int) -> int:
-    """The number of points of a moving average: odd."""
+    """Return the number of points of a moving average, which is odd."""
     return max(1, points // SMOOTH) | 1
 
 
 def end_value(values: Array) -> EndValue:
-    """The end value of a curve with at least one number."""
+    """Return the end value of a curve with at least one number."""
     there = values[np.isfinite(values)].astype(np.float64)
     last = there[-max(1, round(END * len(there))) :]
     return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else float("nan"))
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
-    """The 95 % confidence interval of a mean by Student's t, lower and upper end; both NaN of a single value."""
+    """Return the 95 % confidence interval of a mean by Student's t: both ends, which are NaN for a single value."""
     count = len(values)
     if count < 2:
         return float("nan"), float("nan")

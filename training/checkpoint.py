@@ -25,25 +25,25 @@ HEAVIEST = 1000  # weight: with larger ones sums may overflow, and what is not a
 
 
 def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
-    """Write a checkpoint; whole or not at all."""
+    """Write a checkpoint, completely or not at all."""
     with atomic_write(path) as place, zipfile.ZipFile(place, "w") as archive:
         for name, content in files.items():
             archive.writestr(name, content)
 
 
 def read_checkpoint(path: Path, names: Collection[str] = ("policy.pt", "rest.pt", "worlds.npz")) -> dict[str, bytes]:
-    """The files of a checkpoint; run.json is valid, the others are checked when they are used. Raises TrainingError."""
+    """Read the files of a checkpoint. Checks run.json; the others are checked when used. Raises TrainingError."""
     needed = ("version", "steps", "observations", "actions", "preset", "scenario")
     return run_header.read_checkpoint(path, names, needed)[1]
 
 
 def header_of(files: dict[str, bytes]) -> run_header.Header:
-    """run.json of a checkpoint, with an empty plan if there is none."""
+    """Return run.json of a checkpoint, with an empty plan if it has none."""
     return {"plan": {}, **run_header.parse_header(Path(run_header.NAME), files[run_header.NAME], ())}
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
-    """TrainingError if rows of observations hold other fields here than in training. Earlier files do not say."""
+    """TrainingError if rows of observations have other fields here than in training, which old files do not record."""
     for key, fields in header.get("fields", {}).items():
         known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
         if known != here:
@@ -53,7 +53,7 @@ def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
 
 
 def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tuple[Array, Array]:
-    """The scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
+    """Return the scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
     if "fields" in header:
         try:
             return scales(layout, header["fields"])
@@ -69,7 +69,7 @@ def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tup
 
 
 def policies_in(files: dict[str, bytes]) -> list[Any]:
-    """The weights of each policy in policy.pt, unchecked: one, or a list of several. Raises TrainingError."""
+    """Return the weights of each policy in policy.pt, unchecked; there may be one or several. Raises TrainingError."""
     found = load_tensors(files, "policy.pt")
     return found if isinstance(found, list) and found else [found]
 
@@ -87,12 +87,12 @@ def load_weights(policy: ActorCritic, weights: Any, where: str = "policy.pt") ->
 
 
 def wrong_weight(weights: Mapping[str, Tensor]) -> str:
-    """The name of weights that are beyond HEAVIEST, or no numbers; empty if all are as they should be."""
+    """Return the name of weights that are beyond HEAVIEST or not numbers; "" if all are as they should be."""
     return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 
 def check_like(given: Any, own: Tensor, name: str) -> None:
-    """TrainingError unless it is a tensor of the same shape and type."""
+    """TrainingError unless it is a tensor of the same shape and type as the other."""
     if not isinstance(given, Tensor) or given.shape != own.shape or given.dtype != own.dtype:
         found = f"{given.dtype} {tuple(given.shape)}" if isinstance(given, Tensor) else "no tensor"
         raise TrainingError(f"{name} of the checkpoint is {found}: {own.dtype} {tuple(own.shape)} is needed")
@@ -112,14 +112,14 @@ def check_state(given: Any, like: Any, name: str) -> None:
 
 
 def tensor_bytes(content: Any) -> bytes:
-    """The content of a file of torch.save."""
+    """Return the content of a file as torch.save writes it."""
     buffer = io.BytesIO()
     torch.save(content, buffer)
     return buffer.getvalue()
 
 
 def load_tensors(files: dict[str, bytes], name: str) -> Any:
-    """What is in a file of torch.save. Raises TrainingError."""
+    """Load the content of a file written by torch.save. Raises TrainingError."""
     try:
         return safe_torch.load_tensors(files[name])
     except safe_torch.BROKEN as error:

@@ -1,4 +1,4 @@
-"""Runs of `outlast train` as processes, some of them at a time. Needs no PyTorch."""
+"""Runs of `outlast train` as processes, several of them at a time. Needs no PyTorch."""
 
 import logging
 import signal
@@ -21,22 +21,22 @@ logger = logging.getLogger("outlast")
 
 
 class ChildRun:
-    """A run in a process of its own, and in a process group of its own, so that Ctrl-C reaches it once: from here.
+    """A run in a process and a process group of its own, so that Ctrl-C reaches it only once, from this process.
 
-    It stops and saves, too, when this process ends without a word: see outlast.training.job.
+    It also stops and saves if this process ends unexpectedly: see outlast.training.job.
 
     Attributes:
-        folder: Of the run; its name is what the run is called.
-        words: Of the command line that trains it.
+        folder: The run's folder, whose name is the name of the run.
+        words: The command line that trains it.
     """
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
         """Say what to train.
 
         Args:
-            folder: Of the run.
-            words: Arguments and options of `outlast train` for this run, but --out, --resume and --quiet.
-            resume: Whether to go on with what is in the folder; a run that had not begun begins.
+            folder: The run's folder.
+            words: Arguments and options of `outlast train` for this run, except --out, --resume and --quiet.
+            resume: Whether to go on with the run in the folder; one that has not begun yet begins.
         """
         self.folder = folder
         self.words = [sys.executable, "-m", "outlast.training.job", "train", *words, "--out", str(folder), "--quiet"]
@@ -44,27 +44,27 @@ class ChildRun:
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """The name of the run in messages."""
         return self.folder.name
 
     def start(self) -> None:
-        """Begin, or go on."""
+        """Start the run, or resume it."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
         self.process = subprocess.Popen(
             self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True
         )
 
     def stop(self) -> None:
-        """Let it save and end."""
+        """Make it save and end."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
 
     def steps(self) -> int:
-        """Agent-steps done, by its log."""
+        """Return the agent-steps done, according to its log."""
         return log_file.last_step(self.folder / log_file.NAME)
 
     def report(self) -> int:
-        """Print the last line of its output; its exit status, as a shell has it: 128 and the signal that ended it."""
+        """Print the last line of its output. Returns its exit status as in a shell: 128 plus a signal that ended it."""
         with self.process as process:  # `communicate` would close its input first, which interrupts it
             output = process.stdout.read().strip().splitlines() if process.stdout else []
             code = process.wait()
@@ -76,17 +76,17 @@ class ChildRun:
 def side_by_side(
     runs: Sequence[ChildRun], at_once: int, view: LiveView, done: Callable[[], int], cure: str = RESUME
 ) -> int:
-    """Train all runs. One that fails is reported, and the others go on; Ctrl-C lets all that have begun save.
+    """Train all runs. A run that fails is reported, and the others go on; on Ctrl-C, all running ones save.
 
     Args:
-        runs: In the order in which they begin.
-        at_once: How many go on at a time.
-        view: Shows what is done, every POLL seconds; it is closed at the end.
-        done: How much of the view's total is done.
-        cure: Said after Ctrl-C.
+        runs: The runs, in the order in which they begin.
+        at_once: How many run at the same time.
+        view: Shows the progress, every POLL seconds; it is closed at the end.
+        done: Returns how much of the view's total is done.
+        cure: What to print after Ctrl-C.
 
     Returns:
-        The exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
+        The exit status: 0 if all went well, 130 if they were stopped, otherwise the highest of the runs'.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:

@@ -17,7 +17,7 @@ from .errors import TrainingError
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """As `crew.recruit`, on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
+    """Do as `crew.recruit` on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
     with contextlib.ExitStack() as opened:
         opened.enter_context(connected(address))
         cores = int(ray.cluster_resources().get("CPU", 0))
@@ -32,21 +32,21 @@ def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *argu
 
 
 class Tasks:
-    """Those that run on the cluster."""
+    """The processes that run on the cluster."""
 
     def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
-        """tasks: Ray's references to what they return. opened: what is closed when they are stopped."""
+        """tasks: Ray's references to their results. opened: what to close when they are stopped."""
         self.tasks, self.store, self.opened = tasks, store, opened
 
     def wait(self) -> None:
-        """Until all are about to join. Raises TrainingError if one ended instead."""
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
         while not joined(self.store, len(self.tasks) + 1):
             if ray.wait(self.tasks, timeout=0)[0]:
                 raise TrainingError(self.reason(), lost=True)
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """What one of them says that went wrong, or how it ended."""
+        """Return what went wrong according to one of them, or how it ended."""
         ray.wait(self.tasks, timeout=GRACE)  # for the first that ends
         for rank in range(1, len(self.tasks) + 1):
             if self.store.check([WRONG.format(rank)]):
@@ -63,7 +63,7 @@ class Tasks:
         return ""
 
     def stop(self) -> None:
-        """Let them end, which they do when they miss this process, and close the connection."""
+        """Let them end, which they do when this process is gone, and close the connection."""
         with self.opened:
             ray.wait(self.tasks, num_returns=len(self.tasks), timeout=GRACE)
 

@@ -25,8 +25,8 @@ class Collector:
     networks are busy with the other.
 
     Attributes:
-        lanes: Of this process, in order of their worlds.
-        scale: Of the rewards of all processes.
+        lanes: The lanes of this process, in order of their worlds.
+        scale: The scale of the rewards of all processes.
     """
 
     def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:
@@ -36,19 +36,19 @@ class Collector:
         self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
 
     def restart(self) -> None:
-        """Begin the episodes of all worlds again, in levels that were chosen."""
+        """Begin the episodes of all worlds again, in the chosen levels."""
         for lane in self.lanes:
             lane.restart()
         self.scale.sums[:] = 0
 
     @torch.inference_mode()
     def collect(self, policies: Sequence[ActorCritic], steps: int, begun: int) -> Rollout:
-        """Play on from where the worlds are, and keep what happens.
+        """Continue to play in the worlds, and keep what happens.
 
         Args:
-            policies: Of the learners.
-            steps: Of each world.
-            begun: Steps of each world before.
+            policies: The policies of the learners.
+            steps: How many steps each world takes.
+            begun: How many steps each world has taken before.
         """
         for lane in self.lanes:
             lane.open(steps, max(policy.memory for policy in policies))

@@ -1,4 +1,4 @@
-"""What evaluations report and training logs of what agents do: the unit and the meaning of each column."""
+"""What evaluations report, and training logs, about what agents do: the unit and meaning of each column."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Column(NamedTuple):
-    """A column: its unit, "" for what is counted, and what it is."""
+    """A column: its unit ("" for counts), and what it is."""
 
     unit: str
     meaning: str
@@ -45,16 +45,16 @@ COLUMNS = {
 
 
 def combinable(tags: Sequence[str]) -> Sequence[str]:
-    """Of the tags that a log has of one statistic, those that one number is made of.
+    """Return which tags in a log make up the number for a statistic.
 
-    Where episodes differ in their sides, means of sides are over different episodes, and cannot be added up. Then that
-    of all sides is logged, too, without a number: it alone counts.
+    If episodes differ in their sides, the means of sides are over different episodes, and cannot be added up. Then the
+    mean of all sides is logged as well, by a tag without a number, and only this tag is used.
     """
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
 def explained(width: int = 100) -> Iterator[str]:
-    """A line or more for each column, for help."""
+    """Return a line or more for each column, for help."""
     indent = max(map(len, COLUMNS)) + 4
     for name, (unit, meaning) in COLUMNS.items():
         text = f"{unit} {meaning}".strip()

@@ -1,4 +1,4 @@
-"""Processes that train together: each plays in a share of the worlds, and what they find is summed over all."""
+"""Processes that train together: each plays in a share of the worlds, and their results are summed up."""
 
 import contextlib
 import json
@@ -26,34 +26,34 @@ LOST = 75  # exit status of a process whose only fault is that it lost another o
 
 
 class Crew:
-    """One process alone: sums are what they were, and nothing is sent.
+    """A single process: sums stay as they are, and nothing is sent.
 
     Attributes:
-        rank: The number of this process; the first, 0, is the one that logs and writes files.
-        size: How many there are.
+        rank: The number of this process; the first one, 0, logs and writes files.
+        size: How many processes there are.
     """
 
     def __init__(self, rank: int = 0, size: int = 1) -> None:
         self.rank, self.size = rank, size
 
     def share(self, count: int) -> range:
-        """Which of so many worlds are this process's."""
+        """Return which of so many worlds belong to this process."""
         return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
         """Replace tensors, of one type, by their sums over all processes."""
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """The arrays of all processes, one behind the other along an axis."""
+        """Return the arrays of all processes, joined along an axis."""
         return array
 
     def gather_values(self, own: Any) -> list[Any]:
-        """What all processes have: numbers, texts, lists and dicts of them (of tuples, as lists)."""
+        """Return the values of all processes: numbers, texts, lists and dicts of them; tuples become lists."""
         return [own]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """What happens in it, the first process does before all others: it compiles, they load."""
+        """A context in which the first process goes before all others, so that it compiles and they load."""
         yield
 
     def close(self) -> None:
@@ -68,23 +68,23 @@ class Member(Crew):
 
         Args:
             rank: Its number.
-            size: How many there are.
-            host: Address of the network between them that this process is reached by.
+            size: How many processes there are.
+            host: The address of this process in the network between them.
             store: Where they find each other.
-            others: Those that this process has started.
+            others: The processes that this one has started.
         """
         super().__init__(rank, size)
         self._host, self._store, self._others, self._joined = host, store, others, None
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
-        """As one tensor, so that one message goes each way. From a GPU it comes over the CPU."""
+        """Sum them as one tensor, so that one message goes each way. From a GPU it is sent through the CPU."""
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
         for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """As bytes, filled up to the longest."""
+        """Gather them as bytes, padded to the longest."""
         rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
         lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
         each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
@@ -95,13 +95,13 @@ class Member(Crew):
         return np.moveaxis(joined, 0, axis)
 
     def gather_values(self, own: Any) -> list[Any]:
-        """As JSON: nothing that comes from elsewhere is executed."""
+        """Gather them as JSON, so that nothing that comes from elsewhere is executed."""
         lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
         return [json.loads(line) for line in lines]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """The others wait for a message."""
+        """Let the others wait for a message."""
         if self.rank:
             self._gather(np.zeros(1, np.uint8))
         yield
@@ -138,13 +138,13 @@ class Member(Crew):
 
 
 class Others(Protocol):
-    """Processes that the first one has started."""
+    """The processes that the first one has started."""
 
     def wait(self) -> None:
         """Until all are about to join. Raises TrainingError if one ended instead."""
 
     def reason(self) -> str:
-        """Why one of them ended; nothing if none did."""
+        """Return why one of them ended; "" if none did."""
 
     def stop(self) -> None:
         """End them."""
@@ -172,7 +172,7 @@ class Children:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """What one of them says that went wrong, or how it ended; waits a little for that."""
+        """Return what went wrong according to one of them, or how it ended; wait a little for that."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
             for rank, process in enumerate(self.processes, 1):
@@ -193,12 +193,12 @@ class Children:
 
 
 def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """A crew of so many processes: this one, and others that are started.
+    """Make a crew of so many processes: this one, and others that are started.
 
     Args:
-        size: How many; 1 starts none.
-        work: What the others do, called with their crew; a function of a module.
-        arguments: More for it; picklable.
+        size: How many processes; 1 starts none.
+        work: What the others do: a function of a module, called with their crew.
+        arguments: Further arguments for it, which can be pickled.
     """
     if size == 1:
         return Crew()
@@ -207,26 +207,26 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
 
 
 def joined(store: Any, size: int) -> bool:
-    """Whether all of so many processes but the first are about to join."""
+    """Return whether all of so many processes, except the first, are about to join."""
     return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
 
 
 def listening(host: str) -> Any:
-    """Where the processes of a crew find each other: a server in this process, at a port of its own choice."""
+    """Make the place where the processes of a crew find each other: a server in this process, at a port it chooses."""
     if not dist.is_available():
         raise TrainingError("this PyTorch was built without torch.distributed, which several processes need")
     return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)  # type: ignore[attr-defined]
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
-    """What a process that was started does.
+    """Do what a started process does.
 
     Args:
         rank: Its number.
-        size: How many there are.
-        host: The address that it is reached by.
-        first: That of the first process.
-        port: Of its store.
+        size: How many processes there are.
+        host: Its address.
+        first: The address of the first process.
+        port: The port of the first process's store.
         work: See `recruit`.
         arguments: See `recruit`.
     """

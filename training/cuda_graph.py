@@ -18,7 +18,7 @@ Compute = Callable[[Minibatch], Gradients]
 
 @dataclass(frozen=True)
 class Captured:
-    """A graph, the tensors that it reads, and those that it writes."""
+    """A CUDA graph, the tensors that it reads, and those that it writes."""
 
     graph: Any
     given: Sequence[Tensor]
@@ -26,11 +26,11 @@ class Captured:
 
 
 class GraphedGradients:
-    """The figures and gradients of minibatches of Rows: one CUDA graph for each of the shapes that they have.
+    """The figures and gradients of minibatches of Rows, with a CUDA graph for each of their shapes.
 
-    A minibatch takes about 250 kernels, which a GPU has done long before a CPU has launched them. A graph is launched
-    at once, and its shapes are fixed. As the lists of rows on a GPU are filled up, few are enough. Shapes that were met
-    once have none yet, as to make it takes longer than to do without.
+    A minibatch takes about 250 kernels, which a GPU executes long before a CPU has launched them. A graph is launched
+    at once, but has fixed shapes. As lists of rows on a GPU are padded, a few graphs are enough. A shape that has
+    occurred only once has no graph yet, as making one takes longer than doing without.
     """
 
     def __init__(self, device: torch.device) -> None:

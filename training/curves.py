@@ -1,4 +1,4 @@
-"""Learning curves, from the log of a run, to small files and back. Needs numpy only."""
+"""Learning curves from the log of a run, written to small files and read back. Needs only numpy."""
 
 import csv
 import io
@@ -21,20 +21,20 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity. tag: of TensorBoard; sided: one for each agent or team, tag0, tag1 and so on."""
+    """A quantity. tag: its tag in TensorBoard; sided: whether each agent or team has one, tag0, tag1 and so on."""
 
     name: str
     tag: str
     sided: bool = False
 
     def has(self, tag: str) -> bool:
-        """Whether the tag is one of this quantity's."""
+        """Return whether the tag is one of this quantity's."""
         number = tag.removeprefix(self.tag)
         fits = re.fullmatch("0|[1-9][0-9]{0,3}", number) is not None if self.sided else not number
         return fits and tag.startswith(self.tag)
 
     def side(self, tag: str) -> int:
-        """The number of the agent or team; -1 if it is of all."""
+        """Return the number of the agent or team; -1 if the tag is for all."""
         return int(tag[len(self.tag) :]) if self.sided else -1
 
 
@@ -52,12 +52,12 @@ class Curves:
     values: dict[str, Array]
 
     def tags(self, quantity: Quantity) -> list[str]:
-        """The tags of a quantity that there are, in order of sides."""
+        """Return the existing tags of a quantity, in order of sides."""
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
 def thinned(curves: Curves, most: int) -> Curves:
-    """At most so many points, each the mean of as many neighbours, at the step of the last of them."""
+    """Return at most so many points, each the mean of equally many neighbours, at the step of the last of these."""
     starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
     ends = np.append(starts[1:], len(curves.steps)) - 1
     values = {tag: _means(own, starts) for tag, own in curves.values.items()}
@@ -74,7 +74,7 @@ def _means(values: Array, starts: Array) -> Array:
 
 
 class Logged:
-    """What all runs that were read have in common: the plan of run.json, and curves."""
+    """What every run that was read has: the plan of run.json, and curves."""
 
     plan: dict[str, Any]
     curves: Curves
@@ -86,20 +86,20 @@ class Logged:
 
     @property
     def steps(self) -> int:
-        """Agent-steps done."""
+        """The agent-steps done."""
         return int(self.curves.steps[-1])
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
-    """The curves in the log of a run.
+    """Return the curves in the log of a run.
 
     Args:
         path: log.csv of the run.
-        known: Whether a tag is one that has a number at every point, or the log is broken; those of others may be NaN.
+        known: Whether a tag must have a number at every point of a valid log; other tags may have NaNs.
 
     Raises:
-        EmptyRunError: No episode has ended in it yet.
-        TrainingError: It is no log, or has numbers that cannot be drawn.
+        EmptyRunError: None of the run's episodes has ended yet.
+        TrainingError: The file is not a log, or has numbers that cannot be drawn.
     """
     begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
     points = read_log(path) if begun else {}
@@ -122,7 +122,7 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
 
 
 def format_curves(about: dict[str, Any], curves: Curves) -> str:
-    """Curves as the text of a CSV file: `about` as JSON in a comment, and a column a tag.
+    """Return curves as the text of a CSV file: `about` as JSON in a comment, and a column for each tag.
 
     Numbers are the shortest that give the same float32.
     """
@@ -140,7 +140,7 @@ def _short(value: Any) -> str:
 
 
 def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
-    """`about` and the curves in a file of format_curves. Raises TrainingError for anything else."""
+    """Return `about` and the curves from the text of format_curves. Raises TrainingError for anything else."""
     first, _, rest = read_text(path).partition("\n")
     try:
         if not first.startswith("# "):

@@ -1,4 +1,4 @@
-"""When learning breaks down: numbers that are none, and where they come from."""
+"""When learning breaks down: numbers that are not finite, and where they come from."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,15 +18,15 @@ LOSSES = ("train/value_loss", "train/policy_loss", "train/loss", "imitation/valu
 
 
 def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: str) -> None:
-    """Stop a run that diverged: nobody could load another checkpoint of it, or it learns nothing any more.
+    """Stop a run that has diverged: its next checkpoint could not be loaded, or it no longer learns anything.
 
-    Only then it is asked whether observations are to blame, in this process's share of the newest rollout.
+    Only then, this checks whether observations are to blame, in this process's share of the newest rollout.
 
     Args:
-        trainer: After an update.
-        tags: What was measured in it.
+        trainer: The trainer, after an update.
+        tags: What was measured in the update.
         what: What was done, and for how long.
-        cure: What to begin again with, unless observations are to blame.
+        cure: What to change before starting again, unless observations are to blame.
 
     Raises:
         TrainingError: Weights cannot be saved, or a loss is not finite.
@@ -46,7 +46,7 @@ def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: 
 
 
 def strange_observations(lane: Lane) -> Iterator[str]:
-    """Keys, and fields where these are known, of what was observed that no network can take; an agent's own first."""
+    """Return keys, and fields if known, of observations that no network can handle; the agent's own come first."""
     layout, samples, now = lane.packer.layout, lane.samples, lane.env.observe()
     views = [layout.own_views(samples.own), layout.own_views(lane.packer.own(now))]
     for seen in (*samples.seen, lane.packer(now)):  # what is observed now, the values after the last step are of

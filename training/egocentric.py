@@ -1,8 +1,8 @@
 """What agents observe, as seen from where they stand and look.
 
-Actions are in an agent's own frame: ahead, to the left, turn. Observations are in the room's, with angles that grow
-with every turn, so a network has to learn to subtract and to rotate before it can walk up to anything. Here both are
-done.
+Actions are in an agent's own frame: ahead, to the left, turn. Observations are in the room's frame, with angles that
+grow with every turn, so a network has to learn to subtract and rotate before it can walk up to anything. This module
+does both.
 """
 
 import math
@@ -27,12 +27,12 @@ ME = ("x", "y", "vx", "vy", ANGLE)
 class Egocentric:
     """Brings rows into the frame of the agent that observes: its place is the origin, and it looks along the x-axis.
 
-    Places become relative to the agent's, velocities to its velocity; of itself it observes where the room's middle is,
-    and its velocity. Angles of others become relative to its own, and all are brought to -pi to pi.
+    Places become relative to the agent's, velocities to its velocity; its own row has the place of the room's middle,
+    and its velocity. Angles of others become relative to its own, and all are wrapped to -pi to pi.
     """
 
     def __init__(self, layout: ObservationLayout) -> None:
-        """layout: With the fields of the agent's own place, velocity and angle. Raises TrainingError without them."""
+        """layout: must have the fields of the agent's own place, velocity and angle, or TrainingError is raised."""
         columns = layout.field_columns()
         if not columns[OWN].keys() >= {*ME}:
             raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")

@@ -26,10 +26,10 @@ class Episode:
     """One world in which a policy plays an episode.
 
     Attributes:
-        worlds: The world, which is reset when the first of the ticks is asked for.
-        ticks: Each item that is asked for is one more tick, until the episode ends; the first one is the reset.
-        scenario: What is played.
-        differs: How that differs from what the policy was trained in; "" if it does not.
+        worlds: The world, which is reset when the first item of `ticks` is requested.
+        ticks: An iterator whose items each run one more tick, until the episode ends; the first one is the reset.
+        scenario: The scenario that is played.
+        differs: How it differs from the one the policy was trained in; "" if it does not.
     """
 
     worlds: Worlds
@@ -40,18 +40,18 @@ class Episode:
 
 @contextlib.contextmanager
 def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[Episode]:
-    """An episode of a checkpoint's policy; its agents and all that they meet come from `seed`.
+    """Make an episode of a checkpoint's policy, which depends on `seed` alone.
 
     PyTorch's global random numbers and its number of threads stay as they are.
 
     Args:
         path: The checkpoint.
-        seed: Of the world and of the policy's actions.
-        most: Ticks, after which an episode that goes on is left.
-        scenario: What is played; None: what the checkpoint says, see `recorded_scenario`.
+        seed: Seed of the world and of the policy's actions.
+        most: The number of ticks after which a longer episode is abandoned.
+        scenario: The scenario to play; None: the one named in the checkpoint (see `recorded_scenario`).
 
     Raises:
-        TrainingError: The checkpoint is broken, of another game, or of one that it does not say enough of.
+        TrainingError: The checkpoint is damaged, is of another game, or does not describe its game completely.
     """
     header, _ = run_header.read_checkpoint(path, (), ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
@@ -79,17 +79,17 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
 
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
-    """The scenario of a run that `outlast train` began; nothing is imported.
+    """Return the scenario of a run of `outlast train`, without importing anything.
 
     Args:
         header: run.json of the run, or of one of its checkpoints.
 
     Returns:
-        The scenario; and what differs from the one of the run, which another version of outlast may have begun, or "".
+        The scenario; and its difference from that of the run, which may be from another version of outlast, or "".
 
     Raises:
-        TrainingError: It has mechanics of the user's own that are not imported, or the file is of an earlier version,
-            which names no mechanics, and it was no variant.
+        TrainingError: The scenario has mechanics of the user's that are not imported; or the file is of an earlier
+            version, which names no mechanics, and the scenario is not a variant.
     """
     given = header["scenario"]
     try:

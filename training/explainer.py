@@ -1,4 +1,4 @@
-"""What a policy thinks of what it observes: probabilities, values, attention. Slower than acting, and apart from it."""
+"""What a policy thinks about its observations: probabilities, values, attention. Separate from acting, and slower."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, cast
@@ -23,8 +23,8 @@ class Explainer:
     """Explains the policy of a player; made by `Player.explainer`.
 
     Attributes:
-        entities: (key of the observation, rows) of each kind of entities that agents attend to.
-        reset: As of Player.
+        entities: (key of the observation, rows) for each kind of entity that agents attend to.
+        reset: As for Player.
     """
 
     def __init__(
@@ -36,14 +36,14 @@ class Explainer:
         leaky: bool,
         reset: Callable[[Array], None] | None,
     ) -> None:
-        """Make it of what asks the policies of a player.
+        """Make it from a function that asks the policies of a player.
 
         Args:
             ask: Asks each policy about its own agents, and returns their answers joined.
-            layout: Of the observations.
+            layout: Layout of the observations.
             actions: How many values each action has.
             leaky: Whether hidden rows are attended to, too.
-            reset: As of Player.
+            reset: As for Player.
         """
         self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
         self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
@@ -90,9 +90,9 @@ class Explainer:
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
-    """The share of attention that each row gets, (batch, rows): by torch.nn.MultiheadAttention itself.
+    """Return the share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
 
-    Of Rows, only what is seen is attended to: each agent's come first, in their order, and zeros follow.
+    For Rows, only visible entities get attention: those that each agent sees come first, in their order, then zeros.
     """
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):

@@ -1,4 +1,4 @@
-"""Text that is read and files that are written, with errors that name them."""
+"""Reading text and writing files, with errors that name the files."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +9,7 @@ from .errors import TrainingError
 
 
 def read_text(path: Path) -> str:
-    """The content of a text file. Raises TrainingError if it cannot be read."""
+    """Return the content of a text file. Raises TrainingError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -17,7 +17,7 @@ def read_text(path: Path) -> str:
 
 
 def write_files(contents: Mapping[Path, bytes]) -> None:
-    """Write files, each whole or not at all. Raises TrainingError."""
+    """Write files, each completely or not at all. Raises TrainingError."""
     for path, content in contents.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

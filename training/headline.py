@@ -1,4 +1,4 @@
-"""The few numbers of a run that somebody looks at while it goes on, from the tags of its log. Needs no PyTorch."""
+"""The few numbers of a run to watch while it goes on, from the tags of its log. Needs no PyTorch."""
 
 import math
 import re
@@ -10,13 +10,13 @@ from .columns import combinable
 
 @dataclass(frozen=True)
 class Figure:
-    """A number to look at.
+    """A number to watch.
 
     Attributes:
         group: What it is about, one of GROUPS.
-        name: What it is called, unique in its group.
+        name: Its name, unique in its group.
         value: The number.
-        text: The same to be read.
+        text: The number as text.
     """
 
     group: str
@@ -26,7 +26,7 @@ class Figure:
 
 
 def large(value: float) -> str:
-    """A number of three digits, with k, M or G: 36.5k."""
+    """Return a number with three digits and k, M or G: 36.5k."""
     for unit in ("", "k", "M", "G"):
         if abs(value) < 999.5 or unit == "G":
             break
@@ -67,11 +67,11 @@ OWN = "rating/self"
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
-    """The figures for which there are tags, in the order in which to show them; numbers that are not finite are none.
+    """Return the figures for which there are tags, in the order in which to show them, without non-finite numbers.
 
     Args:
-        tags: What was logged last, by tag. Of numbered tags ("rollout/kills0") the kills of all sides are added up, of
-            returns it is the mean.
+        tags: What was logged last, by tag. For numbered tags ("rollout/kills0"), the kills of all sides are added up,
+            and returns are averaged.
     """
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []

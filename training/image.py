@@ -27,18 +27,18 @@ STYLE: dict[Any, Any] = {
 
 
 def colour(rgb: tuple[int, int, int]) -> str:
-    """A colour as matplotlib takes it."""
+    """Return a colour in matplotlib's form."""
     return "#{:02x}{:02x}{:02x}".format(*rgb)
 
 
 def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colours: int) -> bytes:
-    """A figure as a file: the same figure gives the same bytes.
+    """Return a figure as the content of a file; the same figure gives the same bytes.
 
     Args:
         draw: Makes the figure.
         form: "png" or "svg".
-        about: Kept in the file: "Title", and "Source", a digest of what is shown.
-        colours: Of a PNG, at most 256: a quarter of the bytes that all would take.
+        about: Metadata for the file: "Title", and "Source", a digest of what is shown.
+        colours: The number of colours in a PNG, at most 256, which takes a quarter of the bytes of a full-colour one.
     """
     content = io.BytesIO()
     with matplotlib.rc_context(STYLE):
@@ -61,5 +61,5 @@ def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str], colour
 
 
 def literal(text: str) -> str:
-    """Text in which $ begins no formula."""
+    """Return text in which $ does not begin a formula."""
     return text.replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""A run as a child of `outlast train`: python -m outlast.training.job train ... It ends, and saves, with its parent."""
+"""A run as a child of `outlast train`: python -m outlast.training.job train ... It saves and ends with its parent."""
 
 import _thread
 import os
@@ -10,9 +10,9 @@ from outlast.envs.cli.main import main
 
 
 def end_with_parent() -> None:
-    """Interrupt this process, as Ctrl-C does, when the parent has ended in whatever way: standard input is its pipe.
+    """Interrupt this process, as Ctrl-C does, when its parent has ended for any reason; standard input is their pipe.
 
-    Shells let background commands and their children ignore SIGINT; here it would leave runs that nobody can stop.
+    Shells make background commands and their children ignore SIGINT, which would leave runs that nobody can stop.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

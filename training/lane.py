@@ -1,4 +1,4 @@
-"""A lane of a rollout: some of the worlds, who plays in them, and what comes of it."""
+"""A lane of a rollout: some of the worlds, who plays in them, and the resulting samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ NOBODY = -1  # the learner of a sample that none is trained on
 
 @dataclass
 class Samples:
-    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions).
+    """What a lane collects: arrays (steps, agents); `actions` is (steps, agents, actions).
 
     Attributes:
         seen: What was observed, step after step.
@@ -40,14 +40,14 @@ class Samples:
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
         rewards: float32.
-        later: float32, the value of what would have come, where an episode was cut off after the step.
+        later: float32, the value of what would have followed, where an episode was cut off after the step.
         ends: bool, whether the next step does not count for this one.
-        begins: bool, whether the agent's memory begins anew with the step.
-        alive: bool, whether the agent lived when it observed.
-        learner: int16, who is trained on the sample, or NOBODY.
-        memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
+        begins: bool, whether the agent's memory is reset before the step.
+        alive: bool, whether the agent was alive when it observed.
+        learner: int16, which learner is trained on the sample, or NOBODY.
+        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
-        games: Of each game against an opponent that ended: the step, the opponent, and the share of the other sides
+        games: For each game against an opponent that ended: the step, the opponent, and the share of the other sides
             that the learners outlived.
     """
 
@@ -77,16 +77,16 @@ class Group(NamedTuple):
 class Lane:
     """Some of the worlds, and who plays in them.
 
-    An agent is played by the learner of its number in `team`; where an opponent is drawn, learners play one side of the
-    world, and the opponent all others. It is drawn where an episode begins, by (seed, world, episode).
+    An agent is played by the learner whose number is in `team`. If an opponent is drawn, learners play one side of the
+    world, and the opponent all others. It is drawn when an episode begins, by (seed, world, episode).
 
     Attributes:
         env: The worlds, with autoreset DISABLED.
-        opponent: int (worlds,), the index of the opponent in each world, see Opponents.
-        own: int (worlds,), the side that learners play where that is not 0.
-        teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
+        opponent: int (worlds,), the index of the opponent in each world; see Opponents.
+        own: int (worlds,), the side that learners play if `opponent` is not 0.
+        teacher: If not None, learners play, but the actions that are kept are this teacher's, to be imitated.
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn: those of the worlds,
-            but where levels bring keys of their own.
+            even if levels have keys of their own.
         played: The episodes that ended since `open`, if there is a curriculum.
     """
 
@@ -106,13 +106,13 @@ class Lane:
 
         Args:
             env: The worlds, which have been reset.
-            packer: For the learners' networks.
+            packer: The packer for the learners' networks.
             team: int (agents of a world,), the number of the learner that plays each agent.
-            opponents: The pool; shared by all lanes.
-            seed: Of the run.
+            opponents: The pool, shared by all lanes.
+            seed: Seed of the run.
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
             state: Whether critics learn from the state of the worlds.
-            curriculum: What levels are drawn from; None: worlds draw their own.
+            curriculum: The curriculum from which levels are drawn; None: worlds draw their own.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []
@@ -130,7 +130,7 @@ class Lane:
         self._draw(np.ones(env.num_worlds, bool))
 
     def open(self, steps: int, memory: int) -> None:
-        """Make room for the samples of so many steps. memory: width of that of the learners' policies."""
+        """Make room for the samples of so many steps. memory: the width of the memory of the learners' policies."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
@@ -150,12 +150,12 @@ class Lane:
         )
 
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
-        """Choose the actions of a step, and keep what they were chosen by.
+        """Choose the actions of a step, and keep the observations and probabilities that they were chosen by.
 
         Args:
             t: The number of the step in the rollout.
             step: Its number in the run.
-            policies: Of the learners.
+            policies: The policies of the learners.
 
         Returns:
             int64 (worlds, agents, actions).
@@ -201,12 +201,12 @@ class Lane:
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
-        """Keep what came of a step, and begin the next episode of worlds that ended.
+        """Keep the results of a step, and begin the next episode of worlds that ended.
 
         Args:
             t: The number of the step in the rollout.
             result: What env.step returned.
-            policies: Of the learners.
+            policies: The policies of the learners.
         """
         _, rewards, terminated, truncated, info = result
         env, samples, done = self.env, self.samples, terminated | truncated
@@ -230,7 +230,7 @@ class Lane:
             self._begin(done)
 
     def restart(self) -> None:
-        """Begin the episodes again that go on, in levels that were chosen; those without a key have the same one."""
+        """Begin current episodes again, in the chosen levels; levels without a key are played with the same key."""
         self._begin(np.ones(self.env.num_worlds, bool))
 
     def _begin(self, where: Array) -> None:
@@ -241,12 +241,12 @@ class Lane:
         self._draw(where)
 
     def close(self, policies: Sequence[ActorCritic]) -> Samples:
-        """The samples, with the values of what is observed now."""
+        """Return the samples, with the values of the present observations."""
         self.samples.last[:] = self._values(policies)
         return self.samples
 
     def tallies(self) -> Tallies:
-        """What is measured of the rollout that was closed last, by tag."""
+        """Return what was measured in the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
@@ -256,18 +256,18 @@ class Lane:
 
     @property
     def rows(self) -> slice:
-        """Where its worlds are among those of all lanes of all processes."""
+        """The positions of its worlds among those of all lanes of all processes."""
         return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
 
     def state(self) -> dict[str, Array]:
-        """Who plays, and what they remember, by name, (worlds, ...); the worlds are not in it."""
+        """Return who plays, and what they remember, by name, (worlds, ...), without the worlds themselves."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
         found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
-        """Go on from what `state` returned. Raises TrainingError for players that there are not."""
+        """Go on from what `state` returned. Raises TrainingError for players that do not exist."""
         opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")

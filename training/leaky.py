@@ -1,9 +1,9 @@
 """Attention in the authors' code: every row is attended to, hidden ones too; visible ones and a padding row attend.
 
 Four things make it fast. Samples are sorted by how many rows attend, so that those with equally many are one batched
-product, and none is filled up. Linear maps are applied where there are fewest rows: those of keys to queries, those of
-values and outputs behind the sum over queries. All rows of a kind are embedded in one product. And the gradient is
-written out: a few large products, where autograd would make and keep dozens of tensors.
+product without padding. Linear maps are applied where there are fewest rows: those of keys to queries, those of values
+and outputs after the sum over queries. All rows of a kind are embedded in one product. And the gradient is written out:
+a few large products, where autograd would make and keep dozens of tensors.
 """
 
 from collections.abc import Iterator
@@ -18,22 +18,22 @@ from .rows import PaddedRows
 
 
 def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
-    """What torch.nn.MultiheadAttention makes of embedded rows, averaged over all of them; that of hidden ones is 0.
+    """Return torch.nn.MultiheadAttention's result for embedded rows, averaged over all; that of hidden rows is 0.
 
-    Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
+    Rows are embedded with tanh. The padding row, after all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
     Args:
         padded: What a batch of agents observes.
-        weight: Of the layers of all kinds, one below the other, (numbers of all kinds, width).
-        bias: Of the same layers, (kinds, width).
-        attention: Its parameters are used, and how many heads it has.
+        weight: The weights of the layers of all kinds, one below the other, (numbers of all kinds, width).
+        bias: The biases of the same layers, (kinds, width).
+        attention: The module whose parameters and number of heads are used.
 
     Returns:
         (batch, width).
 
     Raises:
-        ValueError: A gradient by the observations is asked for.
+        ValueError: A gradient with respect to the observations is requested.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")

@@ -27,11 +27,11 @@ class Learner:
     """Trains a policy with PPO.
 
     Attributes:
-        policy: On the CPU: the one that plays, and is saved.
-        trained: The one that gradients are of: the same, or on another device a copy, which becomes as `policy` is when
-            an update begins, and `policy` as it is when that ends.
-        optimizer: Adam, of `trained`.
-        epochs: Begun so far, in all updates.
+        policy: The policy that plays and is saved, on the CPU.
+        trained: The policy whose gradients are computed: the same, or a copy on another device, to which `policy` is
+            copied when an update begins, and from which it is copied back when the update ends.
+        optimizer: Adam, for `trained`.
+        epochs: How many epochs have begun so far, in all updates.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class Learner:
         """Make an optimiser for a policy.
 
         Args:
-            policy: To be trained.
-            numbers: Of PPO.
-            generator: Shuffles samples; on the CPU.
-            number: Which samples are this learner's, see Rollout.learner.
-            crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
-                each computes gradients of the samples that are its own.
-            device: Where it is to be trained.
+            policy: The policy to train.
+            numbers: The numbers of PPO.
+            generator: The generator that shuffles samples, on the CPU.
+            number: The learner's number, which its samples have in Rollout.learner.
+            crew: The processes that train together. All have equal policies and generators, and make the same
+                minibatches; each computes gradients of its own samples.
+            device: The device on which to train.
         """
         self.crew = crew or Crew()
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
@@ -69,12 +69,12 @@ class Learner:
         """Train on a rollout.
 
         Args:
-            rollout: Some of whose samples are this learner's.
+            rollout: A rollout in which some samples are this learner's.
             left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch of this update as it begins.
+            on_epoch: Called with the number of each epoch of this update when it begins.
 
         Returns:
-            What is logged, by tag; nothing where fewer than two samples are this learner's.
+            What is logged, by tag; nothing if fewer than two samples are this learner's.
         """
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
@@ -159,7 +159,7 @@ class Learner:
 
 
 class Imitator(Learner):
-    """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
+    """Trains a policy to take the actions in a rollout, which are a teacher's, and its critic as in PPO."""
 
     def _loss(self, batch: Minibatch) -> Loss:
         choices = self.trained.choices
@@ -178,9 +178,9 @@ def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """The share of the variance of returns that values explain: 1 is all; NaN where returns do not vary.
+    """Return the share of the variance of returns that values explain: 1 is all; NaN if returns do not vary.
 
-    Returns are sums of advantages and values, rounded to float32: what varies by no more than that does not vary.
+    Returns are sums of advantages and values, rounded to float32; a variance no larger than that counts as none.
     """
     returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
     rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))

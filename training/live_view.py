@@ -1,4 +1,4 @@
-"""What the terminal shows while a run goes on: a bar and a few lines below it, or now and then a line in a log."""
+"""What the terminal shows while a run goes on: a bar and a few lines below it, or an occasional line in a log."""
 
 import math
 import os
@@ -24,8 +24,8 @@ class LiveView:
     """The progress of a run, on a terminal or in a log.
 
     On a terminal: a bar with agent-steps, rate and time left, and below it a line for each group of figures (see
-    `headline`), shortened to the terminal's width. Elsewhere: one line at first, at the end, and every EVERY seconds,
-    so that a log stays readable. Numbers that an update does not have stay as they were.
+    `headline`), shortened to the terminal's width. Elsewhere: a line at the beginning, at the end, and every EVERY
+    seconds, so that a log stays readable. Numbers that an update does not have stay as they were.
 
     >>> view = LiveView(done=0, total=10_000_000)
     >>> view.now("collecting")
@@ -46,12 +46,12 @@ class LiveView:
         """Show that it begins.
 
         Args:
-            done: Agent-steps that were done before, of a run that goes on.
+            done: Agent-steps done before, if the run is resumed.
             total: Agent-steps at the end.
-            quiet: Whether nothing at all is shown.
-            file: Where to; None: standard error.
-            about: A line to begin with: what is going to be done.
-            unit: What is counted, if it is something else than agent-steps.
+            quiet: Whether to show nothing at all.
+            file: Where to write; None: standard error.
+            about: A first line that says what is going to be done.
+            unit: What is counted, if not agent-steps.
         """
         self.file: TextIO = sys.stderr if file is None else file
         if about and not quiet:
@@ -63,12 +63,12 @@ class LiveView:
         self.printed, self.printed_at = done, -math.inf  # of the lines of a log: agent-steps, seconds
 
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
-        """Show what is done, and the numbers of it.
+        """Show how far the run is, and its numbers.
 
         Args:
-            done: Agent-steps, with those of before.
+            done: Agent-steps done, including those done before.
             total: Agent-steps at the end.
-            shown: Values by tag, as they are logged: any of them, and others, which are left out.
+            shown: Values by tag, as they are logged; tags that are not shown are ignored.
         """
         self.done, self.total = done, total
         self.tags |= shown
@@ -85,7 +85,7 @@ class LiveView:
             self.block.set_postfix_str(text)
 
     def close(self) -> None:
-        """Show the last numbers, for good."""
+        """Show the last numbers, and leave them there."""
         if self.block is not None:
             self.block.close()
         elif self.plain and self.done != self.printed:
@@ -156,7 +156,7 @@ def _size(file: Any) -> tuple[int, int]:
 
 
 def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
-    """A line of as many figures as there is room for in so many characters, at least a part of the first one."""
+    """Return a line of as many figures as fit into so many characters, at least a part of the first one."""
     text = name.ljust(NAME)
     for k, figure in enumerate(figures):
         more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"

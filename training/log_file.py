@@ -14,9 +14,9 @@ Points = dict[str, list[tuple[int, float]]]
 
 
 def read_log(path: Path) -> Points:
-    """The points (agent-steps, value) of each tag of a log. Raises TrainingError for what is not a log.
+    """Return the points (agent-steps, value) of each tag in a log. Raises TrainingError if it is not a log.
 
-    A last row that is not whole is left out: a run may be writing it.
+    An incomplete last row is left out, as a run may be writing it.
     """
     lines = read_text(path).splitlines(keepends=True)
     if not lines or lines[0].strip() != ",".join(HEADER):
@@ -55,7 +55,7 @@ def _fields(line: str) -> tuple[str, str, str]:
 
 
 def last_step(path: Path) -> int:
-    """The agent-steps of the last whole row of a log that is being written; 0 if there is none."""
+    """Return the agent-steps of the last complete row of a log that is being written; 0 if there is none."""
     try:
         lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
         return int(_fields(lines[-1])[1]) if len(lines) > 1 else 0
@@ -64,9 +64,9 @@ def last_step(path: Path) -> int:
 
 
 def truncate_log(path: Path, steps: int) -> None:
-    """Remove the rows after so many steps from a log, and a last row that was not written whole.
+    """Remove the rows after so many steps from a log, and an incomplete last row.
 
-    Raises TrainingError for what is not a log.
+    Raises TrainingError if it is not a log.
     """
     if not path.exists():
         return

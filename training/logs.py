@@ -1,4 +1,4 @@
-"""What writes the logs of a run: log.csv and TensorBoard's events. Both go on where a run goes on."""
+"""Writers of a run's logs: log.csv and TensorBoard's events. Both continue where a run is resumed."""
 
 import csv
 import io
@@ -30,7 +30,7 @@ class CsvLog:
             self.file.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
-        """One row for each tag, in order of tags, written at once."""
+        """Write a row for each tag, in order of tags, all at once."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(values.items()))
@@ -43,9 +43,10 @@ class CsvLog:
 
 
 class TensorBoardLog:
-    """Writes scalars for TensorBoard; those of an earlier part of the run after `step` are hidden.
+    """Writes scalars for TensorBoard, and hides those that the run wrote for steps after `step` before it was resumed.
 
-    Events are in the file when `write` returns, or it raises OSError: TensorBoard's own writer has a thread for it.
+    Unlike with TensorBoard's own writer, which uses a thread, events are in the file when `write` returns; otherwise it
+    raises OSError.
     """
 
     def __init__(self, folder: Path, step: int) -> None:
@@ -57,7 +58,7 @@ class TensorBoardLog:
         self.file.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
-        """All values, as scalars."""
+        """Write all values as scalars."""
         for tag, value in values.items():
             self._add(summary=Summary(value=[Summary.Value(tag=tag, simple_value=float(value))]), step=step)
         self.file.flush()
@@ -71,7 +72,7 @@ class TensorBoardLog:
 
 
 class RunLog:
-    """The logs of a run that has done so many agent-steps, without what they held of later ones."""
+    """The logs of a run that has done so many agent-steps; entries for later steps are removed."""
 
     def __init__(self, folder: Path, steps: int) -> None:
         path = folder / log_file.NAME

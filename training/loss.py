@@ -14,15 +14,15 @@ TINY = 1e-8  # beside the spread of advantages
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
-    """Generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
+    """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
 
     Args:
-        rewards: float32 (steps, agents); at a step that was cut off with the value of what would have come.
-        values: float32 (steps, agents), of what was observed before each step.
-        ends: bool (steps, agents), whether nothing of the agent's next step counts for this one.
+        rewards: float32 (steps, agents); if an episode was cut off after a step, with the value of what would follow.
+        values: float32 (steps, agents), values of what was observed before each step.
+        ends: bool (steps, agents), whether the agent's next step does not count for this one.
         last: float32 (agents,), values of what was observed after the last step.
-        gamma: Discount of a step.
-        gae_lambda: How far estimates look ahead, from 0, one step, to 1, to the end.
+        gamma: Discount per step.
+        gae_lambda: How far estimates look ahead, from 0 (one step) to 1 (to the end).
     """
     found, later = np.empty_like(rewards), np.zeros_like(last)
     for t in reversed(range(len(rewards))):
@@ -50,7 +50,7 @@ class Loss:
     )
 
     def figures(self) -> Tensor:
-        """All of them, (6,), without gradients, in the order of TAGS."""
+        """All figures, (6,), without gradients, in the order of TAGS."""
         parts = (self.total, self.policy, self.value, self.entropy, self.divergence, self.clipped)
         return torch.stack([part.detach() for part in parts])
 
@@ -66,17 +66,17 @@ def ppo_loss(
     weights: Tensor,
     numbers: Hyperparameters,
 ) -> Loss:
-    """The loss of a minibatch. All tensors are float32 (batch,).
+    """Return the loss of a minibatch. All tensors are float32 (batch,).
 
     Args:
-        log_probs: Of the joint actions, under the present policy.
-        values: Of what was observed, at present.
-        entropy: Of the present policy.
-        old_log_probs: As log_probs, when the samples were collected.
-        advantages: As they are to be used, that is normalised.
-        returns: What values are to become.
-        weights: How much each sample counts: 0 for those that are masked, 1 / number of the others for the others.
-        numbers: Of PPO.
+        log_probs: Log probabilities of the joint actions under the present policy.
+        values: Present values of the observations.
+        entropy: Entropy of the present policy.
+        old_log_probs: Log probabilities when the samples were collected.
+        advantages: Advantages, already normalised.
+        returns: The targets of the values.
+        weights: How much each sample counts: 0 if it is masked, otherwise 1 / number of samples that are not.
+        numbers: The numbers of PPO.
     """
     difference = log_probs - old_log_probs
     ratio = difference.exp()
@@ -101,25 +101,25 @@ def imitation_loss(
     weights: Tensor,
     numbers: Hyperparameters,
 ) -> Loss:
-    """The loss of a minibatch where a policy learns to do as a teacher does: cross-entropy, and that of its values.
+    """Return the loss of a minibatch in which a policy imitates a teacher: cross-entropy, and the loss of values.
 
     All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
 
     Args:
-        log_probs: Of the teacher's joint actions, under the present policy.
-        values: Of what was observed, at present.
-        entropy: Of the present policy.
-        differs: Share of a joint action's parts of which another value is the likeliest; it takes the place of clipped.
-        returns: What values are to become.
-        weights: How much each sample counts, see ppo_loss.
-        numbers: Of PPO; only vf_coef matters.
+        log_probs: Log probabilities of the teacher's joint actions under the present policy.
+        values: Present values of the observations.
+        entropy: Entropy of the present policy.
+        differs: Share of the actions in a joint action for which another value is the likeliest; replaces `clipped`.
+        returns: The targets of the values.
+        weights: How much each sample counts; see ppo_loss.
+        numbers: The numbers of PPO; only vf_coef matters.
     """
     policy, value = -(weights @ log_probs), weights @ (returns - values).square()
     return Loss(policy + numbers.vf_coef * value, policy, value, weights @ entropy, policy, weights @ differs)
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
-    """Advantages (batch,) with mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
+    """Return advantages (batch,) with mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
     count = 1 / weights.max()
     centred = advantages - weights @ advantages
     spread = (weights @ centred.square() * count / (count - 1)).sqrt()

@@ -1,4 +1,4 @@
-"""What is measured of episodes and of the agents in them, beside rewards."""
+"""Measurements of episodes and of the agents in them, besides rewards."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -32,15 +32,15 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """The means over the agents of each side, whom roles may pay differently.
+    """Return the means over the agents of each side, as roles may pay these differently.
 
     Args:
-        values: (worlds, agents).
-        sides: Of the agents, -1 of who is absent, int (worlds, agents).
+        values: Values, (worlds, agents).
+        sides: Sides of the agents, -1 for absent ones, int (worlds, agents).
         count: How many sides there are.
 
     Returns:
-        The values, (worlds, sides), 0 of sides that nobody is on; and whether somebody is, bool (worlds, sides).
+        The means, (worlds, sides), 0 for empty sides; and whether a side has agents, bool (worlds, sides).
     """
     on = sides[:, :, None] == np.arange(count)
     agents = on.sum(1)
@@ -55,7 +55,7 @@ class EpisodeMetrics:
         self.clear()
 
     def clear(self) -> None:
-        """Start again from nothing."""
+        """Start again from zero."""
         self.count = 0
         self.sums: dict[str, Array] = {}
         self.counts: dict[
@@ -84,9 +84,9 @@ class EpisodeMetrics:
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Of the episodes since the last call, by tag. A team's return is the mean over its agents who learn.
+        """Return tallies of the episodes since the last call, by tag. A team's return is the mean over its learners.
 
-        A mean of a side is over the episodes that have it; where not all have all, "rollout/kills" is that of all.
+        A side's mean is over the episodes that have the side. If some lack sides, "rollout/kills" is the mean of all.
         """
         tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
@@ -124,7 +124,7 @@ class BehaviourMetrics:
             self._heals.append((self.bags(), self.gifts()))
 
     def bags(self) -> Array:
-        """Heals that each agent has, int (worlds, agents)."""
+        """Return how many heals each agent has, int (worlds, agents)."""
         holder = self.base_env.worlds[Item].holder[:, self.heals]
         where, items = np.nonzero((holder >= self.agents.start) & (holder < self.agents.stop))
         count = self.base_env.num_agents
@@ -132,7 +132,7 @@ class BehaviourMetrics:
         return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
 
     def gifts(self) -> Array:
-        """Heals that each agent gave to another in this step, int (worlds, agents); of agents that still live."""
+        """Return how many heals each agent that is still alive gave away in this step, int (worlds, agents)."""
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
         gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
         gifts = gifts[(gifts["item"] >= heals.start) & (gifts["item"] < heals.stop)]
@@ -141,13 +141,13 @@ class BehaviourMetrics:
         return given
 
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
-        """Of the living agents of a rollout, by tag: what learners do; and how many of all live.
+        """Return tallies of the living agents of a rollout, by tag: what learners do, and how many of all are alive.
 
         Args:
             own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
             actions: Integers (steps, worlds, agents, actions).
-            living: Who lived when it observed, bool (steps, worlds, agents).
-            learns: Who was played by learners, likewise.
+            living: Which agents were alive when they observed, bool (steps, worlds, agents).
+            learns: Which agents were played by learners, likewise.
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for each in (self._heals, self._reaches):
@@ -166,7 +166,7 @@ class BehaviourMetrics:
     def quantities(
         self, views: dict[str, Array], actions: Array, living: Array, reaches: Array | None = None
     ) -> dict[str, tuple[Array, Array]]:
-        """What agents do, by name: values (..., worlds, agents), and for which agents they count, bool of that shape.
+        """Return what agents do, by name: values (..., worlds, agents), and for which agents they count, bool.
 
         views: observations by key. actions: (..., worlds, agents, actions). reaches: what `_striking` returned in each
         step; None: what it returns now. attack_near and attack_far: whether an agent attacks with a living enemy in
@@ -205,11 +205,11 @@ class BehaviourMetrics:
 
 
 class AgentMetrics:
-    """Sums over the running episode of every world, for each agent; make it when the worlds have been reset.
+    """Sums over the current episode of every world, for each agent; make it when the worlds have been reset.
 
-    totals: float64 (worlds, agents) by name. life: ticks to whose end the agent's side lived; deaths_TYPE; heals_given.
-    rates: float64 (worlds, agents, 2): the sum over the ticks in which it counts for the agent, and how many ticks
-    those are: see BehaviourMetrics.quantities, and heals_held.
+    totals: float64 (worlds, agents) by name: life, the ticks at the end of which the agent's side was alive;
+    deaths_TYPE; heals_given. rates: float64 (worlds, agents, 2) by name: the sum over the ticks in which a quantity
+    counts for the agent, and the number of these ticks; see BehaviourMetrics.quantities, and heals_held.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
@@ -232,7 +232,7 @@ class AgentMetrics:
             rate[..., 1] += where
 
     def after_step(self) -> None:
-        """Count who lives, who died, who gave. Call after every step."""
+        """Count who is alive, who died and who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
         living = np.take_along_axis(living_sides(self.base_env.worlds), np.maximum(self.sides, 0), 1)
         self.totals["life"] += living & (self.sides >= 0)
@@ -250,7 +250,7 @@ class AgentMetrics:
 
 
 def means(tallies: Iterable[Tallies]) -> dict[str, float]:
-    """The means over all tallies, by tag; tags without a single case are left out."""
+    """Return the means over all tallies, by tag; tags without a single case are left out."""
     sums: dict[str, Array] = {}
     for tally in tallies:
         for tag, pair in tally.items():

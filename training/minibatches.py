@@ -1,4 +1,4 @@
-"""The minibatches of an update: samples, or for a policy with a memory chunks of several steps."""
+"""The minibatches of an update: samples or, for a policy with a memory, chunks of several steps."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from .rows import Observed, moved
 
 @dataclass(frozen=True)
 class Minibatch:
-    """Some samples: tensors (batch,), of `actions` (batch, actions).
+    """Some samples: tensors (batch,); `actions` is (batch, actions).
 
     Attributes:
         seen: What was observed.
@@ -22,7 +22,7 @@ class Minibatch:
         log_probs: float32, of the actions, when they were chosen.
         advantages: float32, normalised.
         returns: float32.
-        weights: float32, how much each sample counts, see loss.ppo_loss.
+        weights: float32, how much each sample counts; see loss.ppo_loss.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
         begins: bool (steps, agents), where episodes begin; likewise.
     """
@@ -41,12 +41,11 @@ class Samples:
     """The samples of a rollout that are a learner's, on a device; on the CPU, views of its arrays.
 
     Attributes:
-        units: int64, what is shuffled and shared out among minibatches: numbers of samples, of all processes. On the
-            CPU.
+        units: int64, what is shuffled and divided into minibatches: numbers of samples of all processes. On the CPU.
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """number: of the learner. device: where that is trained."""
+        """number: the learner's number. device: where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
         returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
         self.advantages, *self.own = (
@@ -56,7 +55,7 @@ class Samples:
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
     def select(self, part: Tensor) -> Minibatch | None:
-        """This process's share of that of some units; None if it has none of them."""
+        """Return this process's share of the minibatch of some units; None if it has none of them."""
         return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64))
 
     def _select(self, index: Tensor, weights: Tensor) -> Minibatch | None:
@@ -82,14 +81,14 @@ class Samples:
 
 
 class Chunks(Samples):
-    """The same in chunks of CHUNK steps of one agent, which gradients flow back through.
+    """The same in chunks of CHUNK steps of one agent, through which gradients flow back.
 
     Attributes:
-        units: int64, numbers of the chunks that hold samples of the learner's; the others in them count nothing.
+        units: int64, numbers of the chunks that contain samples of the learner; other samples in them do not count.
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """rollout: Its steps are a multiple of CHUNK. number: of the learner. device: where that is trained."""
+        """rollout: its steps are a multiple of CHUNK. number: the learner's number. device: where it is trained."""
         super().__init__(rollout, number, device)
         mine = rollout.learner == number
         self.agents = mine.shape[1]
@@ -99,7 +98,7 @@ class Chunks(Samples):
         self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
 
     def select(self, part: Tensor) -> Minibatch | None:
-        """That of some units: step after step of all of them."""
+        """Return the minibatch of some units: one step of all of them after the other."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
         index = (first + torch.arange(CHUNK)[:, None] * self.agents).flatten()
         weights = self.mine.index_select(0, index).double()

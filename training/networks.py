@@ -1,8 +1,8 @@
 """The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
-Attention is computed as the average of its output is needed: linear maps of the rows are moved behind the average, and
-only what is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. What
-attends to hidden rows, too, is in leaky.py.
+As only the average of the attention's output is needed, linear maps of the rows are moved after the average, and only
+visible rows are computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. Attention to
+hidden rows is in leaky.py.
 """
 
 import math
@@ -22,7 +22,7 @@ GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
-    """What agents observe to features (batch, 2 * width): half of the agent's own numbers, half of entities."""
+    """Turns observations into features (batch, 2 * width): half from the agent's own numbers, half from entities."""
 
     own_scale: Tensor
     scale: Tensor
@@ -43,14 +43,14 @@ class Extractor(nn.Module):
         self._initialise(widths)
 
     def set_scales(self, scales: tuple[Any, Any]) -> None:
-        """What inputs are multiplied by if the preset scales them: see observation_layout.scales."""
+        """Set what inputs are multiplied by, if the preset scales them; see observation_layout.scales."""
         if self.preset.scaled:
             own, kinds = (torch.as_tensor(each, dtype=torch.float32) for each in scales)
             self.own_scale.copy_(own)
             self.scale.copy_(kinds[:, None])
 
     def forward(self, seen: Observed) -> Tensor:
-        """What a batch of agents observes to features, float32 (batch, 2 * width)."""
+        """Turn the observations of a batch of agents into features, float32 (batch, 2 * width)."""
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
         if isinstance(seen, Rows):
             entities = self._attend_seen(seen)
@@ -97,10 +97,10 @@ class Extractor(nn.Module):
 
 
 class Memory(nn.GRUCell):
-    """What agents remember of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
+    """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
-        """features: of a step. width: of the memory."""
+        """features: how many a step has. width: that of the memory."""
         super().__init__(features, width)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
@@ -109,7 +109,7 @@ class Memory(nn.GRUCell):
             nn.init.zeros_(bias)
 
     def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
-        """Go through steps, one after the other.
+        """Process steps, one after the other.
 
         Args:
             features: float32 (steps * agents, features), step after step.
@@ -140,21 +140,21 @@ class Tower(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(batch, inputs) to (batch, outputs)."""
+        """Map (batch, inputs) to (batch, outputs)."""
         out: Tensor = self.last(self.inner(features))
         return out
 
     def inner(self, features: Tensor) -> Tensor:
-        """Before the last layer: (batch, hidden)."""
+        """Return the input of the last layer: (batch, hidden)."""
         return self.behind_first(self.activation(self.first(features)))
 
     def behind_first(self, first: Tensor) -> Tensor:
-        """From the output of the first layer to before the last: (batch, hidden)."""
+        """Return the input of the last layer, (batch, hidden), from the output of the first layer."""
         return self.activation(self.second(first))
 
 
 def dense(inputs: int, outputs: int) -> nn.Linear:
-    """A dense layer with orthogonal weights and no bias yet."""
+    """Make a dense layer with orthogonal weights and a bias of 0."""
     layer = nn.Linear(inputs, outputs)
     orthogonal(layer.weight, GAIN)
     nn.init.zeros_(layer.bias)

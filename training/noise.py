@@ -1,4 +1,4 @@
-"""The random numbers that sampled actions are made of."""
+"""The random numbers by which actions are sampled."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ STREAM = 2  # sets them apart from other random numbers of the seed
 class ActionNoise:
     """Uniform numbers for every action of every agent: a function of (seed, step, world, agent, action).
 
-    So a world is played the same in every batch, whoever else plays, and a run that goes on needs no state for it.
+    So a world is played in the same way in every batch, whoever else plays, and a run needs no state to be resumed.
     Each agent has a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
     """
 
@@ -23,10 +23,10 @@ class ActionNoise:
         """Key the numbers.
 
         Args:
-            seed: Of the run.
+            seed: Seed of the run.
             worlds: Numbers of the worlds, int (worlds,).
-            agents: Of a world.
-            actions: Of an agent.
+            agents: How many agents a world has.
+            actions: How many actions an agent has.
         """
         (key,) = np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)
         world = mix64(key + worlds.astype(np.uint64))[:, None]
@@ -42,11 +42,11 @@ class ActionNoise:
 class EpisodeNoise:
     """Uniform numbers for every action of some agents: a function of (seed, world, episode, tick, agent, action).
 
-    So an episode that begins again, or goes on from a state, is played the same.
+    So an episode that begins again, or goes on from a saved state, is played in the same way.
     """
 
     def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Of the worlds as they are when it is called. agents: indices, integers (agents,)."""
+        """Make it for worlds; each call uses their keys at that time. agents: indices, integers (agents,)."""
         self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
         self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
 

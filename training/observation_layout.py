@@ -1,4 +1,4 @@
-"""How an agent's observation lies in one row of numbers, ready for the networks."""
+"""The layout of an agent's observation in one row of numbers, ready for the networks."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,14 +18,14 @@ FieldTable = Mapping[str, Mapping[str, Sequence[float]]]  # size and scale by ke
 
 
 def current_key(key: str) -> str:
-    """What an observation key of an older file is called now."""
+    """Return the present name of an observation key in an older file."""
     stem = key.removesuffix(MASK)
     return RENAMED_KEYS.get(stem, stem) + key[len(stem) :]
 
 
 @dataclass(frozen=True)
 class EntityKind:
-    """A kind of entity: its key, its rows in the observation of one agent, and the numbers in each row."""
+    """A kind of entity: its key, and how many rows and numbers per row it has in the observation of one agent."""
 
     key: str
     rows: int
@@ -35,17 +35,17 @@ class EntityKind:
 class ObservationLayout:
     """The packed row of one agent: its own numbers, the masks, the rows of all kinds of entities.
 
-    own: numbers that belong to no entity, by key in `alone`, the agent itself first. rows: entities, kind after kind.
-    features: numbers of the widest kind, which every row of a narrower one is filled up to with zeros. size: own + rows
-    + rows * features. columns: of an entity in Rows, the numbers of all kinds, and one for each kind.
+    own: how many numbers belong to no entity; by key in `alone`, the agent itself first. rows: entities of all kinds.
+    features: numbers of the widest kind; rows of narrower kinds are padded with zeros. size: own + rows + rows *
+    features. columns: those of an entity in Rows: the numbers of all kinds, and one for each kind.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
         """Lay them out.
 
         Args:
-            shapes: Of one agent's observations by current key; a kind is a key with a companion key_mask.
-            fields: What their rows hold, where that matters.
+            shapes: Shapes of one agent's observations by current key; a kind is a key with a companion key_mask.
+            fields: What the rows hold, if that matters.
         """
         self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
@@ -72,7 +72,7 @@ class ObservationLayout:
         return found
 
     def own_views(self, own: Array) -> dict[str, Array]:
-        """Views of the numbers that belong to no entity, (..., own), by key."""
+        """Return views of the numbers that belong to no entity, (..., own), by key."""
         views, start = {}, 0
         for key, width in self.alone.items():
             views[key] = own[..., start : start + width]
@@ -80,7 +80,7 @@ class ObservationLayout:
         return views
 
     def views(self, packed: Array) -> dict[str, Array]:
-        """Views of a packed array (..., size), by key."""
+        """Return views of a packed array (..., size), by key."""
         views = self.own_views(packed)
         masks = packed[..., self.own : self.own + self.rows]
         cells = packed[..., self.own + self.rows :].reshape(*packed.shape[:-1], self.rows, self.features)
@@ -94,7 +94,7 @@ class ObservationLayout:
     def cells(self) -> list[int]:
         """For each cell of a row of each kind, ((kinds + 1) * features), which of the numbers of all kinds it holds.
 
-        Cells that are always zero hold number 0; those of the last kind, which has no numbers, all are.
+        Cells that are always zero hold number 0, as do all cells of the last kind, which has no numbers.
         """
         cells, start = [], 0
         for kind in self.kinds:
@@ -104,23 +104,23 @@ class ObservationLayout:
 
 
 def layout_of(env: Any) -> ObservationLayout:
-    """The layout of a SurvivalVectorEnv's observations."""
+    """Return the layout of a SurvivalVectorEnv's observations."""
     return ObservationLayout(
         {key: box.shape[1:] for key, box in env.single_observation_space.items()}, field_table(env.fields)
     )
 
 
 def field_table(fields: Fields) -> FieldTable:
-    """Size and scale of the fields by key and name, as checkpoints have them."""
+    """Return size and scale of the fields by key and name, as stored in checkpoints."""
     return {
         key: {name: [field.size, float(field.scale)] for name, field in named.items()} for key, named in fields.items()
     }
 
 
 def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
-    """Factors that bring every number to about -1 to 1: float32 (own,), and (numbers of all kinds,).
+    """Return factors that scale every number to about -1 to 1: float32 (own,), and (numbers of all kinds,).
 
-    Numbers of keys without fields stay as they are. Raises ValueError where the table does not fit the layout.
+    Numbers of keys without fields stay as they are. Raises ValueError if the table does not fit the layout.
     """
 
     def factors(key: str, width: int) -> Array:
@@ -136,9 +136,9 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
 
 
 def earlier_scales(layout: ObservationLayout, numbers: Mapping[str, Any]) -> tuple[Array, Array]:
-    """Those of a file of outlast 0.1, which has no fields but the scenario's numbers.
+    """Return the factors for a file of outlast 0.1, which has no fields, only the scenario's numbers.
 
-    By its rule, which goes by position: scales of the last numbers of a row; those before are ids and sides.
+    Its rule goes by position: the last numbers of a row have scales; those before them are ids and sides.
     """
     half = numbers["room_size"] / 2 if "room_size" in numbers else 1.0
     agent = (numbers["agents_health"], half, half, math.pi, SPEED, SPEED, SPIN)

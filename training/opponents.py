@@ -1,4 +1,4 @@
-"""Who plays against the learners: their present and past selves, policies by name, saved files; with ratings."""
+"""Opponents of the learners, with ratings: their present and past selves, policies by name, and saved files."""
 
 import hashlib
 import math
@@ -34,19 +34,20 @@ LEAST = 0.02  # of the priority of an opponent that always loses
 
 @dataclass
 class Opponent:
-    """One that can be drawn.
+    """An opponent that can be drawn.
 
     Attributes:
-        name: One of OPPONENTS, a path, or of a past self "past" and the agent-steps behind an @.
+        name: One of OPPONENTS, a path, or for a past self "past", an @ and its agent-steps.
         weight: How often it is drawn, unless opponents are prioritised.
-        policies: Of a past self or a file, one for each learner.
-        packer: Of the observations for these; None: that of the learners.
+        policies: The policies of a past self or a file, one for each learner.
+        packer: The packer of observations for these; None: that of the learners.
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
-        plain: Or a function from the observations of some agents and uniform numbers (agents, actions) to actions.
+        plain: Instead of policies, a function from the observations of some agents and uniform numbers
+            (agents, actions) to actions.
         rating: Elo points.
-        won: Games that the learners won against it, each as far as `record_all` says; earlier ones count less.
-        games: Likewise.
-        total: Games in all.
+        won: Sum of how far the learners won games against it (see `record_all`); earlier games count less.
+        games: How many games there were, likewise.
+        total: How many games there were in all.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Opponent:
 
     @property
     def kind(self) -> str:
-        """The name, of a past self without the steps."""
+        """The name; for a past self, without the steps."""
         return PAST if self.past else self.name
 
     @property
@@ -72,25 +73,25 @@ class Opponent:
 
     @property
     def weights(self) -> str:
-        """Hash of the weights of its policies."""
+        """A hash of the weights of its policies."""
         tensors = (each for policy in self.policies for each in policy.state_dict().values())
         return hashlib.sha256(b"".join(each.cpu().numpy().tobytes() for each in tensors)).hexdigest()
 
     @property
     def wins(self) -> float:
-        """The share of games that the learners won; a half where there was none."""
+        """The share of games that the learners won; a half if there were none."""
         return (self.won + 0.5) / (self.games + 1)
 
 
 class Opponents:
-    """The pool that opponents are drawn from, by index, and the ratings of all in it.
+    """The pool that opponents are drawn from, by index, with their ratings.
 
-    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
-    while somebody plays them.
+    Index 0 is the present self: if it is drawn, learners play all sides. Past selves that are no longer drawn stay in
+    the pool as long as they play in some world.
 
     Attributes:
-        dropped: Games against past selves that are here no more.
-        memory: Width of the widest memory of anybody who plays.
+        dropped: How many games were against past selves that are no longer in the pool.
+        memory: Width of the widest memory among all that play.
     """
 
     def __init__(
@@ -105,12 +106,12 @@ class Opponents:
         """Make a pool without past selves.
 
         Args:
-            weights: By name of OPPONENTS or path, see envs.rollout.mixture.parse_mixture.
-            players: Those of the paths.
-            env: Worlds as those that are played in.
-            prioritised: Whether opponents are drawn the more often, the more they win: prioritised fictitious self-play
+            weights: Weights by name in OPPONENTS or path; see envs.rollout.mixture.parse_mixture.
+            players: The players of the paths.
+            env: Worlds like those that are played in.
+            prioritised: Whether opponents that win more often are drawn more often: prioritised fictitious self-play
                 (Vinyals et al., 2019). The present self keeps its weight.
-            memory: Width of that of the learners' policies.
+            memory: Width of the memory of the learners' policies.
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
@@ -131,11 +132,11 @@ class Opponents:
 
     @property
     def alone(self) -> bool:
-        """Whether there is nobody but the present self."""
+        """Whether there is only the present self."""
         return self.weights.keys() <= {SELF}
 
     def chances(self) -> tuple[Array, Array]:
-        """Indices that can be drawn, int, and how often, float64 of the same length."""
+        """Return the indices that can be drawn, int, and how often, float64 of the same length."""
         shares = {k: one.weight for k, one in self.all.items() if not one.past}
         for k in self.past:
             shares[k] = self.weights[PAST] / len(self.past)
@@ -151,9 +152,9 @@ class Opponents:
         """Add the learners as they are now to the past selves.
 
         Args:
-            policies: Of the learners.
+            policies: The policies of the learners.
             steps: Agent-steps that they were trained for.
-            playing: Indices that are played somewhere.
+            playing: Indices of opponents that play in some world.
         """
         if PAST not in self.weights:
             return
@@ -167,10 +168,10 @@ class Opponents:
             self.dropped += self.all.pop(k).total
 
     def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
-        """Games of a rollout, in any order: the step in which each ended, against whom, and how far it was won.
+        """Record games of a rollout, in any order: the step in which each ended, the opponent, and how far it was won.
 
-        That is the share of the other sides that the learners' side outlived: equally good players have 1/2 of each
-        game, however many sides it has, which is what ratings and priorities take for even.
+        This is the share of the other sides that the learners' side outlived. For equally good players it is 1/2 on
+        average, however many sides a game has, which is what ratings and priorities treat as even.
         """
         ended: dict[tuple[int, int], list[float]] = {}
         for step, index, won in games:
@@ -180,7 +181,7 @@ class Opponents:
             self.record(index, math.fsum(each), len(each))  # exact, so that nothing depends on who played which world
 
     def record(self, index: int, won: float, games: int) -> None:
-        """Games against an opponent. won: the sum of how far each was won."""
+        """Record games against an opponent. won: the sum of how far each was won."""
         one, own = self.all[index], self.all[0]
         expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
         change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))
@@ -190,7 +191,7 @@ class Opponents:
         one.won, one.games, one.total = one.won + won, one.games + games, one.total + games
 
     def report(self) -> dict[str, float]:
-        """What is logged, by tag; also lets earlier games count less from now on."""
+        """Return what is logged, by tag, and let earlier games count less from now on."""
         tags = {}
         if not self.alone:
             tags["rating/self"] = self.all[0].rating
@@ -207,7 +208,7 @@ class Opponents:
         return tags
 
     def state(self) -> dict[str, Any]:
-        """Ratings of all, the past selves, and which policies those of files are."""
+        """Return the ratings of all, the past selves, and hashes that identify the policies of files."""
         figures = {
             k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64)
             for k, one in self.all.items()
@@ -221,9 +222,9 @@ class Opponents:
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str) -> None:
-        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else.
+        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for anything else.
 
-        begun: The opponents with their weights, as the run was begun with them.
+        begun: The opponents with their weights at the beginning of the run.
         """
         past = given.get("past") if isinstance(given, dict) else None
         if not isinstance(past, dict):
@@ -268,18 +269,18 @@ class Opponents:
 
 
 def is_past(name: str) -> bool:
-    """Whether it is the name of a past self."""
+    """Return whether it is the name of a past self."""
     steps = name.removeprefix(f"{PAST}@")
     return steps != name and steps.isdecimal() and len(steps) < LONGEST
 
 
 def frozen(policy: ActorCritic) -> ActorCritic:
-    """A copy that stays as it is."""
+    """Return a copy that is not trained."""
     return deepcopy(policy).requires_grad_(False)
 
 
 def plain(name: str, env: SurvivalVectorEnv) -> Plain:
-    """A policy by name as a function of some agents' observations."""
+    """Return a policy by name as a function of some agents' observations."""
     if name == "random":
         return lambda observations, uniform: (uniform * env.action_sizes).astype(np.int64)
     if name == "noop":

@@ -1,4 +1,4 @@
-"""From the observations of worlds to the rows that networks take."""
+"""Converts the observations of worlds into the rows that networks take."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,18 +14,18 @@ Array = np.ndarray[Any, Any]
 
 
 class Packer:
-    """Packs observations, by key and kind, as the networks of a preset take them."""
+    """Packs observations, by key and kind, in the form that the networks of a preset take."""
 
     def __init__(self, layout: ObservationLayout, *, leaky: bool, egocentric: bool) -> None:
         """Make it for the networks of a preset.
 
         Args:
-            layout: Of the observations.
-            leaky: Whether the rows of what is hidden are packed, too.
-            egocentric: Whether what is seen is brought into the frame of the agent, see `Egocentric`.
+            layout: Layout of the observations.
+            leaky: Whether to pack the rows of hidden entities, too.
+            egocentric: Whether to transform observations into the frame of the agent; see `Egocentric`.
 
         Raises:
-            TrainingError: There are no fields to do that by.
+            TrainingError: The fields needed for that are missing.
         """
         self.layout, self.leaky = layout, leaky
         self.frame = Egocentric(layout) if egocentric else None
@@ -39,7 +39,7 @@ class Packer:
         return self._padded(observations) if self.leaky else self._rows(observations)
 
     def own(self, observations: Mapping[str, Array]) -> Array:
-        """The numbers that belong to no entity, as observed: float32 (batch, layout.own)."""
+        """Return the numbers that belong to no entity, as observed: float32 (batch, layout.own)."""
         return np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
 
     def _padded(self, observations: Mapping[str, Array]) -> PaddedRows:

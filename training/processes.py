@@ -1,4 +1,4 @@
-"""Independent work in several processes of this machine, whose results come in order. Needs no PyTorch."""
+"""Independent work in several processes of this machine, with results in order. Needs no PyTorch."""
 
 import contextlib
 import multiprocessing
@@ -16,12 +16,12 @@ T = TypeVar("T")
 
 
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
-    """What jobs return, in their order.
+    """Yield the results of jobs, in their order.
 
     Args:
-        jobs: Functions that can be pickled, as partials of functions of a module. What one raises is raised here, and
-            ends all others; so does Ctrl-C, and whoever takes no more results.
-        at_once: How many processes work; 1: this one does.
+        jobs: Functions that can be pickled, such as partials of functions of a module. An exception of a job is raised
+            here and ends all others, as does Ctrl-C, or a caller that takes no more results.
+        at_once: How many processes work; 1: this process itself.
 
     Raises:
         TrainingError: A process was ended from outside.
@@ -61,7 +61,7 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def deaf_to_ctrl_c() -> Iterator[None]:
-    """Processes that are started in it leave Ctrl-C, which a terminal sends to all, to this one."""
+    """Let processes that are started within it leave Ctrl-C, which a terminal sends to all of them, to this one."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""What a run goes on with as if it had never stopped: the content of its checkpoints, besides the policies."""
+"""What a run needs to go on as if it had never stopped: the content of its checkpoints, besides the policies."""
 
 import io
 import tempfile
@@ -31,9 +31,9 @@ WRONG = "rest.pt of the checkpoint is not what a run goes on with"
 
 
 def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
-    """The files of a checkpoint, in memory. header: more for run.json, see TrainingConfig.header.
+    """Return the files of a checkpoint, in memory. header: more for run.json; see TrainingConfig.header.
 
-    All processes that train together call it; the first has use for it.
+    All processes that train together must call it, although only the first uses the result.
     """
     worlds, lanes = trainer.captured()
     rest = {
@@ -53,7 +53,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
 
 
 def knows_opponents(files: dict[str, bytes]) -> bool:
-    """Whether a checkpoint says which policies the files of opponents held; then `restore` compares them."""
+    """Return whether a checkpoint says which policies the opponents' files held, so that `restore` compares them."""
     rest = load_tensors(files, "rest.pt")
     return isinstance(rest, dict) and isinstance(opponents := rest.get("opponents"), dict) and "saved" in opponents
 
@@ -61,7 +61,7 @@ def knows_opponents(files: dict[str, bytes]) -> bool:
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     """Make a new trainer of the same config go on from a checkpoint.
 
-    Raises StateError if it is of another scenario, TrainingError if what is in it is of something else, or broken.
+    Raises StateError if it is of another scenario, and TrainingError if it belongs to something else or is damaged.
     """
     header, rest, weights = header_of(files), load_tensors(files, "rest.pt"), policies_in(files)
     check_fields(header, trainer.env)

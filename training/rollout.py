@@ -1,4 +1,4 @@
-"""A rollout: what the agents of all worlds observed, did and got in a number of steps."""
+"""A rollout: what the agents of all worlds observed, did and received in a number of steps."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ DEAREST = 1e30  # reward, or sum of rewards: float32, also when it is squared in
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents, ...): of the agents of this process; where it says so, of those of all processes.
+    """Samples (steps, agents, ...) of the agents of this process or, where it says so, of all processes.
 
     Attributes:
         seen: What was observed before each step, steps * agents.
@@ -26,9 +26,9 @@ class Rollout:
         values: float32, of what was observed; of all processes.
         advantages: float32; of all processes.
         learner: int16, which of the learners is trained on the sample, or NOBODY; of all processes.
-        alive: bool, whether the agent lived when it observed.
-        begins: bool, whether the agent's memory begins anew with the step.
-        memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
+        alive: bool, whether the agent was alive when it observed.
+        begins: bool, whether the agent's memory is reset before the step.
+        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
         first: The number of this process's first agent among those of all.
     """
 
@@ -45,17 +45,17 @@ class Rollout:
 
     @property
     def returns(self) -> Array:
-        """float32, what values are to become."""
+        """The targets of values, float32."""
         return self.advantages + self.values
 
     def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
-        """Which of some samples of all processes are this one's.
+        """Return which of some samples of all processes belong to this one.
 
         Args:
-            samples: Their numbers, int64 (some,).
+            samples: The numbers of the samples, int64 (some,).
 
         Returns:
-            The indices of those that are here, None for all; and their numbers among the samples of this process.
+            The indices of those that belong to this process, None for all; and their numbers among its samples.
         """
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
@@ -68,24 +68,24 @@ class Rollout:
 class RewardScale:
     """The running standard deviation of discounted sums of rewards, which rewards are divided by.
 
-    So values and advantages are of about the same size whatever a scenario pays. After enough rollouts it moves slowly:
-    older ones count as MEMORY of the newest at most.
+    So values and advantages have about the same size, whatever a scenario pays. After enough rollouts it moves slowly:
+    older rollouts together count at most as much as MEMORY of the newest.
     """
 
     MEMORY = 50.0
     LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
 
     def __init__(self, agents: int, gamma: float) -> None:
-        """agents: of all worlds. gamma: discount of a step."""
+        """agents: their number in all worlds. gamma: discount per step."""
         self.gamma, self.sums = gamma, np.zeros(agents)
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
     def update(self, rewards: Array, ends: Array) -> float:
-        """Take in the rewards of a rollout; the standard deviation.
+        """Take the rewards of a rollout into account, and return the standard deviation.
 
         Args:
             rewards: float32 (steps, agents).
-            ends: bool (steps, agents), whether the sum begins anew after the step.
+            ends: bool (steps, agents), whether the sum starts again after the step.
         """
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):
@@ -100,7 +100,7 @@ class RewardScale:
         return spread if spread >= self.LEAST else 1.0
 
     def state(self) -> dict[str, torch.Tensor]:
-        """What a run goes on with: float64 tensors by name."""
+        """Return what a resumed run needs: float64 tensors by name."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
 
@@ -113,9 +113,9 @@ class RewardScale:
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:
-        """Which number is out of the bounds in which a run goes on, and what these are; "": none is.
+        """Return which number is outside the bounds in which a run can go on, and these bounds; "" if none is.
 
-        where: What is said behind its name.
+        where: What to add after its name.
         """
         for name, value in self.state().items():
             low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)

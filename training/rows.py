@@ -1,6 +1,6 @@
 """Observations as rows for the networks: one flat list of the entities that the agents of a batch see.
 
-An agent sees one or two entities of the 17 to 36 that there are, so only those are kept, embedded and attended to.
+An agent sees one or two of 17 to 36 entities, so only those that it sees are kept, embedded and attended to.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FILL = 512  # multiple that lists are filled up to where shapes are to repeat
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """The tensor on a device; it comes to a GPU through pinned memory, so that nobody waits for it."""
+    """Return the tensor on a device; it is sent to a GPU through pinned memory, so that nothing waits for it."""
     if device.type == "cuda" and tensor.device.type == "cpu" and torch.cuda.is_available():
         tensor = tensor.pin_memory()
     return tensor.to(device, non_blocking=True)
@@ -32,13 +32,13 @@ class Rows:
 
     Attributes:
         own: float32 (batch, layout.own), each agent's own numbers.
-        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
-            columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
-        count: int64 (batch,), how many of the rows are each agent's.
-        known: The same as an array, by which the CPU knows all sizes and waits for no GPU.
-        room: How many pairs there is room for, or None. If not, there are rows and pairs of nobody behind all others,
-            one of each at least, so that their numbers are multiples of FILL: a GPU meets the same shapes again.
-        state: float32 (batch, numbers), of each agent's whole world, for a critic that learns from it; or None.
+        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each is in the
+            columns of its kind, with a 1 in the column that marks the kind; all other columns are 0.
+        count: int64 (batch,), how many of the rows belong to each agent.
+        known: The same as an array, from which the CPU knows all sizes without waiting for a GPU.
+        room: How many pairs there is room for, or None. If not None, rows and pairs of nobody follow all others, at
+            least one of each, so that their numbers are multiples of FILL, and a GPU meets the same shapes again.
+        state: float32 (batch, numbers), the state of each agent's world, for a critic that learns from it; or None.
     """
 
     def __init__(
@@ -63,18 +63,18 @@ class Rows:
 
     @property
     def owners(self) -> int:
-        """How many agents rows can be of: nobody is one, where there is room for more."""
+        """How many agents rows can belong to, including nobody if there is room for more."""
         return len(self) + (self.room is not None)
 
     @cached_property
     def agent(self) -> Tensor:
-        """int64 (rows,), whose row each one is."""
+        """int64 (rows,), the agent that each row belongs to."""
         owners = torch.arange(self.owners, device=self.count.device)
         return owners.repeat_interleave(self._counts(len(self.entities)), output_size=len(self.entities))
 
     @cached_property
     def each(self) -> Tensor:
-        """int64 (rows,), how many pairs each row is the first of: as many as its agent has rows."""
+        """int64 (rows,), in how many pairs each row is the first: as many as its agent has rows."""
         if self.room is None:
             return self.count.index_select(0, self.agent)
         each = functional.pad(self.count, (0, 1)).index_select(0, self.agent)
@@ -108,13 +108,13 @@ class Rows:
         return found
 
     def filled(self) -> Rows:
-        """The same with room for more."""
+        """Return the same with room for more."""
         size, pairs = len(self.entities), int((self.known * self.known).sum())
         entities = functional.pad(self.entities, (0, 0, 0, _filled(size) - size))
         return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
-        """The same on a device, where it has room for more; on the CPU it stays as it is."""
+        """Return the same on a device, with room for more; on the CPU it stays as it is."""
         if device.type == self.own.device.type:
             return self
         here = self.filled()
@@ -129,12 +129,12 @@ class Rows:
 
 
 class PaddedRows:
-    """What a batch of agents observes, with a row for each entity that there may be, seen or not.
+    """What a batch of agents observes, with a row for each possible entity, seen or not.
 
     Attributes:
         packed: float32 (batch, layout.size).
-        layout: What is where in it.
-        state: As of Rows.
+        layout: The layout of `packed`.
+        state: As for Rows.
     """
 
     def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
@@ -155,7 +155,7 @@ class PaddedRows:
 
     @property
     def rows(self) -> Tensor:
-        """float32 (batch, layout.rows, layout.features), the entities, filled up with zeros."""
+        """float32 (batch, layout.rows, layout.features), the entities, padded with zeros."""
         cells = self.packed[:, self.layout.own + self.layout.rows :]
         return cells.view(len(self), self.layout.rows, self.layout.features)
 
@@ -165,7 +165,7 @@ class PaddedRows:
         return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
 
     def to(self, device: torch.device) -> PaddedRows:
-        """The same on a device."""
+        """Return the same on a device."""
         return PaddedRows(moved(self.packed, device), self.layout, _moved(self.state, device))
 
 
@@ -173,7 +173,7 @@ Observed = Rows | PaddedRows
 
 
 def concatenated(parts: Sequence[Observed]) -> Observed:
-    """The batches one behind the other, all on the CPU."""
+    """Join the batches, all on the CPU."""
     states = [part.state for part in parts if part.state is not None]
     state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):

@@ -1,4 +1,4 @@
-"""run.json, in the folder of a run and in its checkpoints: what is trained, and how. Validated; needs no PyTorch."""
+"""run.json, in the folder of a run and in its checkpoints: what is trained, and how. Checked here; needs no PyTorch."""
 
 import json
 import math
@@ -24,7 +24,7 @@ Header = dict[str, Any]
 
 
 def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple[Header, dict[str, bytes]]:
-    """The header of a checkpoint, with all keys that are needed, and these entries of it. Raises TrainingError."""
+    """Return the header of a checkpoint, with all required keys, and the given entries of it. Raises TrainingError."""
     try:
         with path.open("rb") as file:
             files = safe_npz.entries(file, {NAME, *entries})
@@ -36,7 +36,7 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
 
 
 def read_run_folder(folder: Path) -> Header:
-    """The header of the run in a folder, which is there before any checkpoint. Raises TrainingError."""
+    """Return the header of the run in a folder, which exists before any checkpoint. Raises TrainingError."""
     path = folder / NAME
     try:
         with path.open("rb") as file:
@@ -48,7 +48,7 @@ def read_run_folder(folder: Path) -> Header:
 
 
 def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
-    """The header in the content of run.json, with today's observation keys. Raises TrainingError if it is not valid."""
+    """Return the header from the content of run.json, with present observation keys. TrainingError if not valid."""
     wrong = f"{path} does not describe a run"
     try:
         header = json.loads(content[: LONGEST + 1])
@@ -69,13 +69,13 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Whether it is a number, a truth, nothing, or a text to be shown in a line (in which $ would begin a formula)."""
+    """Return whether it is a number, bool, None, or a text that can be shown in a line ($ would begin a formula)."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
     return given is None or number or (is_word(given) and "$" not in given)
 
 
 def is_plan(given: Any) -> bool:
-    """Whether it could be the `plan` of TrainingConfig.header: plain values by name, and in `settings` once more."""
+    """Return whether it could be the `plan` of TrainingConfig.header: plain values by name, also in `settings`."""
     if not isinstance(given, dict) or not isinstance(settings := given.get("settings", {}), dict):
         return False
     own = {key: value for key, value in given.items() if key not in ("settings", *TEXTS)}

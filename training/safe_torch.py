@@ -1,9 +1,9 @@
-"""Safe reader for files of torch.save: nothing is executed, and nothing is made that is larger than the file.
+"""A safe reader for files of torch.save: it executes nothing, and makes nothing that is larger than the file.
 
-Such a file is a zip file with the bytes of each storage, and a pickle that describes what is made of them. torch.load
-with weights_only executes nothing either, but it trusts lengths, and calls functions that a file may give absurd
-numbers. Here the pickle is interpreted as a list of instructions, of which only those that torch.save needs are known,
-and the only things that it can name are tensors and dicts.
+Such a file is a zip file with the bytes of each storage, and a pickle that describes what to make of them. torch.load
+with weights_only executes nothing, either, but it trusts lengths, and calls functions to which a file may pass absurd
+numbers. Here the pickle is interpreted as a list of instructions. Only those that torch.save needs are known, and they
+can only name tensors and dicts.
 """
 
 import io
@@ -37,7 +37,7 @@ class Mark:
 
 
 def load_tensors(content: bytes) -> Any:
-    """The content of a file of torch.save: dicts, lists, tuples, numbers, texts, and CPU tensors that may share memory.
+    """Return the content of a file: dicts, lists, tuples, numbers, texts, and CPU tensors that may share memory.
 
     Raises one of BROKEN for anything else.
     """

@@ -63,12 +63,12 @@ class Trainer:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
-        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
-        state_scale: What these are divided by, float32 (state,).
-        collector: What plays.
-        curriculum: What levels are drawn from, if somebody chooses them.
+        state: How many numbers the state of a world has, if critics learn from it; 0 if they do not.
+        state_scale: What these numbers are divided by, float32 (state,).
+        collector: Plays and collects samples.
+        curriculum: The curriculum from which levels are drawn, if they are chosen by a function.
         steps: Agent-steps collected so far, by all processes.
-        played: What they were when the newest rollout began, which its annealed numbers follow from.
+        played: The value of `steps` when the newest rollout began, which determines its annealed numbers.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
@@ -77,13 +77,13 @@ class Trainer:
 
         Args:
             config: What to train, and how.
-            threads: That share the worlds.
-            crew: Of so many processes as the config has; each of them makes a trainer of the same config, and calls the
-                same methods in the same order.
+            threads: How many threads share the worlds.
+            crew: A crew of as many processes as in the config; each of them makes a trainer of the same config, and
+                calls the same methods in the same order.
 
         Raises:
             ScenarioError: The scenario cannot be played.
-            TrainingError: There is no such device, an opponent that cannot play, or nothing to count or to choose.
+            TrainingError: There is no such device, an opponent cannot play, or there is nothing to count or to choose.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.steps, self.played, self.updates = crew or Crew(), 0, 0, 0
@@ -141,16 +141,16 @@ class Trainer:
 
     @property
     def policies(self) -> list[ActorCritic]:
-        """Of the learners."""
+        """The policies of the learners."""
         return [learner.policy for learner in self.learners]
 
     @property
     def lane(self) -> Lane:
-        """The first one: in one process, and without halves, that of all worlds."""
+        """The first lane: with one process and without halves, that of all worlds."""
         return self.collector.lanes[0]
 
     def collect(self) -> Rollout:
-        """Play on and keep the samples; then, and ahead of the first ones, ask for the levels of the next."""
+        """Play on and keep the samples; then, and before the very first ones, ask for the levels of the next."""
         self.played = self.steps  # when the numbers of this rollout were set
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
@@ -183,7 +183,7 @@ class Trainer:
         curriculum.ask(progress)
 
     def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
-        """The files of a checkpoint that a Player needs. header: more for run.json, see TrainingConfig.header."""
+        """Return the files of a checkpoint for a Player. header: more for run.json; see TrainingConfig.header."""
         first = {"version": run_header.VERSION, "steps": self.steps, "preset": self.preset.name}
         last = {
             "scenario": fingerprint(self.env.scenario),
@@ -204,15 +204,15 @@ class Trainer:
     def update(
         self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
     ) -> dict[str, float]:
-        """Train all learners on a rollout, and remember what they were every so many updates.
+        """Train all learners on a rollout, and every so many updates keep them as a past self.
 
         Args:
-            rollout: The newest one.
+            rollout: The newest rollout.
             left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch as it begins.
+            on_epoch: Called with the number of each epoch when it begins.
 
         Returns:
-            What is logged, by tag; with several learners, the mean of theirs.
+            What is logged, by tag; with several learners, the mean over them.
         """
         logged = [learner.update(rollout, left, on_epoch) for learner in self.learners]
         self.updates += 1
@@ -222,15 +222,15 @@ class Trainer:
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
-        """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
+        """Return what is logged about the newest rollout, by tag: episodes, what agents did, who won against whom."""
         numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
     def take_weights(self) -> None:
-        """Let policies begin as those of the checkpoint that the config names, if it names one.
+        """Let policies begin with the weights of the checkpoint that the config names, if it names one.
 
         Raises:
-            TrainingError: There is none, or its networks are others.
+            TrainingError: There is no such checkpoint, or its networks are different.
         """
         name, imitated = self.config.teacher
         if imitated or not name:
@@ -254,14 +254,14 @@ class Trainer:
             policy.take(player.policies[k % len(player.policies)], self.state_scale / its)
 
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
-        """Let the policies learn to do as the teacher does, if the config names one, while they play as in the run.
+        """Let the policies imitate the teacher, if the config names one, while they play as in the run.
 
-        So they learn what it does where they come, too, which is not where it comes (Ross, Gordon and Bagnell,
-        arXiv:1011.0686). Their critics learn what they get by that. Of learners and worlds, only the optimisers are as
-        they would be without it; games against opponents do not count.
+        As they play themselves, they also learn what the teacher would do in states that it would not reach by itself
+        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the resulting values. Afterwards, only the
+        optimisers are as they would be without imitation; games against opponents do not count.
 
         Args:
-            on_rollout: Called after each rollout with its number of agent-steps done, and what was measured, by tag.
+            on_rollout: Called after each rollout with the agent-steps done, and what was measured, by tag.
 
         Returns:
             What was measured last, by tag; nothing without a teacher.
@@ -302,12 +302,12 @@ class Trainer:
                 env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
-        """The worlds of all processes, and what their lanes are in."""
+        """Return the worlds of all processes, and the state of their lanes."""
         states = [env.get_state() for env in self.envs]
         return State(states[0].scenario, self._joined([state.arrays for state in states])), self.captured_lanes()
 
     def captured_lanes(self) -> dict[str, Array]:
-        """What the lanes of all processes are in, (worlds, ...) by name."""
+        """Return the state of the lanes of all processes, (worlds, ...) by name."""
         return self._joined([lane.state() for lane in self.collector.lanes])
 
     def restore_worlds(self, worlds: State) -> None:
@@ -358,12 +358,12 @@ class Trainer:
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:
-    """The number of the learner that plays each agent of a world, int (agents,).
+    """Return the number of the learner that plays each agent of a world, int (agents,).
 
     Args:
         env: The worlds.
-        policies: "shared": one for all. "side": one for each side; without teams, each agent is one. "agent": one for
-            each agent.
+        policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one
+            for each agent.
     """
     if policies == "side" and env.worlds[Sides].teams[0, 0]:
         return side(env.worlds, 0)

@@ -28,8 +28,8 @@ Json = dict[str, Any]
 class RunWatcher:
     """A run in a folder, for a page: a Feed of outlast.envs.web.replay.server.
 
-    Nothing is computed while nobody asks for it. A checkpoint that cannot be played is reported, and the newest one
-    that can is played instead.
+    Nothing is computed unless it is requested. A checkpoint that cannot be played is reported, and the newest one that
+    can is played instead.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -44,7 +44,7 @@ class RunWatcher:
         self.lock = threading.Lock()  # of the log
 
     def status(self) -> Json:
-        """The state of the run: a message, the newest checkpoint, what the newest episode is of, and figures."""
+        """Return the state of the run: a message, the newest checkpoint, what the newest episode shows, and figures."""
         self.asked = time.monotonic()
         found = self._checkpoints()
         with self.lock:
@@ -63,7 +63,7 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """The newest episode; another one is then recorded."""
+        """Return the newest episode; then, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
@@ -140,7 +140,7 @@ class RunWatcher:
 
 
 def figures(points: log_file.Points) -> list[Json]:
-    """The figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
+    """Return the figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
     by_step: dict[int, dict[str, float]] = {}
     for tag, rows in points.items():
         for step, value in rows:

@@ -1,4 +1,4 @@
-"""How much a run comprises, which is known before it begins."""
+"""The size of a run, which is known before it begins."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,12 @@ from .config import TrainingConfig
 
 @dataclass(frozen=True)
 class Workload:
-    """The agent-steps of a run, those that opponents play included, in rollouts that are always collected as a whole.
+    """The agent-steps of a run, including those of opponents, in rollouts that are always collected completely.
 
     Attributes:
-        asked: Agent-steps that were asked for.
+        asked: Agent-steps that were requested.
         each: Agent-steps of a rollout: worlds x steps of each world x agents.
-        sizes: These three.
+        sizes: These three factors.
     """
 
     asked: int
@@ -21,18 +21,18 @@ class Workload:
 
     @classmethod
     def of(cls, config: TrainingConfig) -> "Workload":
-        """That of a run."""
+        """Return the workload of a run."""
         (worlds, rollout), agents = config.size, config.agents
         return cls(config.steps, rollout * agents, (worlds, rollout // worlds, agents))
 
     @property
     def rollouts(self) -> int:
-        """How many there are."""
+        """How many rollouts there are."""
         return -(-self.asked // self.each)
 
     @property
     def total(self) -> int:
-        """Agent-steps at the end."""
+        """The agent-steps at the end."""
         return self.rollouts * self.each
 
     def __str__(self) -> str:

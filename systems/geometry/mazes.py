@@ -21,7 +21,7 @@ def make_grid_memory() -> np.ndarray[Any, Any]:
 
 @kernel
 def edge_count(columns: int, rows: int) -> int:
-    """Return how many walls are between the cells of a grid: the vertical ones, row by row, then the horizontal ones."""
+    """Return how many walls are between the cells of a grid: the vertical ones, row by row, then the horizontal."""
     return (columns - 1) * rows + columns * (rows - 1)
 
 
