@@ -43,9 +43,9 @@ class SurvivalVectorEnv(Described):
     Agents in a closed room fight with melee attacks, collect and use items, break boxes, and have to stay inside a zone
     that shrinks. All worlds advance together, one tick per step. The scenario sets the mechanics and their numbers.
 
-    Only one thread may be in a call at a time; another one gets a PendingError. A signal handler does not get it, and
-    must not call an environment that it may have interrupted. After Ctrl-C, a step either has not begun or is complete;
-    otherwise `step` refuses to go on (NotResetError) until the worlds it was interrupted in are reset.
+    Only one thread may be in a call at a time; another one gets a PendingError. A signal handler gets no such error, so
+    it must not call an environment that it may have interrupted. After Ctrl-C, a step either has not begun or is
+    complete; otherwise `step` refuses to go on (NotResetError) until the worlds that it was interrupted in are reset.
 
     ## Action Space
     MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants it is
