@@ -126,7 +126,7 @@ def measure_nothing(
     sides: tuple[float, ...],
     ticks: int,
 ) -> None:
-    """Switch off the rays of waiting agents for as long."""
+    """Switch off the rays of blind agents while they wait."""
     for e in agents:
         state.off[e] = left(side, sides, of(ticks, e), int(clock.tick[0]), e) > 0
 

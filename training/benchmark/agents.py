@@ -1,4 +1,4 @@
-"""Who takes part in the benchmark: presets that it trains, runs and policies that exist, functions in files."""
+"""Participants in the benchmark: presets that it trains, existing runs and policies, and functions in files."""
 
 import re
 from collections.abc import Callable, Collection
@@ -23,13 +23,13 @@ FORMS = f"a preset ({', '.join(PRESETS)}), the folder of a run, FILE{SAVED} or F
 
 @dataclass(frozen=True)
 class Agent:
-    """An agent, of every seed and for every task.
+    """An agent, for all seeds and tasks.
 
     Attributes:
-        name: In tables and paths.
+        name: Its name in tables and paths.
         source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a function (env, seed) that
-            returns a policy (observations) -> actions. {task} and {seed} in it stand for these.
-        options: Of its training, other than the preset's: opponents, settings, memory.
+            returns a policy (observations) -> actions. {task} and {seed} in it are replaced.
+        options: Options of its training that differ from the preset's: opponents, settings, memory.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Agent:
 
     @classmethod
     def of(cls, text: str, options: dict[str, Any]) -> "Agent":
-        """The agent that a user names: "fast", or "NAME=SOURCE". Raises TrainingError."""
+        """Return the agent that a user names: "fast" or "NAME=SOURCE". Raises TrainingError."""
         name, _, source = text.partition("=")
         agent = cls(name, source or name, options)
         if AGENT.fullmatch(name) is None:
@@ -50,7 +50,7 @@ class Agent:
 
     @property
     def kind(self) -> str:
-        """PRESET, FILE, of saved policies and of folders, or FUNCTION. Raises TrainingError."""
+        """PRESET, FILE (a saved policy or a folder) or FUNCTION. Raises TrainingError."""
         if self.source in PRESETS:
             return PRESET
         if re.search(r"\.py:\w+$", self.source):
@@ -60,22 +60,22 @@ class Agent:
         raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
 
     def check_seeds(self, seeds: Collection[int]) -> None:
-        """Refuse several seeds of one training: scores over them would agree. Raises TrainingError."""
+        """Refuse several seeds if all mean the same training, as their scores would agree. Raises TrainingError."""
         if len(seeds) > 1 and self.kind == FILE and "{seed}" not in self.source:
             raise TrainingError(
                 f"{self.name}={self.source} is one training, whatever the seed: name one --seed, or put {{seed}} in it"
             )
 
     def place(self, task: str, seed: int) -> str:
-        """The source of a task and a seed."""
+        """Return the source for a task and a seed."""
         return self.source.replace("{task}", task).replace("{seed}", str(seed))
 
     def made(self, task: str, seed: int) -> "Made":
-        """What a function makes for a task and a seed. Raises TrainingError, ScenarioError."""
+        """Return what a function makes for a task and a seed. Raises TrainingError, ScenarioError."""
         return Made(self.name, self.place(task, seed), seed)
 
     def policy(self, task: str, seed: int) -> Path:
-        """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError, UsageError."""
+        """Return the saved policy for a task and a seed; the newest one of a run. Raises TrainingError, UsageError."""
         place = Path(self.place(task, seed))
         if place.suffix == SAVED and place.exists():
             return place
@@ -88,7 +88,7 @@ class Made(Contender):
     """A policy that a user's function (env, seed) makes."""
 
     def __init__(self, label: str, source: str, seed: int) -> None:
-        """source: "FILE.py:FUNCTION". seed: that of the agent. Raises TrainingError, ScenarioError."""
+        """source: "FILE.py:FUNCTION". seed: the agent's seed. Raises TrainingError, ScenarioError."""
         place, _, name = source.rpartition(":")
         make = getattr(module_of(place), name, None)
         if not callable(make):
@@ -99,7 +99,7 @@ class Made(Contender):
         self._seed = seed
 
     def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """The policy for these worlds, made anew."""
+        """Make a new policy for these worlds."""
         policy = self._make(env, self._seed)
         if not callable(policy):
             raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")

@@ -1,4 +1,4 @@
-"""Cross-play: matches between all entries of a task, of other agents and of other seeds of the same one."""
+"""Cross-play: matches between all entries of a task: those of different agents, and different seeds of one agent."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ NAME = "cross.json"
 
 
 def contender(entry: Result) -> Contender:
-    """The policy of an entry. Raises TrainingError if its file is not there, or another one than was tested."""
+    """Return the policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
     content, path = entry.content, entry.folder / POLICY
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
@@ -34,20 +34,20 @@ def contender(entry: Result) -> Contender:
 
 
 def load(folder: Path) -> dict[tuple[str, str], Content]:
-    """The matches that were played, by names of entries; folder: of the task. Raises TrainingError."""
+    """Load the matches that were played, by names of entries. folder: that of the task. Raises TrainingError."""
     path = folder / NAME
     content = read_json(path, _wrong) if path.exists() else {"matches": []}
     return {(match["one"], match["other"]): match for match in content["matches"]}
 
 
 def pairs(entries: Sequence[Result]) -> list[tuple[Result, Result]]:
-    """All pairs of entries of a task."""
+    """Return all pairs of entries of a task."""
     in_order = sorted(entries, key=lambda entry: (entry.content["agent"], entry.content["seed"]))
     return list(itertools.combinations(in_order, 2))
 
 
 def recording(folder: Path, match: Content) -> Path:
-    """Where a match is recorded."""
+    """Return the file in which a match is recorded."""
     return folder / "cross" / result.recording_name(match["one"], match["other"])
 
 
@@ -57,13 +57,13 @@ def play_all(
     """Play the matches that are missing, or were played by other policies.
 
     Args:
-        folder: Of the task: the results of one budget.
-        entries: All in it.
+        folder: Folder of the task, with the results of one budget.
+        entries: All entries in it.
         progress: Called with how many more games are done.
-        at_once: How many processes play.
+        at_once: How many processes play at the same time.
 
     Raises:
-        TrainingError: A policy is not there.
+        TrainingError: A policy is missing.
     """
     known, missing = load(folder), []
     for one, other in pairs(entries):
@@ -80,7 +80,7 @@ def play_all(
 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:
-    """Whether a match is that of these entries, as they are."""
+    """Return whether a match is one between these entries, as they are now."""
     digests = [entry.content["policy"]["digest"] for entry in (one, other)]
     return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
 

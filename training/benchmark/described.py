@@ -1,4 +1,4 @@
-"""What a result says of a policy, read from the policy's own file."""
+"""What a result says about a policy, read from the policy's own file."""
 
 from pathlib import Path
 from typing import Any
@@ -19,19 +19,19 @@ STEPS = "steps"
 
 
 def described(path: Path, task: Task) -> Content:
-    """What is said of a policy that plays a task.
+    """Return what a result says about a policy that plays a task.
 
     Args:
-        path: Of the policy.
+        path: File of the policy.
         task: The task.
 
     Returns:
-        "digest": of the file. "steps": agent-steps of its training. "of_task": whether that was in the task's game, in
-        neither levels that somebody chose nor numbers that changed, and all of its training: it took neither weights
-        nor actions from a saved policy. "met": who of the suite it was trained against, or by.
+        "digest": digest of the file. "steps": agent-steps of its training. "of_task": whether it was trained only in
+        the task's game, without chosen levels or changing numbers, and without weights or actions from a saved policy.
+        "met": the members of the suite that it was trained against, or that it imitated.
 
     Raises:
-        TrainingError: It is no policy, or was trained from a seed that evaluation uses.
+        TrainingError: The file is not a policy, or was trained with a seed that evaluation uses.
     """
     header, _ = run_header.read_checkpoint(path, (), (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
@@ -45,33 +45,33 @@ def described(path: Path, task: Task) -> Content:
 
 
 def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
-    """Of the training of a best response.
+    """Return the config for training a best response.
 
     Args:
         task: The task.
-        seed: Of the entry.
-        budget: Of the entry.
+        seed: Seed of the entry.
+        budget: Budget of the entry.
         policy: The file of the policy that it is to beat.
-        threads: Of the training.
+        threads: Threads of the training.
 
     Raises:
-        TrainingError: It cannot be.
+        TrainingError: Such a training is not possible.
     """
     opponents = {str(policy): 1.0}
     return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)
 
 
 def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
-    """What a file says of a training that was not that of the best response to a policy; empty if there is nothing.
+    """Return why a file is not from the training of a best response to a policy; "" if it is.
 
     Args:
-        path: Of the file.
+        path: The file.
         task: The task.
-        seed: Of the entry.
-        budget: Of the entry.
+        seed: Seed of the entry.
+        budget: Budget of the entry.
 
     Raises:
-        TrainingError: It is no policy.
+        TrainingError: The file is not a policy.
     """
     header, _ = run_header.read_checkpoint(path, (), ("plan", "preset", "scenario", STEPS))
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]

@@ -1,6 +1,6 @@
-"""An entry: an agent of a seed in a task, which is trained, plays itself and the suite, and gets a best response.
+"""An entry: an agent with a seed in a task, which is trained, plays itself and the suite, and gets a best response.
 
-All of it can be stopped at any moment, and goes on where it was: what is in the folder is whole.
+It can be stopped at any moment, and goes on where it was, as all files in the folder are complete.
 """
 
 import json
@@ -40,16 +40,16 @@ Progress = Callable[[int, str], None]  # agent-steps of training that are done, 
 
 @dataclass(frozen=True)
 class Entry:
-    """What is to be done for an agent of a seed in a task.
+    """What is to be done for an agent with a seed in a task.
 
     Attributes:
         task: The task.
         agent: The agent.
-        seed: Of its training.
+        seed: Seed of its training.
         budget: Agent-steps of its training.
-        games: Of each match.
+        games: How many games each match has.
         out: Folder of all results.
-        threads: Of training; 0: as `outlast.train` has it.
+        threads: Threads of training; 0: as in `outlast.train`.
     """
 
     task: Task
@@ -66,17 +66,17 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
         return f"{self.task.name} {self.agent.name}/{self.seed}"
 
     @property
     def folder(self) -> Path:
-        """Of its result."""
+        """The folder of its result."""
         return self.out / str(self.budget) / self.task.name / self.agent.name / str(self.seed)
 
     @property
     def wanted(self) -> list[tuple[Game, str]]:
-        """The matches that there are to be: every game against itself and the suite."""
+        """The matches to play: every game against itself and the suite."""
         names = [SELF, *(member.name for member in suite(self.task))]
         return [(game, name) for game in self.task.games for name in names]
 
@@ -86,7 +86,7 @@ class Entry:
         return self.agent.kind != FUNCTION
 
     def config(self) -> TrainingConfig:
-        """Of the training. Raises TrainingError."""
+        """Return the config of the training. Raises TrainingError."""
         options = dict(self.agent.options)
         options["opponents"] = parse_mixture(options.get("opponents", OWN), OPPONENTS)
         return TrainingConfig(
@@ -95,24 +95,24 @@ class Entry:
 
     @property
     def work(self) -> int:
-        """All of it, in agent-steps: those of training, and for each match those that take as long."""
+        """The total work in agent-steps: those of training, and for each match those that take as long."""
         trained = Workload.of(self.config()).total if self.agent.kind == PRESET else 0
         response = response_steps(self.budget) if self.responds else 0
         return trained + response + (len(self.wanted) + self.responds) * self.match_work
 
     @property
     def match_work(self) -> int:
-        """A match in agent-steps of training that take about as long."""
+        """The work of a match: the agent-steps of training that take about as long."""
         return 1000 * self.games * int(self.task.scenario.numbers()["agents_count"])
 
     def done(self) -> int:
-        """How much of `work` is done, by what is in the folder."""
+        """Return how much of `work` is done, judging by the files in the folder."""
         logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in (TRAINED, BEST))
         return logs + len(list(self.folder.glob("*.rec"))) * self.match_work
 
 
 def estimate(entries: Iterable[Entry]) -> float:
-    """About how many seconds of one core entries take as a whole, on a machine like that of docs/performance.md."""
+    """Estimate how many seconds of one core entries take in total, on a machine like that of docs/performance.md."""
     seconds = 0.0
     for entry in entries:
         trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
@@ -125,7 +125,7 @@ class EntryRun:
     """Does what an entry needs."""
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
-        """Begin, or go on with what is in the folder. Raises TrainingError if that is another agent's."""
+        """Begin, or go on with what is in the folder. Raises TrainingError if it belongs to another agent."""
         self.entry, self.progress = entry, progress
         agent, task = entry.agent, entry.task
         begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
@@ -140,7 +140,7 @@ class EntryRun:
             remove(path)
 
     def run(self) -> Result:
-        """Do all of it that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
+        """Do everything that is not done yet. Ctrl-C saves, and is then raised. Raises TrainingError."""
         self._enter()
         own = self._contender()
         for game, name in self.entry.wanted:

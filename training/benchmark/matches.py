@@ -34,7 +34,7 @@ ROUNDING = 1e-3  # share of actions that may differ on another machine, whose ne
 
 
 def digest(path: Path) -> str:
-    """The SHA-256 of a file, hexadecimal."""
+    """Return the SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -45,14 +45,14 @@ def play(
     """Play a match and record it.
 
     Args:
-        game: What is played.
-        pair: Two policies, or one that meets itself.
-        games: How many, in a world each: an even number, so that both policies play each side as often.
-        path: Of the recording, written whole or not at all.
+        game: The game to play.
+        pair: Two policies, or one that plays itself.
+        games: How many games, in a world each: an even number, so that both policies play each side equally often.
+        path: File of the recording, written completely or not at all.
         progress: Called with how many more games have ended.
 
     Returns:
-        What came of it, see `outcome`, with "recording", the digest of the file.
+        The outcome, see `outcome`, with "recording", the digest of the file.
     """
     with _worlds(game, pair, games) as env, atomic_write(path) as place:
         with record(env, place):
@@ -62,12 +62,12 @@ def play(
 
 
 def outcome(found: MatchResults) -> dict[str, Any]:
-    """A match in numbers, as JSON has them.
+    """Return a match in numbers, as JSON.
 
     Returns:
-        "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
-        training.columns, as [mean, standard error], without those that could not be measured; the error is 0 where they
-        were measured in one game only.
+        "games", "won", "drawn" and "lost" by the first policy; "figures": the columns of each of the two (see
+        training.columns) as [mean, standard error], without those that could not be measured; the error is 0 for those
+        measured in only one game.
     """
     pairing = Pairing((0, 1), found)
     won, drawn, lost = pairing.won_drawn_lost()
@@ -87,8 +87,8 @@ class Repeated:
     """A match that was played again from its recording.
 
     Attributes:
-        outcome: As `play` returned it, without the digest of the recording.
-        others: For each policy, the share of its actions that are not those that it chooses; NaN: nobody knows.
+        outcome: As returned by `play`, without the digest of the recording.
+        others: For each policy, the share of recorded actions that it would not have chosen; NaN: not known.
     """
 
     outcome: dict[str, Any]
@@ -96,19 +96,19 @@ class Repeated:
 
 
 def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
-    """Play a recorded match again: the recorded actions, in worlds that are made anew, observed by the policies.
+    """Play a recorded match again: take the recorded actions in new worlds, which the policies observe.
 
     Args:
-        game: What was played.
-        pair: Two policies, or one that met itself; None: one that is not known here.
-        games: How many were played.
-        path: Of the recording.
+        game: The game that was played.
+        pair: Two policies, or one that played itself; None for a policy that is not known here.
+        games: How many games were played.
+        path: File of the recording.
 
     Returns:
-        What comes of it.
+        The result of playing it again.
 
     Raises:
-        RecordingError: It is no recording, or of another game, or a tick is not what was recorded.
+        RecordingError: The file is not a recording, or is of another game, or a tick is not what was recorded.
     """
     recording = Recording.open(path)
     if recording.cut:

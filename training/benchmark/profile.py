@@ -14,7 +14,7 @@ SIZE = (7.0, 3.4)  # inches
 
 
 def picture(own: Scores, title: str) -> bytes:
-    """The figure as a PNG; the same scores give the same bytes."""
+    """Return the figure as a PNG; the same scores give the same bytes."""
     source = hashlib.sha256(json.dumps(own["profile"], sort_keys=True).encode()).hexdigest()
     return encoded(lambda: _draw(own, title), "png", {"Title": title, "Source": source}, colours=256)
 

@@ -1,4 +1,4 @@
-"""result.json: what an agent of a seed did in a task. Others may have written it: it is validated. Needs no PyTorch."""
+"""result.json: what an agent with a seed did in a task. Validated, as others may have written it. Needs no PyTorch."""
 
 import json
 import math
@@ -29,11 +29,11 @@ Content = dict[str, Any]
 
 @dataclass(frozen=True)
 class Result:
-    """A result in its folder, RESULTS/BUDGET/TASK/AGENT/SEED, beside its policies and recordings.
+    """A result in its folder, RESULTS/BUDGET/TASK/AGENT/SEED, together with its policies and recordings.
 
     Attributes:
-        folder: Where result.json is.
-        content: What is in it.
+        folder: The folder of result.json.
+        content: The content of result.json.
     """
 
     folder: Path
@@ -41,12 +41,12 @@ class Result:
 
     @property
     def name(self) -> str:
-        """What it is called in messages and tables: "fast/0"."""
+        """Its name in messages and tables: "fast/0"."""
         return f"{self.content['agent']}/{self.content['seed']}"
 
     @property
     def matches(self) -> list[Content]:
-        """Those that were played."""
+        """The matches that were played."""
         found: list[Content] = self.content["matches"]
         return found
 
@@ -56,21 +56,21 @@ class Result:
         return {(match["game"], match["against"]): match for match in self.matches}
 
     def recording(self, match: Content) -> Path:
-        """Where a match is recorded."""
+        """Return the file in which a match is recorded."""
         return self.folder / recording_name(match["game"], match["against"])
 
     def write(self) -> None:
-        """Write it, whole or not at all. Raises TrainingError."""
+        """Write it, completely or not at all. Raises TrainingError."""
         write_json(self.folder / NAME, self.content)
 
 
 def recording_name(game: str, against: str) -> str:
-    """The file of a match in the folder of a result."""
+    """Return the file of a match in the folder of a result."""
     return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
 
 
 def begun(task: Task, agent: str, source: str, options: Content, seed: int, budget: int, games: int) -> Content:
-    """A result in which nothing has been done yet."""
+    """Return a result in which nothing has been done yet."""
     return {
         "version": PROTOCOL,
         "task": task.name,
@@ -90,28 +90,28 @@ def begun(task: Task, agent: str, source: str, options: Content, seed: int, budg
 
 
 def made() -> Content:
-    """With what, and on what."""
+    """Return with which versions, and on what kind of machine, a result is made."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
     return {"python": platform.python_version(), **versions, "machine": machine, "cores": os.cpu_count() or 1}
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, the same for the same content; whole or not at all. Raises TrainingError."""
+    """Write a JSON file, the same for the same content, completely or not at all. Raises TrainingError."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     short = re.sub(r"\[\n\s+([^][{}]{1,80}?)\n\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)  # [1, 2]
     write_files({path: (short + "\n").encode()})
 
 
 def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
-    """The content of a JSON file.
+    """Return the content of a JSON file.
 
     Args:
-        path: Of the file.
-        wrong: Says what is wrong with the content; empty if nothing is.
+        path: The file.
+        wrong: Returns what is wrong with the content; "" if nothing is.
 
     Raises:
-        TrainingError: It cannot be read, or is not what it should be.
+        TrainingError: The file cannot be read, or is not what it should be.
     """
     try:
         with path.open("rb") as file:
@@ -127,12 +127,12 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
 
 
 def read(path: Path) -> Result:
-    """The result in a file. Raises TrainingError."""
+    """Return the result in a file. Raises TrainingError."""
     return Result(path.parent, read_json(path, wrong_with_result))
 
 
 def find(places: Path) -> list[Result]:
-    """The results in a folder and all folders in it, in order of their paths. Raises TrainingError if there is none."""
+    """Return the results in a folder and all folders in it, in order of paths. TrainingError if there are none."""
     found = [read(path) for path in sorted(places.rglob(NAME))]
     if not found:
         raise TrainingError(
@@ -142,7 +142,7 @@ def find(places: Path) -> list[Result]:
 
 
 def wrong_with_result(content: Content) -> str:
-    """What is wrong with the content of a result; empty if nothing is. KeyError and the like for what is missing."""
+    """Return what is wrong with the content of a result; "" if nothing is. KeyError and such if parts are missing."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
     valid: dict[str, Callable[[Any], bool]] = {
@@ -175,7 +175,7 @@ def wrong_with_result(content: Content) -> str:
 
 
 def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
-    """The first match that is there twice, in words; empty if there is none. names: keys of what it is of."""
+    """Return in words the first match that is there twice; "" if there is none. names: keys that identify a match."""
     seen = set[tuple[str, str]]()
     for match in matches:
         if (key := (match[names[0]], match[names[1]])) in seen:
@@ -185,7 +185,7 @@ def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
-    """What is wrong with a match; empty if nothing is. names: keys of texts."""
+    """Return what is wrong with a match; "" if nothing is. names: keys of texts."""
     if not all(is_word(match[name]) for name in names):
         return "names that cannot be"
     if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):
@@ -215,7 +215,7 @@ def _is_count(given: Any) -> bool:
 
 
 def are_finite(given: Iterable[Any]) -> bool:
-    """Whether all are finite numbers."""
+    """Return whether all are finite numbers."""
     return all(type(each) in (int, float) and math.isfinite(each) for each in given)
 
 

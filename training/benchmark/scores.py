@@ -1,7 +1,7 @@
-"""Scores: everything that is said of agents in tables, from results alone; the same results give the same bytes.
+"""Scores: everything that tables say about agents, from results alone; the same results give the same bytes.
 
-The score of an entry is its mean win rate against the suite, draws as half, every opponent counting the same; in tasks
-of generalisation that in the games outside of training. It is from 0 to 1 in every task, so that tasks can be compared.
+The score of an entry is its mean win rate against the suite, where draws count half and every opponent counts the same;
+in tasks of generalisation, in the games outside training. It is from 0 to 1 in every task, so tasks can be compared.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ Values = list[float]  # of seeds
 
 
 def by_budget(places: Path) -> dict[int, list[Result]]:
-    """The results in a folder, by budget. Raises TrainingError."""
+    """Return the results in a folder, by budget. Raises TrainingError."""
     found: dict[int, list[Result]] = {}
     for entry in find(places):
         _check_place(entry)
@@ -40,7 +40,7 @@ def by_budget(places: Path) -> dict[int, list[Result]]:
 
 
 def task_folders(entries: Sequence[Result]) -> dict[Path, list[Result]]:
-    """The results by the folder of their task."""
+    """Return the results by the folder of their task."""
     found: dict[Path, list[Result]] = {}
     for entry in entries:
         found.setdefault(entry.folder.parents[1], []).append(entry)
@@ -48,7 +48,7 @@ def task_folders(entries: Sequence[Result]) -> dict[Path, list[Result]]:
 
 
 def scores(places: Path) -> Scores:
-    """All scores of the results in a folder, by budget. Raises TrainingError."""
+    """Return all scores of the results in a folder, by budget. Raises TrainingError."""
     budgets = {str(budget): _budget(budget, entries) for budget, entries in by_budget(places).items()}
     return {"version": PROTOCOL, "budgets": budgets}
 
@@ -167,7 +167,7 @@ def _check_trainings(entries: Sequence[Result]) -> None:
 
 
 def rate(match: Content) -> float:
-    """The share of games that the first policy won, draws as half."""
+    """Return the share of games that the first policy won; draws count half."""
     return float((match["won"] + match["drawn"] / 2) / match["games"])
 
 
@@ -269,7 +269,7 @@ def _check_place(entry: Result) -> None:
 
 
 def lines(found: Scores) -> Iterator[str]:
-    """The scores in short, to print."""
+    """Return the scores in short form, to print."""
     for budget, own in found["budgets"].items():
         yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
         for task, of_task in own["tasks"].items():

@@ -25,10 +25,10 @@ class Member:
     """An opponent of the suite.
 
     Attributes:
-        name: A style, or that of an anchor.
-        file: Of an anchor; None: a style.
-        digest: Of the file; empty: a style.
-        rating: Its fixed Elo rating in the task; None: it has none yet.
+        name: The name of a style or an anchor.
+        file: The file of an anchor; None for a style.
+        digest: The digest of the file; "" for a style.
+        rating: Its fixed Elo rating in the task; None if it has none yet.
     """
 
     name: str
@@ -37,14 +37,14 @@ class Member:
     rating: float | None = None
 
     def contender(self) -> Contender:
-        """It as a policy. Raises TrainingError."""
+        """Return it as a policy. Raises TrainingError."""
         return Contender(self.name, self.name if self.file is None else str(self.file))
 
 
 def suite(task: Task, folder: Path | None = None) -> list[Member]:
-    """The suite of a task: styles, then anchors. folder: of the anchors, if not those of the package.
+    """Return the suite of a task: styles, then anchors. folder: that of the anchors, if not those of the package.
 
-    Raises TrainingError where an anchor's file is not the one that was rated, or not in this game.
+    Raises TrainingError if an anchor's file is not the one that was rated, or was rated in another game.
     """
     place = (folder or FOLDER) / f"{task.name}.json"
     if not place.exists():
@@ -62,14 +62,14 @@ def suite(task: Task, folder: Path | None = None) -> list[Member]:
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """The games and opponents, of the suite and itself, that an entry has not played. members: names of the suite."""
+    """Return the games and opponents (suite and itself) that an entry has not played. members: names of the suite."""
     return [
         (game.name, name) for game in task.games for name in (SELF, *members) if (game.name, name) not in entry.against
     ]
 
 
 def other_games(content: Content, task: Task) -> str:
-    """Which game of a result is another one than that of its task; empty if none is."""
+    """Return which game of a result differs from its task's; "" if none does."""
     for game in task.games:
         if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
             return f"its game '{game.name}' is another one than that of {task.name} {other}"

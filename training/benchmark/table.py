@@ -37,7 +37,7 @@ COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", 
 
 
 def write(places: Path, folder: Path) -> list[Path]:
-    """Write everything about the results in a folder; the paths. Raises TrainingError."""
+    """Write everything about the results in a folder, and return the paths. Raises TrainingError."""
     found = scores.scores(places)
     contents = {
         folder / "table.md": markdown(found).encode(),
@@ -49,10 +49,10 @@ def write(places: Path, folder: Path) -> list[Path]:
 
 
 def keep(places: Path, folder: Path) -> list[Path]:
-    """Copy results without most of their recordings; the paths of what was copied.
+    """Copy results without most of their recordings, and return the paths of the copies.
 
-    Of each agent's first seed in a task its policy and the recording of its self-play are kept, of all others the
-    numbers. Other tasks of the folder stay.
+    For each agent's first seed in a task, its policy and the recording of its self-play are kept; for all others only
+    the numbers. Other tasks in the folder stay.
 
     Raises:
         TrainingError: The folder has results of one of these tasks that `places` lacks.
@@ -79,12 +79,12 @@ def keep(places: Path, folder: Path) -> list[Path]:
 
 
 def markdown(found: scores.Scores) -> str:
-    """The tables of all budgets."""
+    """Return the tables of all budgets."""
     return "\n\n".join(part for budget, own in found["budgets"].items() for part in _budget(int(budget), own)) + "\n"
 
 
 def as_csv(found: scores.Scores) -> str:
-    """Every figure of every agent in every task, a row each."""
+    """Return every figure of every agent in every task, with a row for each."""
     file = io.StringIO()
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow(COLUMNS)

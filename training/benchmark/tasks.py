@@ -1,4 +1,4 @@
-"""The tasks: what is trained in, what is tested in, and how much of both. Needs no PyTorch.
+"""The tasks: the games of training and tests, and how much of both there is. Needs no PyTorch.
 
 A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
 """
@@ -31,10 +31,10 @@ class Game:
     """A game that agents are tested in.
 
     Attributes:
-        name: "trained" for that of training, else what is other than there.
-        scenario: What is played: observations are of the same shape in all games of a task.
-        given: Numbers that worlds get in turn, by name: counts for which `scenario` has room, and would draw others.
-        seed: Of the worlds: the same for every agent.
+        name: "trained" for the game of training; otherwise it says what is different from that game.
+        scenario: The scenario. Observations have the same shape in all games of a task.
+        given: Numbers that worlds get in turn, by name: counts that `scenario` has room for but would not draw.
+        seed: Seed of the worlds, the same for every agent.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Game:
     seed: int
 
     def numbers(self, worlds: int) -> dict[str, np.ndarray[Any, Any]]:
-        """What `given` is in so many worlds, integers (worlds,) by name."""
+        """Return `given` for so many worlds, integers (worlds,) by name."""
         return {name: np.resize(values, worlds) for name, values in self.given}
 
 
@@ -52,10 +52,10 @@ class Task:
     """A task.
 
     Attributes:
-        name: With its version: "ffa_2-v1".
+        name: Its name with the version: "ffa_2-v1".
         about: One line for people.
-        scenario: What agents are trained in.
-        games: What they are tested in: first that of training, then, if it is one of generalisation, those outside.
+        scenario: The scenario in which agents are trained.
+        games: The games in which they are tested: first that of training; in a task of generalisation, then others.
     """
 
     name: str
@@ -64,12 +64,12 @@ class Task:
     games: tuple[Game, ...]
 
     def game(self, name: str) -> Game:
-        """The game of that name."""
+        """Return the game of that name."""
         return next(game for game in self.games if game.name == name)
 
 
 def task_of(name: str) -> Task:
-    """The task of that name. Raises TrainingError, which lists all."""
+    """Return the task of that name. Raises a TrainingError that lists all tasks."""
     if name not in tasks():
         hint = did_you_mean(name, tasks(), after=" ")
         raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(tasks())}")
@@ -77,17 +77,17 @@ def task_of(name: str) -> Task:
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
-    """The track of a budget of agent-steps, and matches of so many games; empty if it is of none."""
+    """Return the track with this budget of agent-steps and matches of so many games; "" if there is none."""
     return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
 
 
 def response_steps(budget: int) -> int:
-    """Agent-steps in which a best response is trained: those of the protocol, or fewer beside a tiny budget."""
+    """Return the agent-steps for training a best response: those of the protocol, or fewer with a tiny budget."""
     return min(RESPONSE, budget)
 
 
 def check_training_seed(seed: int) -> None:
-    """Refuse the seeds of tests: worlds are keyed by (seed, world), so training in others never meets theirs.
+    """Refuse the seeds of tests. Worlds are keyed by (seed, world), so training with other seeds never meets theirs.
 
     Raises TrainingError.
     """
@@ -172,5 +172,5 @@ def _generalisation() -> Iterator[Task]:
 
 @functools.cache
 def tasks() -> dict[str, Task]:
-    """All tasks, by name."""
+    """Return all tasks, by name."""
     return {task.name: task for found in (_variants(), _mended(), _generalisation()) for task in found}

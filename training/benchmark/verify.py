@@ -1,4 +1,4 @@
-"""Verification: every match is played again from its recording, bit for bit, and compared with what is said of it."""
+"""Verification: every match is played again from its recording, bit for bit, and compared with what its result says."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,12 +23,12 @@ NEAR = 1e-4  # relative: figures that are that near are the same, as machines ro
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found of a match, or of an entry as a whole.
+    """What was found about a match, or about an entry as a whole.
 
     Attributes:
-        what: "ffa_2-v1 fast/0, trained against scripted".
-        wrong: What is not as the result says; empty if nothing is.
-        missing: What is not here, so that not all could be verified; empty if everything is.
+        what: What was verified: "ffa_2-v1 fast/0, trained against scripted".
+        wrong: What is not as the result says; "" if everything is.
+        missing: What is missing, so that not everything could be verified; "" if nothing is.
     """
 
     what: str
@@ -43,7 +43,7 @@ Check = Callable[[], Finding]  # can be pickled
 
 
 def checks(entry: Result) -> list[Check]:
-    """What verifies an entry, one finding each: game and policies, of which it is known at once, and matches."""
+    """Return functions that verify an entry, each with a finding: game and policies, which is quick, and matches."""
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
@@ -59,7 +59,7 @@ def checks(entry: Result) -> list[Check]:
 
 
 def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
-    """What verifies the cross-play of a task; folder: of the task. entries: all of the task, by name."""
+    """Return functions that verify a task's cross-play. folder: that of the task. entries: all of the task, by name."""
     found: list[Check] = []
     try:
         task = task_of(folder.name)

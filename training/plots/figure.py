@@ -1,4 +1,4 @@
-"""Curves of several groups of runs in one figure, a panel for each quantity. Needs matplotlib."""
+"""Curves of several groups of runs in one figure, with a panel for each quantity. Needs matplotlib."""
 
 import re
 import textwrap
@@ -31,13 +31,13 @@ DASHES = ("-", (0, (3.5, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 def picture(comparison: Comparison, form: str) -> bytes:
-    """The figure as a file, "png" or "svg"; the same runs give the same bytes."""
+    """Return the figure as the content of a file, "png" or "svg"; the same runs give the same bytes."""
     about = {"Title": comparison.title, "Source": comparison.digest()}
     return encoded(lambda: draw(comparison), form, about, colours=256)
 
 
 def draw(comparison: Comparison) -> Figure:
-    """A row of panels for every two quantities, under a heading with the legend."""
+    """Draw a row of panels for every two quantities, under a heading with the legend."""
     panels = comparison.panels
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
@@ -64,7 +64,7 @@ def draw(comparison: Comparison) -> Figure:
 
 
 def look(number: int) -> tuple[str, Any]:
-    """Colour and dashes of a group: other dashes where the colours begin again."""
+    """Return colour and dashes of a group; when the colours begin again, the dashes are different."""
     return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
 
 

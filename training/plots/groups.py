@@ -1,4 +1,4 @@
-"""Runs in groups that differ by seeds only, named by the settings in which the groups differ."""
+"""Groups of runs that differ only by seeds, named by the settings in which the groups differ."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -17,12 +17,12 @@ OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one setting, in order of seeds.
+    """Runs with the same settings, in order of seeds.
 
     Attributes:
-        runs: At least one.
-        values: The settings that set it apart, as texts by name; empty where there is one group.
-        mixed: Settings in which its own runs differ, which happens where groups are asked for by others.
+        runs: The runs, at least one.
+        values: The settings that distinguish the group, as texts by name; empty if there is only one group.
+        mixed: Settings in which its own runs differ, which happens if groups are formed by other settings.
     """
 
     runs: tuple[Run, ...]
@@ -31,32 +31,32 @@ class Group:
 
     @property
     def label(self) -> str:
-        """Its name in legends and tables: "melee_damage=20"; of a scenario and a preset, their names alone."""
+        """Its name in legends and tables: "melee_damage=20"; for scenarios and presets, their names alone."""
         plain = (SCENARIO, PRESET)
         texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
         return ", ".join(texts) or common(self.runs, lambda run: run.label) or self.runs[0].scenario
 
     @property
     def ended(self) -> tuple[Run, ...]:
-        """The runs whose end values count: those that are done, see `unfinished`; all, if none is."""
+        """The runs whose end values count: those that are finished (see `unfinished`), or all if none is."""
         return tuple(run for run in self.runs if run not in self.unfinished) or self.runs
 
     @property
     def unfinished(self) -> tuple[Run, ...]:
-        """Runs that ended before the steps they were to have; where nothing says these, before 9/10 of the longest."""
+        """The runs that ended before their intended steps or, if these are unknown, before 9/10 of the longest run."""
         longest = max(run.steps for run in self.runs)
         return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
 
 
 def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
-    """The groups, in order of their values.
+    """Return the groups, in order of their values.
 
     Args:
-        runs: At least one.
-        by: Names of settings; without, groups are of runs that differ by nothing but seeds.
+        runs: The runs, at least one.
+        by: Names of settings; without any, runs of a group differ only by seeds.
 
     Raises:
-        TrainingError: There is no such setting, or two runs are the same one.
+        TrainingError: There is no such setting, or two runs are the same.
     """
     if by:
         _check_names(runs, by)
@@ -79,16 +79,16 @@ def _group(runs: Sequence[Run], values: dict[str, str]) -> Group:
 
 
 def differing(runs: Sequence[Run]) -> list[str]:
-    """The settings in which runs differ, in order of first mention."""
+    """Return the settings in which runs differ, in order of first mention."""
     names = dict.fromkeys(name for run in runs for name in run.settings)
     return [name for name in names if len({value_of(run, name) for run in runs}) > 1]
 
 
 def telling(runs: Sequence[Run]) -> list[str]:
-    """Settings that tell all runs apart that differ in any.
+    """Return settings that distinguish all runs that differ in any setting.
 
-    The game comes first: its name and the preset are told wherever they differ, of its numbers and of everything else
-    as few as a greedy choice finds.
+    The game comes first. Its name and the preset are included whenever they differ; of its numbers and all other
+    settings, as few as a greedy choice finds.
     """
     names = differing(runs)
     numbers = [name for name in names if name not in OF_PRESET and any(name in run.numbers for run in runs)]
@@ -101,9 +101,9 @@ def telling(runs: Sequence[Run]) -> list[str]:
 
 
 def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
-    """Settings in which runs differ, but for those that are told and those that come with them.
+    """Return settings in which runs differ, except those in `told` and those implied by them.
 
-    With a game's name come its numbers, or the other way round; with a preset OF_PRESET.
+    A game's name implies its numbers, or the other way round; a preset implies OF_PRESET.
     """
     names = [name for name in differing(runs) if name not in told]
     numbers = {name for name in names if any(name in run.numbers for run in runs)}
@@ -122,7 +122,7 @@ def _kinds(runs: Sequence[Run], names: Sequence[str]) -> int:
 
 
 def value_of(run: Run, name: str) -> str:
-    """A setting of a run as a text."""
+    """Return a setting of a run as a text."""
     return str(run.seed) if name == SEED else shown(run.settings.get(name, ABSENT))
 
 
@@ -144,6 +144,6 @@ def _check_names(runs: Sequence[Run], by: Iterable[str]) -> None:
 
 
 def common(runs: Sequence[Run], get: Callable[[Run], str]) -> str:
-    """What all runs have in common, or nothing."""
+    """Return what all runs have in common; "" if they differ."""
     found = {get(run) for run in runs}
     return found.pop() if len(found) == 1 else ""

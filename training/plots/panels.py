@@ -1,4 +1,4 @@
-"""Curves to choose from: what a run logged, under the names that one asks for."""
+"""Curves to choose from: what a run logged, under the names by which users ask for it."""
 
 import re
 import warnings
@@ -24,7 +24,7 @@ MOST = 6  # curves that are drawn unless others are asked for
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve to draw: its name, and the tags of a log that it is made of, one or several, and what these are of."""
+    """A curve to draw: its name, the tag or tags of a log that it is made from, and what these refer to."""
 
     name: str
     tags: tuple[str, ...]
@@ -32,16 +32,16 @@ class Panel:
 
     @property
     def title(self) -> str:
-        """With how several become one."""
+        """The title, which says how several tags become one curve."""
         how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
         return (self.name if "/" in self.name else self.name.replace("_", " ")) + how  # a tag may name a file
 
 
 def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
-    """The panels of these names, or those that are usual.
+    """Return the panels of these names, or the usual ones.
 
     Args:
-        runs: At least one.
+        runs: The runs, at least one.
         names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted",
             "rollout/kills0", "train/entropy".
 
@@ -63,7 +63,7 @@ def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
 
 
 def usual(known: Collection[str]) -> list[str]:
-    """The names of what is drawn unless others are asked for."""
+    """Return the names of the curves that are drawn by default."""
     first = [name for name in FIRST if name in known]
     statistics = (name for name in known if "/" not in name and not name.startswith("deaths_"))
     rest = [name for name in statistics if name not in (*FIRST, *RARE)]
@@ -86,7 +86,7 @@ def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collectio
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
-    """What one asks for a tag by: "length" for "rollout/steps", "kills" for "rollout/kills1"; others as they are."""
+    """Return the name by which users ask for a tag: "length" for "rollout/steps", "kills" for "rollout/kills1"."""
     if not tag.startswith(ROLLOUT):
         return tag
     plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
@@ -96,7 +96,7 @@ def name_of(tag: str, tags: Sequence[str]) -> str:
 
 
 def drawn(run: Run, panels: Sequence[Panel]) -> Curves:
-    """The curves of panels, by their names; those that the run does not have are left out."""
+    """Return the curves of panels, by their names; those that the run does not have are left out."""
     values = {panel.name: _combined(run.curves, panel) for panel in panels}
     return Curves(run.curves.steps, {name: own for name, own in values.items() if own is not None})
 
@@ -114,9 +114,9 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
 
 
 def hours(run: Run) -> Array | None:
-    """Hours of training after each of the run's points, float64 (points,): by the speed that it logged.
+    """Return the hours of training at each of the run's points, float64 (points,), from the speed that it logged.
 
-    Those of imitation, which comes ahead of them, are in it.
+    They include the hours of imitation, which comes first.
     """
     speed = run.curves.values.get("time/fps")
     if speed is None:

@@ -1,4 +1,4 @@
-"""Runs to be compared: what was trained, with which settings, and all curves. Also of scenarios of one's own."""
+"""Runs to compare: what was trained, with which settings, and all curves; also for your own scenarios."""
 
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -32,12 +32,12 @@ class Run(Logged):
 
     Attributes:
         origin: Its folder, or the file that keeps its curves.
-        scenario: The name of what is played.
-        numbers: Those of the scenario, by name.
-        plan: That of run.json.
-        curves: Everything that was logged, by tag; of kept files, the paper's quantities.
-        label: What it is called by, with what was changed: "ffa_2-melee_damage=50"; "" where that is the name.
-        asked: Agent-steps that it was to have; None where nothing says so.
+        scenario: The name of the scenario.
+        numbers: The numbers of the scenario, by name.
+        plan: The plan in run.json.
+        curves: Everything that was logged, by tag; in kept files, the paper's quantities.
+        label: A name that says what was changed, "ffa_2-melee_damage=50"; "" if it is the name itself.
+        asked: The intended agent-steps; None if they are not known.
     """
 
     origin: Path
@@ -50,7 +50,7 @@ class Run(Logged):
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """Everything that decides what comes out, but the seed, by name: the scenario, its numbers, the plan, PPO's."""
+        """Everything that determines results except the seed, by name: scenario, its numbers, plan, PPO's numbers."""
         usual = {name: value for name, value in USUAL.items() if name not in (*HOW_ONLY, "steps")}
         usual |= {"opponents": f"{SELF}:1", "anneal": ""}
         plan = {name: value for name, value in self.plan.items() if name not in HOW_ONLY}
@@ -59,7 +59,7 @@ class Run(Logged):
 
 
 def shown(value: Any) -> str:
-    """A value as one types it: true, 0.5, 8,4."""
+    """Return a value as it is typed: true, 0.5, 8,4."""
     if isinstance(value, (list, tuple)):
         return ",".join(map(shown, value))
     if isinstance(value, bool):
@@ -70,12 +70,12 @@ def shown(value: Any) -> str:
 
 
 def load(places: Iterable[Path]) -> list[Run]:
-    """The runs in these places, see `results.read_runs`. Raises TrainingError."""
+    """Return the runs in these places; see `results.read_runs`. Raises TrainingError."""
     return results.read_runs(places, lambda path: _of_folder(path) if path.is_dir() else _of_kept(path))
 
 
 def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
-    """The run that a header describes, with its curves. Raises TrainingError if its plan is none."""
+    """Return the run that a header describes, with its curves. Raises TrainingError if its plan is not valid."""
     scenario, plan = header["scenario"], header["plan"]
     if type(plan.get("seed")) is not int or not run_header.is_plan(plan):
         raise TrainingError(f"{origin} does not hold a run: its plan is none")
