@@ -14,13 +14,13 @@ NEEDED = "NUMBER=FROM:TO or NUMBER=FROM:TO@STEPS is needed, as in rewards_kill=1
 
 @dataclass(frozen=True)
 class Anneal:
-    """A number that changes linearly over the first agent-steps of a run, and then stays as it is.
+    """A number of the game that changes linearly over the first agent-steps of a run and then keeps its last value.
 
     Attributes:
-        name: Name of the number, as for Scenario.replace.
+        name: The name of the number, as Scenario.replace takes it.
         first: Its value at the beginning.
         last: Its value at the end.
-        steps: Agent-steps from the first to the last value; 0: the whole run.
+        steps: How many agent-steps the change takes; 0: the whole run.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Anneal:
         return f"{self.name}={self.first!r}:{self.last!r}@{self.steps}"
 
     def value(self, done: int, scenario: Scenario) -> float:
-        """Return its value after so many agent-steps, rounded if the number is an integer."""
+        """The value after `done` agent-steps, rounded if the scenario has an integer there."""
         share = min(1.0, done / self.steps)
         value = (1 - share) * self.first + share * self.last
         return round(value) if type(kept(scenario, self.name)) is int else value
@@ -56,7 +56,7 @@ def kept(scenario: Scenario, name: str) -> object:
 
 
 def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
-    """Read texts such as "rewards_kill=10:0@5e6". Raises TrainingError, also if a number is given twice."""
+    """Parse texts like "rewards_kill=10:0@5e6". Raises TrainingError, also if a number occurs twice."""
     found: dict[str, Anneal] = {}
     for text in texts:
         if not (match := re.fullmatch(r"(\w+)=([^:@]+):([^:@]+)(?:@([^:@]+))?", text.strip())):

@@ -7,14 +7,14 @@ import numpy as np
 
 from .curves import Array, Curves
 
-END = 0.1  # of the points: the end of a run
-SMOOTH = 20  # a moving average is over one part in so many of the points
-STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, by degrees of freedom
+END = 0.1  # the share of the points that is the end of a run
+SMOOTH = 20  # a moving average spans 1 / SMOOTH of the points
+STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, 1 to 9 degrees of freedom
 
 
 @dataclass(frozen=True)
 class EndValue:
-    """Mean and standard deviation of the last tenth of a curve's points; the latter is NaN for a single point."""
+    """Mean and standard deviation of the last tenth of a curve's points; the deviation of a single point is NaN."""
 
     mean: float
     deviation: float
@@ -22,9 +22,9 @@ class EndValue:
 
 @dataclass(frozen=True)
 class MovingAverage:
-    """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
+    """Mean, lowest and highest of the moving averages of runs at each number of agent-steps, all (points,).
 
-    After some runs have ended, these are of the others, or the curve ends; see `average`.
+    Where some runs have ended, the other runs make up the average, or there are no points: see `average`.
     """
 
     steps: Array
@@ -40,10 +40,10 @@ class MovingAverage:
 
 
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
-    """Return the moving average over the runs that have the tag, at least one. Runs are interpolated between points.
+    """Average the smoothed curves of the runs that have the tag; at least one must. Runs are interpolated.
 
-    common: only from where all runs have begun to where the first one ends, so that it never jumps because a run ends;
-    there may be no such points.
+    common: take only the points from where all of these runs have begun to where the first one ends, so that the
+    average does not jump when a run drops out; there may be no such points.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))
@@ -63,7 +63,7 @@ def _at(steps: Array, own: Array, values: Array) -> Array:
 
 
 def smooth(values: Array) -> Array:
-    """Return the moving average over the points around each; fewer of them at both ends. NaNs are left out."""
+    """The moving average over the points around each point, which are fewer at both ends; NaNs are left out."""
     half = window_size(len(values)) // 2
     there = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
@@ -76,7 +76,7 @@ def smooth(values: Array) -> Array:
 
 
 def window_size(points: int) -> int:
-    """Return the number of points of a moving average, which is odd."""
+    """How many points a moving average spans in a curve of `points` points; an odd number."""
     return max(1, points // SMOOTH) | 1
 
 
@@ -88,7 +88,7 @@ def end_value(values: Array) -> EndValue:
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a mean by Student's t: both ends, which are NaN for a single value."""
+    """The 95 % confidence interval of a mean by Student's t: lower and upper end, both NaN for a single value."""
     count = len(values)
     if count < 2:
         return float("nan"), float("nan")

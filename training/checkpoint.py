@@ -1,7 +1,7 @@
 """Checkpoints: one .zip file with everything that a run needs to go on as if it had never stopped.
 
-In it: policy.pt and rest.pt (tensors and numbers only, see safe_torch), worlds.npz (see envs.snapshots), and run.json
-(see run_header): what the policy was trained in, and how. Nothing in it is executed.
+It contains policy.pt and rest.pt (tensors and numbers only, see safe_torch), worlds.npz (see envs.snapshots), and
+run.json (see run_header), which says what the policy was trained in, and how. Nothing in it is executed.
 """
 
 import io
@@ -21,7 +21,7 @@ from .errors import TrainingError
 from .observation_layout import Array, ObservationLayout, earlier_scales, scales
 from .policy import ActorCritic
 
-HEAVIEST = 1000  # weight: with larger ones sums may overflow, and what is not a number chooses no action
+HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, from which no action can be chosen
 
 
 def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
@@ -32,7 +32,7 @@ def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
 
 
 def read_checkpoint(path: Path, names: Collection[str] = ("policy.pt", "rest.pt", "worlds.npz")) -> dict[str, bytes]:
-    """Read the files of a checkpoint. Checks run.json; the others are checked when used. Raises TrainingError."""
+    """Read files of a checkpoint. run.json is checked here, the others when they are used. Raises TrainingError."""
     needed = ("version", "steps", "observations", "actions", "preset", "scenario")
     return run_header.read_checkpoint(path, names, needed)[1]
 
@@ -43,7 +43,7 @@ def header_of(files: dict[str, bytes]) -> run_header.Header:
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
-    """TrainingError if rows of observations have other fields here than in training, which old files do not record."""
+    """Raise TrainingError if observations have other fields here than in training. Older files name no fields."""
     for key, fields in header.get("fields", {}).items():
         known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
         if known != here:
@@ -87,19 +87,19 @@ def load_weights(policy: ActorCritic, weights: Any, where: str = "policy.pt") ->
 
 
 def wrong_weight(weights: Mapping[str, Tensor]) -> str:
-    """Return the name of weights that are beyond HEAVIEST or not numbers; "" if all are as they should be."""
+    """The name of the first weights that are NaN or beyond HEAVIEST; "" if all are as they should be."""
     return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 
 def check_like(given: Any, own: Tensor, name: str) -> None:
-    """TrainingError unless it is a tensor of the same shape and type as the other."""
+    """Raise TrainingError unless `given` is a tensor of the same shape and type."""
     if not isinstance(given, Tensor) or given.shape != own.shape or given.dtype != own.dtype:
         found = f"{given.dtype} {tuple(given.shape)}" if isinstance(given, Tensor) else "no tensor"
         raise TrainingError(f"{name} of the checkpoint is {found}: {own.dtype} {tuple(own.shape)} is needed")
 
 
 def check_state(given: Any, like: Any, name: str) -> None:
-    """TrainingError unless it has the same names, and finite tensors of the same shapes and types under them."""
+    """Raise TrainingError unless `given` has the same names, with finite tensors of the same shapes and types."""
     if not isinstance(like, dict):
         check_like(given, like, f"{name} in rest.pt")
         if not torch.isfinite(given).all():
@@ -112,14 +112,14 @@ def check_state(given: Any, like: Any, name: str) -> None:
 
 
 def tensor_bytes(content: Any) -> bytes:
-    """Return the content of a file as torch.save writes it."""
+    """What torch.save writes for the content, as bytes."""
     buffer = io.BytesIO()
     torch.save(content, buffer)
     return buffer.getvalue()
 
 
 def load_tensors(files: dict[str, bytes], name: str) -> Any:
-    """Load the content of a file written by torch.save. Raises TrainingError."""
+    """Load what torch.save has written into one of the files. Raises TrainingError."""
     try:
         return safe_torch.load_tensors(files[name])
     except safe_torch.BROKEN as error:

@@ -1,4 +1,4 @@
-"""Runs of `outlast train` as processes, several of them at a time. Needs no PyTorch."""
+"""Runs of `outlast train` in processes of their own, a few at a time. Needs no PyTorch."""
 
 import logging
 import signal
@@ -23,20 +23,20 @@ logger = logging.getLogger("outlast")
 class ChildRun:
     """A run in a process and a process group of its own, so that Ctrl-C reaches it only once, from this process.
 
-    It also stops and saves if this process ends unexpectedly: see outlast.training.job.
+    If this process ends without stopping it, as by kill -9, the run saves and stops, too: see outlast.training.job.
 
     Attributes:
-        folder: The run's folder, whose name is the name of the run.
-        words: The command line that trains it.
+        folder: The folder of the run, which also names it.
+        words: The words of the command line that trains it.
     """
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
-        """Say what to train.
+        """Prepare the run without starting it.
 
         Args:
-            folder: The run's folder.
-            words: Arguments and options of `outlast train` for this run, except --out, --resume and --quiet.
-            resume: Whether to go on with the run in the folder; one that has not begun yet begins.
+            folder: The folder of the run.
+            words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
+            resume: Whether to continue the run that is in the folder; without a folder, the run begins.
         """
         self.folder = folder
         self.words = [sys.executable, "-m", "outlast.training.job", "train", *words, "--out", str(folder), "--quiet"]
@@ -48,24 +48,24 @@ class ChildRun:
         return self.folder.name
 
     def start(self) -> None:
-        """Start the run, or resume it."""
+        """Start the process, which begins or continues the run."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
         self.process = subprocess.Popen(
             self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True
         )
 
     def stop(self) -> None:
-        """Make it save and end."""
+        """Interrupt the run, so that it saves and ends."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
 
     def steps(self) -> int:
-        """Return the agent-steps done, according to its log."""
+        """Agent-steps done, according to the run's log."""
         return log_file.last_step(self.folder / log_file.NAME)
 
     def report(self) -> int:
-        """Print the last line of its output. Returns its exit status as in a shell: 128 plus a signal that ended it."""
-        with self.process as process:  # `communicate` would close its input first, which interrupts it
+        """Print the run's last line of output. Returns its exit status as shells do: 128 + N if signal N ended it."""
+        with self.process as process:  # `communicate` would first close the run's input, which interrupts the run
             output = process.stdout.read().strip().splitlines() if process.stdout else []
             code = process.wait()
         last = (output or ["ended without a word"])[-1]
@@ -76,14 +76,14 @@ class ChildRun:
 def side_by_side(
     runs: Sequence[ChildRun], at_once: int, view: LiveView, done: Callable[[], int], cure: str = RESUME
 ) -> int:
-    """Train all runs. A run that fails is reported, and the others go on; on Ctrl-C, all running ones save.
+    """Train all runs. A run that fails is reported, and the others go on. On Ctrl-C, all that have begun save and stop.
 
     Args:
         runs: The runs, in the order in which they begin.
-        at_once: How many run at the same time.
+        at_once: How many run at a time.
         view: Shows the progress, every POLL seconds; it is closed at the end.
         done: Returns how much of the view's total is done.
-        cure: What to print after Ctrl-C.
+        cure: What is logged after Ctrl-C, as how to continue.
 
     Returns:
         The exit status: 0 if all went well, 130 if they were stopped, otherwise the highest of the runs'.

@@ -17,7 +17,7 @@ from .errors import TrainingError
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """Do as `crew.recruit` on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
+    """Do as `crew.recruit`, on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
     with contextlib.ExitStack() as opened:
         opened.enter_context(connected(address))
         cores = int(ray.cluster_resources().get("CPU", 0))
@@ -32,10 +32,10 @@ def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *argu
 
 
 class Tasks:
-    """The processes that run on the cluster."""
+    """The other processes of the crew, as tasks that run on the cluster."""
 
     def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
-        """tasks: Ray's references to their results. opened: what to close when they are stopped."""
+        """tasks: Ray's references to their results. opened: What is closed when they are stopped."""
         self.tasks, self.store, self.opened = tasks, store, opened
 
     def wait(self) -> None:
@@ -46,8 +46,8 @@ class Tasks:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """Return what went wrong according to one of them, or how it ended."""
-        ray.wait(self.tasks, timeout=GRACE)  # for the first that ends
+        """What one of them reports as wrong, or how it ended; "" if all still run."""
+        ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
         for rank in range(1, len(self.tasks) + 1):
             if self.store.check([WRONG.format(rank)]):
                 wrong = self.store.get(WRONG.format(rank)).decode()
@@ -63,7 +63,7 @@ class Tasks:
         return ""
 
     def stop(self) -> None:
-        """Let them end, which they do when this process is gone, and close the connection."""
+        """Let them end, which they do when they lose this process, and close the connection."""
         with self.opened:
             ray.wait(self.tasks, num_returns=len(self.tasks), timeout=GRACE)
 

@@ -26,7 +26,7 @@ class Collector:
 
     Attributes:
         lanes: The lanes of this process, in order of their worlds.
-        scale: The scale of the rewards of all processes.
+        scale: The scale of rewards, those of all processes.
     """
 
     def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:
@@ -36,7 +36,7 @@ class Collector:
         self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
 
     def restart(self) -> None:
-        """Begin the episodes of all worlds again, in the chosen levels."""
+        """Restart the episodes of all worlds, in the levels that were chosen."""
         for lane in self.lanes:
             lane.restart()
         self.scale.sums[:] = 0
@@ -47,8 +47,8 @@ class Collector:
 
         Args:
             policies: The policies of the learners.
-            steps: How many steps each world takes.
-            begun: How many steps each world has taken before.
+            steps: How many steps to play in each world.
+            begun: How many steps each world has played before.
         """
         for lane in self.lanes:
             lane.open(steps, max(policy.memory for policy in policies))

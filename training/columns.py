@@ -12,9 +12,9 @@ class Column(NamedTuple):
     meaning: str
 
 
-SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; of all else that has several, the mean
+SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; all others with several are averaged
 
-# "Its" is of the policy of the row, which plays one side of two; of more sides, every other one.
+# "Its" refers to the policy of the row, which plays one of two sides, or every other side where there are more.
 COLUMNS = {
     "wins": Column("share", "of episodes that it wins, as one of its sides outlives all others; a draw counts half"),
     "wins_first": Column("share", "the same, of the episodes in which it plays the first side"),
@@ -45,16 +45,16 @@ COLUMNS = {
 
 
 def combinable(tags: Sequence[str]) -> Sequence[str]:
-    """Return which tags in a log make up the number for a statistic.
+    """Choose, from the tags that a log has of one statistic, those to combine into one number.
 
-    If episodes differ in their sides, the means of sides are over different episodes, and cannot be added up. Then the
-    mean of all sides is logged as well, by a tag without a number, and only this tag is used.
+    Where episodes differ in their sides, means of sides are over different episodes and cannot be added up. Then the
+    value of all sides together is logged, too, under the tag without a number; in that case only this one counts.
     """
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
 def explained(width: int = 100) -> Iterator[str]:
-    """Return a line or more for each column, for help."""
+    """Yield one or more lines of help for each column."""
     indent = max(map(len, COLUMNS)) + 4
     for name, (unit, meaning) in COLUMNS.items():
         text = f"{unit} {meaning}".strip()

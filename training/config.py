@@ -28,29 +28,29 @@ FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 OPPONENTS = (SELF, PAST, *NAMED)
 SNAPSHOTS = 10  # updates between past selves
-CHUNK = 16  # steps that gradients flow back through a memory
-MOST = 4096  # numbers of a memory
+CHUNK = 16  # steps over which gradients flow back through a memory
+MOST = 4096  # numbers of a memory, at most
 LEAST = {"steps": 0, "seed": 0, "worlds": 0, "rollout": 0, "threads": 0, "every": 1, "snapshots": 1}
-Choose = Callable[[Any], Sequence[Level]]  # of a curriculum.TrainingProgress
+Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """Read what policies start from before PPO begins.
+    """Parse what policies start from, before PPO begins.
 
     Args:
-        text: One of TEACHERS, "scripted" or "scripted:2e6": imitate this policy first, for so many agent-steps.
-            "FILE.zip:2e6": likewise for a saved policy, whatever networks it has. "FILE.zip": start from its weights.
-            "": random weights. The folder of a run stands for its newest checkpoint.
+        text: One of TEACHERS, "scripted" or "scripted:2e6": policies learn to imitate it, for so many agent-steps.
+            "FILE.zip:2e6": they imitate the policy in a file, whatever networks it has. "FILE.zip": they take the
+            weights in it. "": random weights. The folder of a run stands for its newest checkpoint.
 
     Returns:
-        The name or the path, and agent-steps of imitation; 0: its weights are used.
+        The name or the path, and the agent-steps of imitation; 0: the weights are taken.
 
     Raises:
         TrainingError: There is no such policy, or the steps are not a whole number of at least 1.
     """
-    whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # which C:/runs may be
+    whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # as C:/runs is
     name, _, length = (text, "", "") if whole else text.rpartition(":")
     if text and name not in TEACHERS and not policy_file(name, TEACHERS).endswith(SAVED):
         known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
@@ -75,27 +75,26 @@ class TrainingConfig:
         preset: Name of the networks; see PRESETS.
         steps: Agent-steps to train for.
         seed: The same seed gives the same numbers.
-        worlds: How many worlds collect a rollout; 0: as in the preset.
-        rollout: Environment steps of a rollout, of all worlds together; 0: as in the preset.
-        dead: What happens to the samples of dead agents: "keep" or "drop".
-        device: PyTorch device on which policies are updated; they play on the CPU.
-        threads: Threads for the networks and the worlds; 0: one for each core, up to THREADS.
+        worlds: How many worlds share a rollout; 0: as the preset has it.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
+        dead: What becomes of the samples of dead agents: "keep" or "drop".
+        device: PyTorch's device on which policies are updated; they play on the CPU.
+        threads: Threads of the networks and the worlds; 0: one for each core, up to THREADS.
         every: Agent-steps between checkpoints.
         settings: Hyperparameters of PPO that differ from the preset's.
-        policies: "shared": one policy for all agents. "side" or "agent": a policy for each side or agent.
+        policies: "shared": one for all agents; "side" or "agent": one for each side or agent.
         opponents: Who the learners play against, with weights: "self", "past", the name of a policy that needs no
             training, or the path of a saved one.
-        prioritised: Whether opponents that win more often are drawn more often.
-        snapshots: How many updates lie between past selves.
-        processes: How many processes share the worlds; the numbers stay the same, apart from rounding.
-        halves: Whether to step half of the worlds while the networks are busy with the other half; the numbers stay
-            the same.
-        memory: How many numbers each agent keeps from step to step; 0: none.
-        critic: What values are learned from: "own", what the agent observes; "state", the whole world as well.
-        warm_start: What policies start from before PPO begins; see parse_warm_start. "": random weights.
-        anneal: Numbers of the scenario that change during training. Evaluations play the scenario as it is.
-        levels: A function that chooses the levels to train in; see curriculum.TrainingProgress. None: worlds draw
-            their own.
+        prioritised: Whether opponents that win more are drawn more often.
+        snapshots: Updates between past selves.
+        processes: How many processes share the worlds; the numbers are the same, apart from rounding.
+        halves: Whether half of the worlds are stepped while the networks are busy with the other half; the numbers
+            are the same.
+        memory: Numbers that each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes; "state", that and the whole world.
+        warm_start: What policies start from, before PPO begins, see parse_warm_start; "": random weights.
+        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
+        levels: Chooses the levels that are trained in, see curriculum.TrainingProgress; None: worlds draw their own.
     """
 
     scenario: Scenario
@@ -122,11 +121,11 @@ class TrainingConfig:
     levels: Choose | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be.
+        """Check all values.
 
         Raises:
             ScenarioError: There is no such preset.
-            TrainingError: Another value is not what it can be.
+            TrainingError: Another value is not possible.
         """
         for name, least in LEAST.items():
             value = as_whole(getattr(self, name))
@@ -147,8 +146,8 @@ class TrainingConfig:
             raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
         if type(self.memory) is not int or not 0 <= self.memory <= MOST:
             raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
-        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
-        if (file := policy_file(teacher, TEACHERS)) != teacher:  # the run says which file it was
+        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # these check themselves
+        if (file := policy_file(teacher, TEACHERS)) != teacher:  # so that the run records which file it was
             object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
         self._check_cameras()
         if self.memory and rollout // worlds % CHUNK:
@@ -172,7 +171,7 @@ class TrainingConfig:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
 
     def check_teacher(self) -> None:
-        """TrainingError if a run cannot begin by imitating the teacher; it may still go on from a checkpoint."""
+        """Raise TrainingError if a run cannot begin by imitating the teacher; a resumed one need not ask."""
         name, imitated = self.teacher
         if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
             raise TrainingError(
@@ -185,7 +184,7 @@ class TrainingConfig:
         return any(isinstance(part, Return) for kind in kinds for part in kind.parts)
 
     def _check_cameras(self) -> None:
-        """TrainingError for observations that the preset would replace by its own."""
+        """Raise TrainingError if the preset would replace the cameras_mode that the scenario asks for."""
         trained, asked = preset(self.preset).cameras, cameras_mode(self.scenario)
         if asked not in (None, MASKED, trained):
             others = [name for name, each in PRESETS.items() if each.cameras == asked]
@@ -208,13 +207,13 @@ class TrainingConfig:
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        if not self.numbers.anneal_lr:  # then a run may go on for longer
+        if not self.numbers.anneal_lr:  # then they decide no numbers, and the run may be made longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
 
     @property
     def numbers(self) -> Hyperparameters:
-        """Return the numbers of PPO. Raises TrainingError if one does not exist or is out of range."""
+        """The numbers of PPO. Raises TrainingError if one does not exist or is out of range."""
         return preset(self.preset).numbers.changed(self.settings)
 
     @property
@@ -229,6 +228,6 @@ class TrainingConfig:
 
     @property
     def agents(self) -> int:
-        """Return the number of agents in a world; if it varies, the highest."""
-        varied = dict(self.scenario.varied).get("agents_count")  # without agents, worlds cannot be made, and say so
+        """Agents of a world; where their number varies, the largest."""
+        varied = dict(self.scenario.varied).get("agents_count")  # without agents, making worlds raises an error later
         return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))

@@ -19,17 +19,17 @@ from .processes import deaf_to_ctrl_c
 
 Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
-TIMEOUT = timedelta(minutes=30)  # that a process may be busy alone: compiling, writing files
-POLL, GRACE = 0.02, 5.0  # seconds between looks at processes that begin; that one which failed has to end
-JOINS, WRONG = "joins {}", "wrong {}"  # what process number {} leaves in the store: that it joins, what failed
+TIMEOUT = timedelta(minutes=30)  # how long others wait for a process that is busy alone: compiling, writing files
+POLL, GRACE = 0.02, 5.0  # seconds: between checks of processes that begin; that a failed process has for ending
+JOINS, WRONG = "joins {}", "wrong {}"  # what process number {} sets in the store: that it joins; what failed
 LOST = 75  # exit status of a process whose only fault is that it lost another one
 
 
 class Crew:
-    """A single process: sums stay as they are, and nothing is sent.
+    """The processes that train together; here only one, so sums stay as they are and nothing is sent.
 
     Attributes:
-        rank: The number of this process; the first one, 0, logs and writes files.
+        rank: The number of this process; the first, 0, is the one that logs and writes files.
         size: How many processes there are.
     """
 
@@ -37,23 +37,23 @@ class Crew:
         self.rank, self.size = rank, size
 
     def share(self, count: int) -> range:
-        """Return which of so many worlds belong to this process."""
+        """Which of `count` worlds belong to this process."""
         return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
         """Replace tensors, of one type, by their sums over all processes."""
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """Return the arrays of all processes, joined along an axis."""
+        """The arrays of all processes, joined along an axis in order of rank."""
         return array
 
     def gather_values(self, own: Any) -> list[Any]:
-        """Return the values of all processes: numbers, texts, lists and dicts of them; tuples become lists."""
+        """The values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
         return [own]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """A context in which the first process goes before all others, so that it compiles and they load."""
+        """A context that the first process goes through before all others: it compiles, they load."""
         yield
 
     def close(self) -> None:
@@ -64,27 +64,27 @@ class Member(Crew):
     """One of several processes."""
 
     def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
-        """Make one, which joins the others when it first sends something.
+        """Make a member; it joins the others when it first sends something.
 
         Args:
-            rank: Its number.
+            rank: The number of this process.
             size: How many processes there are.
-            host: The address of this process in the network between them.
-            store: Where they find each other.
+            host: The address at which the others reach this process.
+            store: Where the processes find each other.
             others: The processes that this one has started.
         """
         super().__init__(rank, size)
         self._host, self._store, self._others, self._joined = host, store, others, None
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
-        """Sum them as one tensor, so that one message goes each way. From a GPU it is sent through the CPU."""
+        """Send them as one tensor, so that one message goes each way; tensors of a GPU go by way of the CPU."""
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
         for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """Gather them as bytes, padded to the longest."""
+        """Send them as bytes, filled up to the length of the longest."""
         rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
         lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
         each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
@@ -95,13 +95,13 @@ class Member(Crew):
         return np.moveaxis(joined, 0, axis)
 
     def gather_values(self, own: Any) -> list[Any]:
-        """Gather them as JSON, so that nothing that comes from elsewhere is executed."""
+        """Send them as JSON, so that nothing which is received is executed."""
         lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
         return [json.loads(line) for line in lines]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """Let the others wait for a message."""
+        """Let the others wait for a message from the first."""
         if self.rank:
             self._gather(np.zeros(1, np.uint8))
         yield
@@ -115,14 +115,14 @@ class Member(Crew):
             self._others.stop()
 
     def _gather(self, own: Array) -> Array:
-        """The bytes of all processes, as many of each: uint8 (processes, bytes)."""
+        """The bytes of all processes, equally many from each: uint8 (processes, bytes)."""
         found = torch.zeros((self.size, len(own)), dtype=torch.uint8)
         self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
         gathered: Array = found.numpy()
         return gathered
 
     def _run(self, begin: Callable[[Any], Any]) -> None:
-        """Do something together with all processes. Raises TrainingError where one is lost."""
+        """Do something together with all processes. Raises TrainingError if one is lost."""
         try:
             if self._joined is None:
                 if self._others is not None:
@@ -141,17 +141,17 @@ class Others(Protocol):
     """The processes that the first one has started."""
 
     def wait(self) -> None:
-        """Until all are about to join. Raises TrainingError if one ended instead."""
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
 
     def reason(self) -> str:
-        """Return why one of them ended; "" if none did."""
+        """Why one of them ended; "" if none did."""
 
     def stop(self) -> None:
         """End them."""
 
 
 class Children:
-    """Processes on this machine; they end with this one."""
+    """Processes on the same machine, which end with this one."""
 
     def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: Any) -> None:
         self.size, self.store = size, store
@@ -165,14 +165,14 @@ class Children:
                 process.start()
 
     def wait(self) -> None:
-        """Until all are about to join. Raises TrainingError if one ended instead."""
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
         while not joined(self.store, self.size):
             if any(not process.is_alive() for process in self.processes):
                 raise TrainingError(self.reason(), lost=True)
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """Return what went wrong according to one of them, or how it ended; wait a little for that."""
+        """What one of them reports as wrong, or how it ended; waits up to GRACE seconds for that."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
             for rank, process in enumerate(self.processes, 1):
@@ -193,12 +193,12 @@ class Children:
 
 
 def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """Make a crew of so many processes: this one, and others that are started.
+    """Make a crew of processes: this one, and others that are started.
 
     Args:
         size: How many processes; 1 starts none.
-        work: What the others do: a function of a module, called with their crew.
-        arguments: Further arguments for it, which can be pickled.
+        work: What the others do, called with their crew; a function of a module.
+        arguments: Further arguments of `work`; picklable.
     """
     if size == 1:
         return Crew()
@@ -207,26 +207,26 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
 
 
 def joined(store: Any, size: int) -> bool:
-    """Return whether all of so many processes, except the first, are about to join."""
+    """Whether all of `size` processes, except the first, are about to join."""
     return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
 
 
 def listening(host: str) -> Any:
-    """Make the place where the processes of a crew find each other: a server in this process, at a port it chooses."""
+    """Open the store where the processes of a crew find each other: a server in this process, at a free port."""
     if not dist.is_available():
         raise TrainingError("this PyTorch was built without torch.distributed, which several processes need")
     return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)  # type: ignore[attr-defined]
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
-    """Do what a started process does.
+    """Join the crew and do the work, in a process that was started for it.
 
     Args:
-        rank: Its number.
+        rank: The number of the process.
         size: How many processes there are.
-        host: Its address.
+        host: The address at which this process is reached.
         first: The address of the first process.
-        port: The port of the first process's store.
+        port: The port of its store.
         work: See `recruit`.
         arguments: See `recruit`.
     """
@@ -245,7 +245,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
 
 
 def _group(store: Any, rank: int, size: int, host: str) -> Any:
-    """What sends: PyTorch's gloo over TCP, among the processes that have the store."""
+    """The group that messages are sent in: PyTorch's gloo over TCP, among the processes of the store."""
     options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
     options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
     options._timeout = TIMEOUT

@@ -10,7 +10,7 @@ from torch import Tensor
 from .minibatches import Minibatch
 from .rows import Rows
 
-MOST = 64  # graphs that are kept, and shapes that are remembered
+MOST = 64  # shapes that are remembered, with or without a graph
 NUMBERS = [field.name for field in fields(Minibatch) if field.name != "seen"]
 Gradients = tuple[Tensor, Sequence[Tensor]]
 Compute = Callable[[Minibatch], Gradients]
@@ -28,18 +28,18 @@ class Captured:
 class GraphedGradients:
     """The figures and gradients of minibatches of Rows, with a CUDA graph for each of their shapes.
 
-    A minibatch takes about 250 kernels, which a GPU executes long before a CPU has launched them. A graph is launched
-    at once, but has fixed shapes. As lists of rows on a GPU are padded, a few graphs are enough. A shape that has
-    occurred only once has no graph yet, as making one takes longer than doing without.
+    A minibatch takes about 250 kernels, and a GPU runs them in less time than a CPU needs to launch them. A graph is
+    launched as a whole, but its shapes are fixed. Few graphs are enough, as the lists of rows on a GPU are filled up.
+    Shapes that occur for the first time get no graph yet: making one takes longer than computing without it.
     """
 
     def __init__(self, device: torch.device) -> None:
         """device: a GPU."""
         self.device, self.graphs = device, dict[Any, Captured | None]()
-        self.memory = torch.cuda.graph_pool_handle()  # of all graphs, as they run one after the other
+        self.memory = torch.cuda.graph_pool_handle()  # shared by all graphs, as they run one after the other
 
     def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
-        """Those of a minibatch. The gradients are overwritten by the next call.
+        """Compute the figures and gradients of a minibatch. The next call overwrites the gradients.
 
         Args:
             compute: The figures of a minibatch and the gradients of all parameters, always the same function; it must
@@ -53,7 +53,7 @@ class GraphedGradients:
         with torch.cuda.device(self.device):
             if met and one is None:
                 one = _capture(compute, batch, self.memory)
-            self.graphs[shapes] = one  # behind all others: the first one is that which was not used for longest
+            self.graphs[shapes] = one  # goes to the end: so the first one is the one unused for longest
             if len(self.graphs) > MOST:
                 del self.graphs[next(iter(self.graphs))]
             if one is None:
@@ -66,12 +66,12 @@ class GraphedGradients:
 
 
 def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
-    """The graph of a function of a minibatch. memory: of all graphs."""
+    """Capture a graph of a function of a minibatch. memory: The memory that all graphs share."""
     here = torch.cuda.current_stream()
     side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     side.wait_stream(here)
     with torch.cuda.stream(side):
-        compute(_copy(batch))  # libraries set themselves up, which cannot be captured
+        compute(_copy(batch))  # in a first call libraries set themselves up, which cannot be captured
     here.wait_stream(side)
     given, graph = _copy(batch), torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph, pool=memory):
@@ -80,7 +80,7 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 
 
 def _copy(batch: Minibatch) -> Minibatch:
-    """One that nothing was computed of yet, in memory of its own."""
+    """A copy in memory of its own, from which nothing has been computed yet."""
 
     def clone(values: Tensor | None) -> Any:
         return None if values is None else values.clone()
@@ -92,7 +92,7 @@ def _copy(batch: Minibatch) -> Minibatch:
 
 
 def _tensors(batch: Minibatch) -> list[Tensor]:
-    """All that there are of a minibatch, in a fixed order."""
+    """All tensors of a minibatch, in a fixed order."""
     seen = _rows(batch)
     found = seen.own, seen.entities, seen.count, seen.state, *(getattr(batch, name) for name in NUMBERS)
     return [values for values in found if values is not None]

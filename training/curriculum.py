@@ -1,4 +1,4 @@
-"""Levels that a user's function chooses during training: what the function knows, and which world plays which level."""
+"""Levels that a function chooses while agents train: what the function is told, and which world plays which level."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,8 +19,8 @@ from .errors import TrainingError
 from .player import Player
 
 Array = np.ndarray[Any, Any]
-Ended = tuple[int, int, Level, dict[str, Array]]  # step of the rollout, world, what it played, statistics (...) by name
-STREAM = np.uint64(0x6C6576656C)  # "level": sets these draws apart from others of the same world and episode
+Ended = tuple[int, int, Level, dict[str, Array]]  # step of the rollout, world, its level, statistics (...) by name
+STREAM = np.uint64(0x6C6576656C)  # "level": keeps these draws apart from others of the same world and episode
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class TrainingProgress:
     """How far a run is, for the function that chooses its levels.
 
     Attributes:
-        scenario: The scenario that is trained in, with the observations that the policy needs.
-        steps: Agent-steps collected so far.
-        seed: Seed of the run.
-        rng: A new generator for each call of the function, the same whenever the run is at this step.
-        policy: The policy that has played up to now, as from outlast.load_policy.
-        levels: What the function returned last; at first a single level of which everything is drawn.
-        played: The levels of the episodes that have ended since the last call, with all numbers and keys. To find a
-            given level among them, compare keys: numbers are rounded to float32.
-        statistics: Statistics of these episodes, (episodes, ...) by name, like SurvivalVectorEnv's info["statistics"].
+        scenario: What is trained, with the observations that the policy needs.
+        steps: Agent-steps that were collected so far.
+        seed: The seed of the run.
+        rng: A generator for this call alone, the same whenever the run is at this step.
+        policy: The policy that has played up to now, as outlast.load_policy returns it.
+        levels: What the function returned last; at first one level in which everything is drawn.
+        played: The levels of the episodes that have ended since the last call, with their keys and all their numbers,
+            rounded to float32. So recognise a level that you gave by its key: the levels themselves are not equal.
+        statistics: What these episodes came to, (episodes, ...) by name, as in info["statistics"] of SurvivalVectorEnv.
     """
 
     scenario: Scenario
@@ -53,26 +53,26 @@ class Curriculum:
     """The levels that episodes of a run are drawn from.
 
     Attributes:
-        levels: What the function returned last; at first a single level of which everything is drawn.
+        levels: What the function returned last; at first one in which everything is drawn.
     """
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
-        """Make one.
+        """Make a curriculum.
 
         Args:
-            choose: The function, called before the first rollout and after each one.
-            env: Worlds like those that are trained in. Raises NumberError if they can have no levels.
+            choose: The function that chooses; it is called before the first rollout, and after each one.
+            env: Worlds like those that are played in. Raises NumberError if they can have no levels.
         """
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
         env.set_levels(self.levels)
 
     def ask(self, progress: TrainingProgress) -> None:
-        """Let the function choose the levels of the next rollout. Raises TrainingError for anything but levels."""
+        """Let the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""
         self.take(self.choose(progress))
 
     def take(self, levels: Any) -> None:
-        """Draw from these levels from now on. Raises TrainingError for anything but levels."""
+        """Draw from these levels from now on. Raises TrainingError if they are no levels."""
         try:
             check_all(levels, self.varied)
             check_free(levels, self.layout)
@@ -87,9 +87,9 @@ class Curriculum:
 
         Args:
             env: The worlds.
-            where: The worlds that get levels, bool (worlds,).
-            keys: Their own keys, uint64 (some worlds, 3), by which levels are drawn. A level without a key is played
-                with the world's own, even if the run is resumed in new worlds.
+            where: Which of them, bool (worlds,).
+            keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key is
+                played with the key of its world, also when a resumed run plays in new worlds.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
@@ -97,7 +97,7 @@ class Curriculum:
         env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
 
     def state(self) -> str:
-        """Return what a resumed run needs to go on."""
+        """The levels as text, with which a run can be resumed."""
         return json.dumps(encoded(self.levels))
 
     def restore(self, given: Any) -> None:
@@ -109,11 +109,11 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Return levels and statistics of episodes, in the order in which they ended, whatever their lane.
+    """Levels and statistics of episodes, in the order in which they ended, whichever lanes they were played in.
 
     Args:
         ended: The episodes, in any order.
-        env: Worlds like theirs, which determine what statistics there are if no episode has ended.
+        env: Worlds like theirs; they tell which statistics there are, even if no episode ended.
     """
     ordered = sorted(ended, key=lambda each: each[:2])
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))

@@ -15,13 +15,13 @@ from .errors import EmptyRunError, TrainingError
 from .files import read_text
 from .log_file import LAST, read_log
 
-BEYOND = 1e30  # values: what can be squared and added up
+BEYOND = 1e30  # values are below this, so that they can be squared and added up
 Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity. tag: its tag in TensorBoard; sided: whether each agent or team has one, tag0, tag1 and so on."""
+    """A logged quantity. tag: In TensorBoard. sided: Whether each agent or team has its own: tag0, tag1 and so on."""
 
     name: str
     tag: str
@@ -34,11 +34,11 @@ class Quantity:
         return fits and tag.startswith(self.tag)
 
     def side(self, tag: str) -> int:
-        """Return the number of the agent or team; -1 if the tag is for all."""
+        """The number of the agent or team in a tag; -1 if the quantity is not sided."""
         return int(tag[len(self.tag) :]) if self.sided else -1
 
 
-NEEDED = ("rollout/steps", "rollout/reward0")  # every run has them in which an episode ended
+NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode has ended has them
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Curves:
 
 
 def thinned(curves: Curves, most: int) -> Curves:
-    """Return at most so many points, each the mean of equally many neighbours, at the step of the last of these."""
+    """Reduce curves to at most `most` points, each the mean of some neighbours, at the step of the last of these."""
     starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
     ends = np.append(starts[1:], len(curves.steps)) - 1
     values = {tag: _means(own, starts) for tag, own in curves.values.items()}
@@ -95,7 +95,7 @@ def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
 
     Args:
         path: log.csv of the run.
-        known: Whether a tag must have a number at every point of a valid log; other tags may have NaNs.
+        known: Whether a tag must have finite numbers only, or the log is broken; other tags may have NaN.
 
     Raises:
         EmptyRunError: None of the run's episodes has ended yet.
@@ -122,9 +122,9 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
 
 
 def format_curves(about: dict[str, Any], curves: Curves) -> str:
-    """Return curves as the text of a CSV file: `about` as JSON in a comment, and a column for each tag.
+    """Write curves as the text of a CSV file: `about` as JSON in a comment, and a column for each tag.
 
-    Numbers are the shortest that give the same float32.
+    Numbers have the fewest digits that give the same float32.
     """
     text = io.StringIO()
     text.write(f"# {json.dumps(about)}\n")
@@ -140,7 +140,7 @@ def _short(value: Any) -> str:
 
 
 def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
-    """Return `about` and the curves from the text of format_curves. Raises TrainingError for anything else."""
+    """Read `about` and the curves from a file of format_curves. Raises TrainingError for any other file."""
     first, _, rest = read_text(path).partition("\n")
     try:
         if not first.startswith("# "):
@@ -153,7 +153,7 @@ def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
 
 
 def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
-    """Curves out of a table of texts."""
+    """Make curves of a table of texts. Raises ValueError."""
     lines = list(rows)
     for number, row in enumerate(lines, 3):
         if len(row) != len(heads):
@@ -168,7 +168,7 @@ def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
 
 
 def _numbers(column: Iterable[str]) -> Iterator[float]:
-    """The numbers of a column, at least one; NaN where there is none."""
+    """Yield the numbers of a column, NaN for an empty cell. Raises ValueError, also if all cells are empty."""
     if not any(column):
         raise ValueError("a column is empty")
     for text in column:

@@ -1,4 +1,4 @@
-"""When learning breaks down: numbers that are not finite, and where they come from."""
+"""Finds out that learning has broken down: numbers that are NaN or infinite, and where they come from."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -13,20 +13,20 @@ from .rows import PaddedRows
 from .trainer import Trainer
 
 Array = np.ndarray[Any, Any]
-LARGEST = 1e18  # observation: float32 holds its square
+LARGEST = 1e18  # the largest observation: float32 still holds its square
 LOSSES = ("train/value_loss", "train/policy_loss", "train/loss", "imitation/value_loss", "imitation/cross_entropy")
 
 
 def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: str) -> None:
     """Stop a run that has diverged: its next checkpoint could not be loaded, or it no longer learns anything.
 
-    Only then, this checks whether observations are to blame, in this process's share of the newest rollout.
+    Only then are observations searched for the cause, in this process's share of the newest rollout.
 
     Args:
         trainer: The trainer, after an update.
         tags: What was measured in the update.
-        what: What was done, and for how long.
-        cure: What to change before starting again, unless observations are to blame.
+        what: What was done and for how long, for the message.
+        cure: What to begin again with, for the message, unless observations are to blame.
 
     Raises:
         TrainingError: Weights cannot be saved, or a loss is not finite.
@@ -46,15 +46,15 @@ def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: 
 
 
 def strange_observations(lane: Lane) -> Iterator[str]:
-    """Return keys, and fields if known, of observations that no network can handle; the agent's own come first."""
+    """Yield keys, with fields where known, of observations that no network can take; an agent's own come first."""
     layout, samples, now = lane.packer.layout, lane.samples, lane.env.observe()
     views = [layout.own_views(samples.own), layout.own_views(lane.packer.own(now))]
-    for seen in (*samples.seen, lane.packer(now)):  # what is observed now, the values after the last step are of
+    for seen in (*samples.seen, lane.packer(now)):  # `now` gives the values after the last step
         if isinstance(seen, PaddedRows):
             views.append(layout.views(seen.packed.numpy()))
         else:
             ends = np.cumsum([kind.features for kind in layout.kinds])
-            parts = np.split(seen.entities.numpy(), ends, 1)  # the last one says which kind an entity is of
+            parts = np.split(seen.entities.numpy(), ends, 1)  # the last part says which kind each entity is of
             views.append({kind.key: part for kind, part in zip(layout.kinds, parts, strict=False)})
     for each in views:
         for key, values in each.items():

@@ -1,8 +1,8 @@
-"""What agents observe, as seen from where they stand and look.
+"""What agents observe, as seen from where they stand and in the direction that they look.
 
-Actions are in an agent's own frame: ahead, to the left, turn. Observations are in the room's frame, with angles that
-grow with every turn, so a network has to learn to subtract and rotate before it can walk up to anything. This module
-does both.
+An agent's actions are in its own frame (ahead, to the left, turn), but observations are in the room's, with angles that
+grow with every turn. So a network would have to learn to subtract and to rotate before it could walk up to anything.
+This module does both.
 """
 
 import math
@@ -16,7 +16,7 @@ from .observation_layout import OWN, ObservationLayout
 
 Array = np.ndarray[Any, Any]
 ANGLE = "angle"
-VECTORS = {  # fields of a vector, and what of the agent is its origin
+VECTORS = {  # the fields of a vector: the first field of the agent's own vector that is subtracted from it
     ("x", "y"): "x",
     ("next_x", "next_y"): "x",
     ("vx", "vy"): "vx",
@@ -27,12 +27,13 @@ ME = ("x", "y", "vx", "vy", ANGLE)
 class Egocentric:
     """Brings rows into the frame of the agent that observes: its place is the origin, and it looks along the x-axis.
 
-    Places become relative to the agent's, velocities to its velocity; its own row has the place of the room's middle,
-    and its velocity. Angles of others become relative to its own, and all are wrapped to -pi to pi.
+    Places become relative to the agent's place, velocities to its velocity; of itself, the agent observes where the
+    room's middle is, and its velocity. Angles of others become relative to its own, and all angles are brought into the
+    range of -pi to pi.
     """
 
     def __init__(self, layout: ObservationLayout) -> None:
-        """layout: must have the fields of the agent's own place, velocity and angle, or TrainingError is raised."""
+        """layout: Must have the fields of the agent's own place, velocity and angle; raises TrainingError if not."""
         columns = layout.field_columns()
         if not columns[OWN].keys() >= {*ME}:
             raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
@@ -45,12 +46,12 @@ class Egocentric:
             self.entities.add(columns[kind.key], layout.columns - len(layout.kinds) + k, {})
 
     def __call__(self, own: Array, entities: Array, agent: Array) -> None:
-        """Turn rows, in place.
+        """Bring rows into the frames of their agents, in place.
 
         Args:
-            own: float32 (agents, layout.own), their own numbers.
+            own: float32 (agents, layout.own), the agents' own numbers.
             entities: float32 (rows, layout.columns), as in Rows.
-            agent: int (rows,), whose row each one is.
+            agent: int (rows,), the agent that each row belongs to.
         """
         me = own[:, self.me]
         turn = np.cos(me[:, 4:]), np.sin(me[:, 4:])
@@ -59,7 +60,7 @@ class Egocentric:
 
 
 class Columns:
-    """The vectors and angles in rows: columns, those of the kind of row that has them, origins and factors of these."""
+    """Where vectors and angles are in rows: their columns, the column that marks their kind, origins and factors."""
 
     def __init__(self) -> None:
         self.x, self.y, self.of_vector = list[int](), list[int](), list[int]()
@@ -67,10 +68,10 @@ class Columns:
         self.angle, self.of_angle, self.turned = list[int](), list[int](), list[float]()
 
     def add(self, columns: Mapping[str, int], kind: int, factors: Mapping[str, float]) -> None:
-        """Add those among the fields of a kind of row.
+        """Add the vectors and angles among the fields of one kind of row.
 
         Args:
-            columns: By name of the field.
+            columns: The column of each field, by the name of the field.
             kind: The column that is 1 in rows of the kind.
             factors: How often the agent's place, velocity or angle is subtracted, by field; once unless given.
         """
@@ -91,9 +92,10 @@ class Columns:
 
         Args:
             values: float32 (rows, columns).
-            me: float32 (rows, numbers of ME), of the agent whose row it is.
+            me: float32 (rows, len(ME)), the fields ME of the agent that each row belongs to.
             turn: Cosine and sine of the agent's angle, float32 (rows, 1) each.
-            there: float32 (rows, columns), 1 in the column of the row's kind, else 0; None: all are there.
+            there: float32 (rows, columns), 1 in the column that marks the row's kind, 0 in those of other kinds; None:
+                all rows have all of the fields.
         """
         if self.x:
             factor = np.array(self.moved, np.float32)

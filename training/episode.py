@@ -1,4 +1,4 @@
-"""An episode that the policy of a checkpoint plays with itself, to look at: for films and pages."""
+"""An episode that a checkpoint's policy plays against itself, to be watched in films and on pages."""
 
 import contextlib
 from collections.abc import Iterator
@@ -26,10 +26,10 @@ class Episode:
     """One world in which a policy plays an episode.
 
     Attributes:
-        worlds: The world, which is reset when the first item of `ticks` is requested.
-        ticks: An iterator whose items each run one more tick, until the episode ends; the first one is the reset.
-        scenario: The scenario that is played.
-        differs: How it differs from the one the policy was trained in; "" if it does not.
+        worlds: The world, which is reset when the first tick is asked for.
+        ticks: Each item that is asked for plays one more tick, until the episode ends; the first item is the reset.
+        scenario: What is played.
+        differs: How the scenario differs from the one that the policy was trained in; "" if it does not.
     """
 
     worlds: Worlds
@@ -40,24 +40,24 @@ class Episode:
 
 @contextlib.contextmanager
 def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[Episode]:
-    """Make an episode of a checkpoint's policy, which depends on `seed` alone.
+    """Open an episode of a checkpoint's policy, in which everything random comes from `seed`.
 
     PyTorch's global random numbers and its number of threads stay as they are.
 
     Args:
         path: The checkpoint.
         seed: Seed of the world and of the policy's actions.
-        most: The number of ticks after which a longer episode is abandoned.
-        scenario: The scenario to play; None: the one named in the checkpoint (see `recorded_scenario`).
+        most: The number of ticks after which the episode is left, even if it has not ended.
+        scenario: What is played; None: what the checkpoint says, see `recorded_scenario`.
 
     Raises:
-        TrainingError: The checkpoint is damaged, is of another game, or does not describe its game completely.
+        TrainingError: The checkpoint is broken, of another game, or does not say enough about its own.
     """
     header, _ = run_header.read_checkpoint(path, (), ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
-    import torch  # here, as the command line must not wait for it
+    import torch  # imported here, so that the command line does not wait for it
 
-    with torch.random.fork_rng(devices=[]):  # of which networks draw their first weights
+    with torch.random.fork_rng(devices=[]):  # networks draw their first weights from PyTorch's global random numbers
         player = outlast.load_policy(path, seed)
     game = player.scenario(game)
     mode = AutoresetMode.DISABLED
@@ -79,17 +79,18 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
 
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
-    """Return the scenario of a run of `outlast train`, without importing anything.
+    """Rebuild the scenario of a run that `outlast train` began, without importing anything.
 
     Args:
         header: run.json of the run, or of one of its checkpoints.
 
     Returns:
-        The scenario; and its difference from that of the run, which may be from another version of outlast, or "".
+        The scenario, and how it differs from that of the run, which another version of outlast may have begun; "" if it
+        does not differ.
 
     Raises:
-        TrainingError: The scenario has mechanics of the user's that are not imported; or the file is of an earlier
-            version, which names no mechanics, and the scenario is not a variant.
+        TrainingError: The scenario has mechanics of the user's own that are not imported; or the file is of an earlier
+            version, which names no mechanics, and the scenario is no variant.
     """
     given = header["scenario"]
     try:
@@ -101,7 +102,7 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
 
 
 def _variant(given: dict[str, Any]) -> Scenario:
-    """The variant of the name in a fingerprint, with its numbers. Raises ValueError."""
+    """The variant that a fingerprint names, with the numbers of the fingerprint. Raises ValueError."""
     plain = variant(given["name"])
     if given.get("code"):
         raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")

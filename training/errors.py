@@ -1,4 +1,4 @@
-"""Errors of training and evaluation."""
+"""The errors of training and evaluation."""
 
 from outlast.envs.errors import UsageError
 
@@ -16,4 +16,4 @@ class TrainingError(UsageError):
 
 
 class EmptyRunError(TrainingError):
-    """A run has no curve, because none of its episodes has ended yet."""
+    """A run has no curve, since no episode has ended in it yet."""

@@ -1,4 +1,7 @@
-"""What a policy thinks about its observations: probabilities, values, attention. Separate from acting, and slower."""
+"""What a policy thinks of what it observes: probabilities, values, attention.
+
+This is slower than acting, and separate from it.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any, cast
@@ -15,16 +18,16 @@ from .policy import NEVER, ActorCritic
 from .rows import Observed, Rows
 
 Array = np.ndarray[Any, Any]
-Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and the memory after it
-Question = Callable[[ActorCritic, Observed, Tensor | None, Tensor | None], Answer]  # memory, where episodes begin
+Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and its memory afterwards
+Question = Callable[[ActorCritic, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
 
 
 class Explainer:
     """Explains the policy of a player; made by `Player.explainer`.
 
     Attributes:
-        entities: (key of the observation, rows) for each kind of entity that agents attend to.
-        reset: As for Player.
+        entities: (key of the observation, rows) of each kind of entities that agents attend to.
+        reset: As in Player.
     """
 
     def __init__(
@@ -36,20 +39,20 @@ class Explainer:
         leaky: bool,
         reset: Callable[[Array], None] | None,
     ) -> None:
-        """Make it from a function that asks the policies of a player.
+        """Make an explainer from a function that asks the policies of a player.
 
         Args:
-            ask: Asks each policy about its own agents, and returns their answers joined.
+            ask: Asks each policy about its own agents, and returns the joined answers.
             layout: Layout of the observations.
             actions: How many values each action has.
             leaky: Whether hidden rows are attended to, too.
-            reset: As for Player.
+            reset: As in Player.
         """
         self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
         self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
 
     def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Explain what each agent is about to do; the memory goes on.
+        """Explain what each agent is about to do; memory moves on by a step.
 
         Args:
             observations: float32 (..., agents, ...), as the player takes them.
@@ -57,11 +60,11 @@ class Explainer:
         Returns:
             Values float32 (..., agents), of the critic, in the units that it was trained in; NaN for a critic that
             learned from the state of the world. Probabilities float32 (..., agents, values), of each value of each
-            action, one action after the other. Attention float32 (..., agents, rows), the share of it that each row
-            of `entities` gets, averaged over heads and over the rows that attend; together at most 1.
+            action, one action after the other. Attention float32 (..., agents, rows), the share that each row of
+            `entities` gets, averaged over heads and over the rows that attend; together at most 1.
 
         Raises:
-            TrainingError: As of Player.
+            TrainingError: As in Player.
         """
         values, likely, attention = self._ask(observations, self._explain)
         if not self._leaky:
@@ -72,7 +75,7 @@ class Explainer:
     def _explain(self, policy: ActorCritic, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
         if policy.overview is None:
             logs, values, after = policy(seen, memory, begins)
-        else:  # it plays without the state of the world, which its critic needs
+        else:  # its critic needs the state of the world, which is not there in play
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan)
         likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
@@ -80,7 +83,7 @@ class Explainer:
         return [values.numpy(), likely.numpy(), attention.numpy()], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
-        """Attention (batch, rows), from that of the rows that are seen, which come first in `packed`."""
+        """Attention of all rows, (batch, rows), from that of the visible ones, which come first in `packed`."""
         kinds = self._layout.kinds
         masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
@@ -90,9 +93,9 @@ class Explainer:
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
-    """Return the share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
+    """The share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
 
-    For Rows, only visible entities get attention: those that each agent sees come first, in their order, then zeros.
+    With Rows, only what is seen is attended to: the shares of what an agent sees come first, in order, and then zeros.
     """
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):
@@ -104,7 +107,7 @@ def attended(extractor: Extractor, seen: Observed) -> Tensor:
     matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
     parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
     known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
-    padding = torch.zeros(len(seen), 1, weight.shape[1])  # is seen by all, and attends
+    padding = torch.zeros(len(seen), 1, weight.shape[1])  # a row that all rows see, and that attends like them
     visible = functional.pad(seen.seen, (0, 1), value=1.0)
     return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
 

@@ -1,4 +1,4 @@
-"""Reading text and writing files, with errors that name the files."""
+"""Reading text and writing files, with errors that name the file."""
 
 from collections.abc import Mapping
 from pathlib import Path

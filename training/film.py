@@ -8,26 +8,26 @@ from outlast.envs.scenarios.scenario import Scenario
 
 from .episode import episode
 
-MOST, EVERY = 900, 3  # ticks that are shown, which is half a minute of the paper's variants; and from frame to frame
+MOST, EVERY = 900, 3  # ticks shown at most, half a minute of the paper's variants; ticks from frame to frame
 SIZE, FPS = 256, 20  # pixels; frames a second: with EVERY, twice real time
 logger = logging.getLogger(__name__)
 
 
 def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:
-    """Film the beginning of an episode that a checkpoint's policy plays with itself. Takes a second or two.
+    """Film the beginning of an episode that a checkpoint's policy plays against itself. Takes a second or two.
 
-    It does not affect a training run: it leaves global random numbers and the number of threads alone. As a run is
-    worth more than its films, errors, such as a full disk, are only logged; Ctrl-C is raised. The film is complete or
-    not there at all.
+    Nothing that a training run depends on is touched: neither global random numbers nor the number of threads. Whatever
+    goes wrong, such as a full disk, is only logged, because a run is worth more than its films; but Ctrl-C is raised. A
+    film is written whole or not at all.
 
     Args:
         checkpoint: The file of the checkpoint.
-        folder: Folder of the film, made if it does not exist: NAME.webm for NAME.zip.
-        scenario: The scenario to play; None: the one named in the checkpoint, which is enough for variants.
+        folder: Where the film goes, made if it is not there: NAME.webm for NAME.zip.
+        scenario: What is played; None: what the checkpoint says, which is enough for variants.
         seed: Seed of the episode: films of one run with the same seed begin in the same world.
 
     Returns:
-        A list of the film's path; empty if it could not be made.
+        The path of the film; an empty list if it could not be made.
     """
     target = folder / f"{checkpoint.stem}.webm"
     try:

@@ -1,4 +1,4 @@
-"""The few numbers of a run to watch while it goes on, from the tags of its log. Needs no PyTorch."""
+"""The few numbers of a run to look at while it goes on, from the tags of its log. Needs no PyTorch."""
 
 import math
 import re
@@ -16,7 +16,7 @@ class Figure:
         group: What it is about, one of GROUPS.
         name: Its name, unique in its group.
         value: The number.
-        text: The number as text.
+        text: The number as it is shown.
     """
 
     group: str
@@ -26,7 +26,7 @@ class Figure:
 
 
 def large(value: float) -> str:
-    """Return a number with three digits and k, M or G: 36.5k."""
+    """Write a number with three digits and k, M or G: 36.5k."""
     for unit in ("", "k", "M", "G"):
         if abs(value) < 999.5 or unit == "G":
             break
@@ -48,7 +48,8 @@ def _mean(values: Iterable[float]) -> float:
     return sum(each) / len(each)
 
 
-# Group, name, tags (of each side or agent, where there are several), how those become one number, and its text.
+# Group, name, pattern of the tags (there may be one for each side or agent), how their values become one number, and
+# how that is written.
 _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callable[[float], str]], ...] = (
     ("speed", "collecting", r"time/collected_per_second", _mean, _rate),
     ("speed", "updating", r"time/updated_per_second", _mean, _rate),
@@ -62,16 +63,16 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
-WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: the share of late that was won; games in all; Elo
+WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: the share won of late; games in all; Elo
 OWN = "rating/self"
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
-    """Return the figures for which there are tags, in the order in which to show them, without non-finite numbers.
+    """The figures for which there are tags, in the order in which to show them, without numbers that are not finite.
 
     Args:
-        tags: What was logged last, by tag. For numbered tags ("rollout/kills0"), the kills of all sides are added up,
-            and returns are averaged.
+        tags: What was logged last, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added
+            up, and returns are averaged.
     """
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []

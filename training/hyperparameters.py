@@ -1,4 +1,4 @@
-"""PPO's hyperparameters: those of the authors' runs as defaults, and which other values are allowed."""
+"""PPO's hyperparameters: those of the authors' runs, and which others are possible."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -26,17 +26,17 @@ class Hyperparameters:
     Attributes:
         learning_rate: Learning rate of Adam.
         anneal_lr: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
-        batch_size: Approximate number of samples in a minibatch; those of a rollout are split evenly.
+        batch_size: About how many samples a minibatch has; the samples of a rollout are shared out evenly.
         n_epochs: How often every sample is used, at most.
         gamma: Discount per step.
         gae_lambda: How far advantages look ahead, from 0 to 1.
         clip_range: How far the ratio of probabilities may move away from 1 before it is clipped.
         ent_coef: Weight of the entropy in the loss.
         vf_coef: Weight of the values in the loss.
-        max_grad_norm: Norm to which gradients are clipped.
+        max_grad_norm: Norm that gradients are clipped to.
         target_kl: The update ends before a minibatch whose divergence is above 1.5 times this; 0: never.
-        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, taken
-            over all agents, whether trained or not, and including absent ones.
+        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, that of
+            all agents, trained or not, including absent ones.
     """
 
     learning_rate: float = 3e-4
@@ -53,7 +53,7 @@ class Hyperparameters:
     scale_rewards: bool = False
 
     def __post_init__(self) -> None:
-        """Raises TrainingError where a number is of another type, or out of its range."""
+        """Raise TrainingError if a number has the wrong type, or is out of its range."""
         for name, kind in KINDS.items():
             value: Any = getattr(self, name)
             if kind is int:
@@ -66,7 +66,7 @@ class Hyperparameters:
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
-        """Return a copy with some other values. Raises TrainingError for unknown names or values not allowed."""
+        """A copy with other settings. Raises TrainingError for unknown names and impossible values."""
         for name in settings:
             if name not in KINDS:
                 hint = did_you_mean(name, KINDS, after=" ")
@@ -77,7 +77,7 @@ class Hyperparameters:
 KINDS: dict[str, type] = {each.name: type(each.default) for each in fields(Hyperparameters)}
 
 
-Range = tuple[str, Callable[[float], bool]]  # in words, and as a rule
+Range = tuple[str, Callable[[float], bool]]  # in words, and as a test
 ANY: Range = ("", lambda value: True)
 POSITIVE: Range = ("above 0", lambda value: value > 0)
 NOT_NEGATIVE: Range = ("of at least 0", lambda value: value >= 0)
@@ -97,14 +97,14 @@ RANGES: dict[str, Range] = {
 
 
 def example(name: str) -> str:
-    """Return in words what kind of value a number has."""
+    """Say what kind of value a hyperparameter has, in words."""
     if KINDS[name] is bool:
         return "true or false"
     return f"a {'whole ' * (KINDS[name] is int)}number like {getattr(Hyperparameters, name)}"
 
 
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
-    """Read hyperparameters from texts such as "gamma=0.999". Raises TrainingError."""
+    """Parse hyperparameters from texts like "gamma=0.999". Raises TrainingError."""
     settings: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""What all figures have in common: fonts, colours, and the files they become. Needs matplotlib."""
+"""What all figures have in common: fonts, colours, and how they become files. Needs matplotlib."""
 
 import io
 from collections.abc import Callable
@@ -22,7 +22,7 @@ STYLE: dict[Any, Any] = {
     "xtick.color": GREY,
     "ytick.color": GREY,
     "text.color": "#26292f",
-    "svg.hashsalt": "outlast",  # the same picture, the same file
+    "svg.hashsalt": "outlast",  # so that the same picture gives the same file
 }
 
 
@@ -32,13 +32,13 @@ def colour(rgb: tuple[int, int, int]) -> str:
 
 
 def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colours: int) -> bytes:
-    """Return a figure as the content of a file; the same figure gives the same bytes.
+    """Encode a figure as a file: the same figure gives the same bytes.
 
     Args:
         draw: Makes the figure.
         form: "png" or "svg".
-        about: Metadata for the file: "Title", and "Source", a digest of what is shown.
-        colours: The number of colours in a PNG, at most 256, which takes a quarter of the bytes of a full-colour one.
+        about: Kept in the file: "Title", and "Source", a digest of what is shown.
+        colours: How many colours a PNG has, at most 256: it takes a quarter of the bytes that it would with all.
     """
     content = io.BytesIO()
     with matplotlib.rc_context(STYLE):
@@ -61,5 +61,5 @@ def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str], colour
 
 
 def literal(text: str) -> str:
-    """Return text in which $ does not begin a formula."""
+    """Escape a text, so that $ begins no formula."""
     return text.replace("$", r"\$")

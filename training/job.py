@@ -10,14 +10,14 @@ from outlast.envs.cli.main import main
 
 
 def end_with_parent() -> None:
-    """Interrupt this process, as Ctrl-C does, when its parent has ended for any reason; standard input is their pipe.
+    """Interrupt this process, as Ctrl-C does, when the parent ends in whatever way: standard input, its pipe, closes.
 
-    Shells make background commands and their children ignore SIGINT, which would leave runs that nobody can stop.
+    SIGINT is handled again, since shells let background commands and their children ignore it: nobody could stop a run.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
-        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin's own lock would abort Python's end
+        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin.read would hold a lock, and Python abort at its end
             pass
         _thread.interrupt_main()
 

@@ -26,29 +26,29 @@ from .policy import ActorCritic
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
-NOBODY = -1  # the learner of a sample that none is trained on
+NOBODY = -1  # the learner of a sample on which nobody is trained
 
 
 @dataclass
 class Samples:
-    """What a lane collects: arrays (steps, agents); `actions` is (steps, agents, actions).
+    """What a lane collects: arrays (steps, agents), and `actions` (steps, agents, actions).
 
     Attributes:
         seen: What was observed, step after step.
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
-        log_probs: float32, of the actions, when they were chosen.
-        values: float32, of what was observed.
+        log_probs: float32, log-probabilities of the actions when they were chosen.
+        values: float32, the critic's values of what was observed.
         rewards: float32.
-        later: float32, the value of what would have followed, where an episode was cut off after the step.
-        ends: bool, whether the next step does not count for this one.
-        begins: bool, whether the agent's memory is reset before the step.
-        alive: bool, whether the agent was alive when it observed.
-        learner: int16, which learner is trained on the sample, or NOBODY.
+        later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
+        ends: bool, whether the agent's next step does not count for this one, as its episode ends.
+        begins: bool, whether the agent's memory begins anew with the step.
+        alive: bool, whether the agent lived when it observed.
+        learner: int16, who is trained on the sample, or NOBODY.
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
-        games: For each game against an opponent that ended: the step, the opponent, and the share of the other sides
-            that the learners outlived.
+        games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
+            sides that the learners outlived.
     """
 
     seen: list[Observed]
@@ -68,7 +68,7 @@ class Samples:
 
 
 class Group(NamedTuple):
-    """Agents that one network plays: their indices, or all as a slice, and as a tensor."""
+    """Agents that one network plays: their indices (a slice if these are all agents), and the same as a tensor."""
 
     where: Any
     members: Tensor  # int64
@@ -77,17 +77,17 @@ class Group(NamedTuple):
 class Lane:
     """Some of the worlds, and who plays in them.
 
-    An agent is played by the learner whose number is in `team`. If an opponent is drawn, learners play one side of the
-    world, and the opponent all others. It is drawn when an episode begins, by (seed, world, episode).
+    `team` says which learner plays each agent. In worlds for which an opponent is drawn, learners play one side and the
+    opponent all others. Opponents are drawn when an episode begins, by (seed, world, episode).
 
     Attributes:
         env: The worlds, with autoreset DISABLED.
-        opponent: int (worlds,), the index of the opponent in each world; see Opponents.
-        own: int (worlds,), the side that learners play if `opponent` is not 0.
-        teacher: If not None, learners play, but the actions that are kept are this teacher's, to be imitated.
-        keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn: those of the worlds,
-            even if levels have keys of their own.
-        played: The episodes that ended since `open`, if there is a curriculum.
+        opponent: int (worlds,), the index of the opponent in each world, see Opponents.
+        own: int (worlds,), the side that learners play where `opponent` is not 0.
+        teacher: If not None, learners play, but the actions that this policy chooses are kept, to be imitated.
+        keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
+            same keys, except where levels bring keys of their own.
+        played: The episodes that have ended since `open`, if there is a curriculum.
     """
 
     def __init__(
@@ -102,15 +102,15 @@ class Lane:
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
-        """Make it, with the present selves everywhere.
+        """Make a lane in which the present selves play everywhere.
 
         Args:
             env: The worlds, which have been reset.
-            packer: The packer for the learners' networks.
+            packer: Packs observations for the learners' networks.
             team: int (agents of a world,), the number of the learner that plays each agent.
-            opponents: The pool, shared by all lanes.
-            seed: Seed of the run.
-            dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
+            opponents: The pool; shared by all lanes.
+            seed: The seed of the run.
+            dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death.
             state: Whether critics learn from the state of the worlds.
             curriculum: The curriculum from which levels are drawn; None: worlds draw their own.
         """
@@ -130,7 +130,7 @@ class Lane:
         self._draw(np.ones(env.num_worlds, bool))
 
     def open(self, steps: int, memory: int) -> None:
-        """Make room for the samples of so many steps. memory: the width of the memory of the learners' policies."""
+        """Make room for the samples of `steps` steps. memory: Width of the memory of the learners' policies."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
@@ -150,11 +150,11 @@ class Lane:
         )
 
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
-        """Choose the actions of a step, and keep the observations and probabilities that they were chosen by.
+        """Choose the actions of a step, and keep what they were chosen from.
 
         Args:
             t: The number of the step in the rollout.
-            step: Its number in the run.
+            step: The number of the step in the run.
             policies: The policies of the learners.
 
         Returns:
@@ -201,7 +201,7 @@ class Lane:
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
-        """Keep the results of a step, and begin the next episode of worlds that ended.
+        """Keep the result of a step, and begin the next episode in worlds whose episode has ended.
 
         Args:
             t: The number of the step in the rollout.
@@ -230,7 +230,7 @@ class Lane:
             self._begin(done)
 
     def restart(self) -> None:
-        """Begin current episodes again, in the chosen levels; levels without a key are played with the same key."""
+        """Restart the episodes that are going on, in levels that were chosen; levels without a key keep the world's."""
         self._begin(np.ones(self.env.num_worlds, bool))
 
     def _begin(self, where: Array) -> None:
@@ -241,12 +241,12 @@ class Lane:
         self._draw(where)
 
     def close(self, policies: Sequence[ActorCritic]) -> Samples:
-        """Return the samples, with the values of the present observations."""
+        """Return the samples, completed by the values of what is observed now."""
         self.samples.last[:] = self._values(policies)
         return self.samples
 
     def tallies(self) -> Tallies:
-        """Return what was measured in the rollout that was closed last, by tag."""
+        """What was measured in the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
@@ -267,7 +267,7 @@ class Lane:
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
-        """Go on from what `state` returned. Raises TrainingError for players that do not exist."""
+        """Go on from what `state` returned. Raises TrainingError if it names players that do not exist."""
         opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
@@ -279,13 +279,13 @@ class Lane:
         self.assign()
 
     def _remembered(self, policy: ActorCritic, group: Group) -> tuple[Tensor | None, Tensor | None]:
-        """What some agents remember, and where that begins anew, as their policy takes it."""
+        """What some agents remember, and where their memory begins anew, as their policy takes both."""
         if not policy.memory:
             return None, None
         return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
 
     def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
-        """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
+        """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
         seen, values = self._seen(self.env.observe()), torch.zeros(self.agents)
         for (index, number), group in self.groups.items():
             if not index:
@@ -310,9 +310,9 @@ class Lane:
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
 
     def _record(self, t: int, done: Array) -> None:
-        """Note who won where an opponent was drawn, of the worlds that are done; not where the learner was alone.
+        """Note who won, for worlds that are done and have an opponent and more than one side.
 
-        The pool learns it after the rollout: what is drawn until then must not depend on the worlds of this process.
+        The pool is told after the rollout: until then, draws must not depend on which worlds this process has.
         """
         sides = self._sides.max(1) + 1
         worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
@@ -320,7 +320,7 @@ class Lane:
         self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
 
     def _draw(self, where: Array) -> None:
-        """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
+        """Draw who plays in the worlds `where`, bool (worlds,), in which episodes begin."""
         self.life[where] = 0
         self.begins[np.repeat(where, self.env.num_agents)] = True
         self._sides[where] = side(self.env.worlds, where)
@@ -335,7 +335,7 @@ class Lane:
         self.assign()
 
     def assign(self) -> None:
-        """Assign agents to who plays them."""
+        """Assign each agent to the network that plays it."""
         theirs = (self.opponent > 0)[:, None] & (self._sides != self.own[:, None])
         index = np.where(theirs, self.opponent[:, None], 0).ravel()
         teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}

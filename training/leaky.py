@@ -1,9 +1,9 @@
-"""Attention in the authors' code: every row is attended to, hidden ones too; visible ones and a padding row attend.
+"""Attention as in the authors' code: all rows are attended to, even hidden ones; visible ones and a padding row attend.
 
-Four things make it fast. Samples are sorted by how many rows attend, so that those with equally many are one batched
-product without padding. Linear maps are applied where there are fewest rows: those of keys to queries, those of values
-and outputs after the sum over queries. All rows of a kind are embedded in one product. And the gradient is written out:
-a few large products, where autograd would make and keep dozens of tensors.
+Four things make it fast. Samples are sorted by how many of their rows attend, so that samples with equally many are one
+batched product, and none is filled up. Linear maps are applied where there are fewest rows: that of keys to the
+queries, those of values and outputs after the sum over queries. All rows of a kind are embedded in one product. And the
+gradient is written out: a few large products, where autograd would make and keep dozens of tensors.
 """
 
 from collections.abc import Iterator
@@ -18,28 +18,28 @@ from .rows import PaddedRows
 
 
 def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
-    """Return torch.nn.MultiheadAttention's result for embedded rows, averaged over all; that of hidden rows is 0.
+    """The outputs of torch.nn.MultiheadAttention for embedded rows, averaged over all rows; hidden ones count as 0.
 
     Rows are embedded with tanh. The padding row, after all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
     Args:
         padded: What a batch of agents observes.
-        weight: The weights of the layers of all kinds, one below the other, (numbers of all kinds, width).
-        bias: The biases of the same layers, (kinds, width).
-        attention: The module whose parameters and number of heads are used.
+        weight: Weights of the layers of all kinds, one below the other, (numbers of all kinds, width).
+        bias: Biases of the same layers, (kinds, width).
+        attention: Only its parameters and its number of heads are used.
 
     Returns:
         (batch, width).
 
     Raises:
-        ValueError: A gradient with respect to the observations is requested.
+        ValueError: A gradient with respect to the observations is asked for.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
     width, heads = attention.embed_dim, attention.num_heads
     query, key, value = attention.in_proj_weight.view(3, heads, -1, width)
-    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's moves no weight
+    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's changes no attention
     queries = torch.cat([query, query_bias[:, :, None]], 2) * query.shape[1] ** -0.5
     to_keys = torch.bmm(key.transpose(1, 2), queries).view(heads * width, width + 1)  # the last column is the bias
     out = attention.out_proj
@@ -56,8 +56,8 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    counts: (batch,), of visible rows with the padding row; samples are sorted by it. to_keys: the linear map of an
-    embedded row to what each head multiplies all of them by, (heads * width, width + 1), the last column its bias.
+    counts: (batch,), how many rows are visible, with the padding row; samples are sorted by it. to_keys: the linear map
+    from an embedded row to what each head multiplies all rows by, (heads * width, width + 1), the last column its bias.
     """
 
     @staticmethod
@@ -91,7 +91,7 @@ class _Mix(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """Gradients by the arguments of forward."""
+        """Gradients with respect to the arguments of forward."""
         embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
         (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
         gradient, sums = gradient.reshape(batch, heads, width), sums.view(batch, heads, rows)
@@ -127,7 +127,7 @@ def _by_kind(padded: PaddedRows) -> list[Tensor]:
 
 
 def _groups(counts: Tensor) -> Iterator[tuple[slice, slice, int]]:
-    """Where samples with equally many queries are, where these queries are, and how many each has; counts is sorted."""
+    """For each number of queries: the samples that have so many, their queries, and the number. `counts` is sorted."""
     sample = query = 0
     for count, samples in enumerate(torch.bincount(counts).tolist()):
         if samples:

@@ -28,10 +28,10 @@ class Learner:
 
     Attributes:
         policy: The policy that plays and is saved, on the CPU.
-        trained: The policy whose gradients are computed: the same, or a copy on another device, to which `policy` is
-            copied when an update begins, and from which it is copied back when the update ends.
+        trained: The policy that gradients are computed for: the same one or, on another device, a copy. `policy` is
+            copied to it when an update begins, and it is copied back when the update ends.
         optimizer: Adam, for `trained`.
-        epochs: How many epochs have begun so far, in all updates.
+        epochs: Epochs begun so far, in all updates.
     """
 
     def __init__(
@@ -46,19 +46,19 @@ class Learner:
         """Make an optimiser for a policy.
 
         Args:
-            policy: The policy to train.
+            policy: The policy to be trained.
             numbers: The numbers of PPO.
-            generator: The generator that shuffles samples, on the CPU.
-            number: The learner's number, which its samples have in Rollout.learner.
-            crew: The processes that train together. All have equal policies and generators, and make the same
-                minibatches; each computes gradients of its own samples.
-            device: The device on which to train.
+            generator: Shuffles samples; on the CPU.
+            number: Which samples are this learner's, see Rollout.learner.
+            crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
+                each computes gradients of the samples that are its own.
+            device: Where the policy is trained.
         """
         self.crew = crew or Crew()
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
         self.parameters = list(self.trained.parameters())
-        graphed = device.type == "cuda" and self.crew.size == 1  # shares of a minibatch are seldom of one size
+        graphed = device.type == "cuda" and self.crew.size == 1  # several shares seldom have one size
         self.graphs = GraphedGradients(device) if graphed else None
         self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
         self.epochs = 0
@@ -69,7 +69,7 @@ class Learner:
         """Train on a rollout.
 
         Args:
-            rollout: A rollout in which some samples are this learner's.
+            rollout: A rollout; some of its samples are this learner's.
             left: Share of the run that is left, for a learning rate that is annealed.
             on_epoch: Called with the number of each epoch of this update when it begins.
 
@@ -85,7 +85,7 @@ class Learner:
         self._copy(self.policy, self.trained)
         samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
-        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread
+        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread to normalise by
         figures, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
@@ -110,16 +110,16 @@ class Learner:
         }
 
     def _copy(self, source: ActorCritic, target: ActorCritic) -> None:
-        """Let one of the two policies be as the other is, scales of inputs included."""
+        """Copy one of the two policies to the other, including the scales of inputs."""
         if source is not target:
             with torch.no_grad():
                 for values, kept in zip(_tensors(source), _tensors(target), strict=True):
                     kept.copy_(values)
 
     def _differentiate(self, samples: Samples, part: Tensor) -> Tensor:
-        """The figures of the loss of a minibatch, units `part`; its gradients are left in the parameters."""
+        """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
         batch = samples.select(part)
-        if batch is None:  # all are other processes'
+        if batch is None:  # all of its samples are other processes'
             figures: Tensor = torch.zeros(len(Loss.TAGS), device=self.device)
             gradients: Sequence[Tensor] = [torch.zeros_like(parameter) for parameter in self.parameters]
         elif self.graphs is not None and isinstance(batch.seen, Rows):
@@ -154,7 +154,7 @@ class Learner:
         )
 
     def _diverged(self, figures: Tensor) -> bool:
-        limit = self.numbers.target_kl  # without one, nobody waits for a GPU here
+        limit = self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
         return bool(limit and figures[DIVERGENCE] > KL_STOP * limit)
 
 
@@ -178,13 +178,13 @@ def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """Return the share of the variance of returns that values explain: 1 is all; NaN if returns do not vary.
+    """The share of the variance of returns that values explain: 1 is all of it; NaN if returns do not vary.
 
-    Returns are sums of advantages and values, rounded to float32; a variance no larger than that counts as none.
+    Returns are sums of advantages and values, rounded to float32: a variation within that rounding counts as none.
     """
     returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
     rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))
-    with np.errstate(over="ignore", invalid="ignore"):  # a run whose losses are infinite ends with an error about those
+    with np.errstate(over="ignore", invalid="ignore"):  # if losses are infinite, check_learned says so
         variance = returns.var()
         if variance <= rounding**2:
             return float("nan")

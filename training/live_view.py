@@ -13,8 +13,8 @@ from tqdm import tqdm
 from .headline import GROUPS, Figure, headline, large
 
 EVERY = 30.0  # seconds between the lines of a log
-NAME = max(map(len, GROUPS)) + 2  # characters of a line's name
-BESIDE, BETWEEN = 2, " · "  # rows of the terminal that the bar and the shell's prompt take; figures of a line
+NAME = max(map(len, GROUPS)) + 2  # characters that the name of a line takes
+BESIDE, BETWEEN = 2, " · "  # rows of the terminal that the bar and the shell's prompt take; what separates figures
 BAR = "{percentage:3.0f}% |{bar}| {n_fmt} of {total_fmt} [{elapsed}, {remaining} left, {rate_fmt}{postfix}]"
 NARROW = "{percentage:3.0f}% {n_fmt} of {total_fmt}, {remaining} left{postfix}"
 WIDE = 72  # columns from which on there is room for a bar
@@ -43,15 +43,15 @@ class LiveView:
         about: str = "",
         unit: str = "agent-steps",
     ) -> None:
-        """Show that it begins.
+        """Show that the run begins.
 
         Args:
-            done: Agent-steps done before, if the run is resumed.
+            done: Agent-steps that were done before, if the run is resumed.
             total: Agent-steps at the end.
-            quiet: Whether to show nothing at all.
-            file: Where to write; None: standard error.
-            about: A first line that says what is going to be done.
-            unit: What is counted, if not agent-steps.
+            quiet: Whether nothing at all is shown.
+            file: Where the view is written; None: standard error.
+            about: A line to begin with: what is going to be done.
+            unit: What is counted, if it is something else than agent-steps.
         """
         self.file: TextIO = sys.stderr if file is None else file
         if about and not quiet:
@@ -60,15 +60,15 @@ class LiveView:
         self.plain = not quiet and not self.file.isatty()
         self.block = None if quiet or self.plain else _Block(self.file, done, total, unit)
         self.begun, self.start = done, time.monotonic()
-        self.printed, self.printed_at = done, -math.inf  # of the lines of a log: agent-steps, seconds
+        self.printed, self.printed_at = done, -math.inf  # the last line of a log: at which agent-steps, when
 
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
         """Show how far the run is, and its numbers.
 
         Args:
-            done: Agent-steps done, including those done before.
+            done: Agent-steps that are done, including those of before.
             total: Agent-steps at the end.
-            shown: Values by tag, as they are logged; tags that are not shown are ignored.
+            shown: Values by tag, as they are logged; tags that are never shown may be among them.
         """
         self.done, self.total = done, total
         self.tags |= shown
@@ -136,7 +136,7 @@ class _Block(tqdm):  # type: ignore[misc]  # mypy does not follow it
         self.fp.flush()
 
     def close(self) -> None:
-        """Draw it once more, without what is being done, and go on below it."""
+        """Draw it once more, without what is being done, and move the cursor below it."""
         if not self.closing:
             self.set_postfix_str("", refresh=False)
             self.display()
@@ -156,7 +156,7 @@ def _size(file: Any) -> tuple[int, int]:
 
 
 def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
-    """Return a line of as many figures as fit into so many characters, at least a part of the first one."""
+    """A line of as many figures as fit into `width` characters; at least a part of the first one."""
     text = name.ljust(NAME)
     for k, figure in enumerate(figures):
         more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"

@@ -9,14 +9,14 @@ from .files import read_text
 
 NAME = "log.csv"
 HEADER = ("tag", "step", "value")
-LAST = 2**53  # steps: what a float64 counts to
+LAST = 2**53  # the highest step: up to here, a float64 holds every whole number
 Points = dict[str, list[tuple[int, float]]]
 
 
 def read_log(path: Path) -> Points:
-    """Return the points (agent-steps, value) of each tag in a log. Raises TrainingError if it is not a log.
+    """Read the points (agent-steps, value) of each tag of a log. Raises TrainingError if it is not a log.
 
-    An incomplete last row is left out, as a run may be writing it.
+    An incomplete last row is left out: a run may be writing it.
     """
     lines = read_text(path).splitlines(keepends=True)
     if not lines or lines[0].strip() != ",".join(HEADER):
@@ -45,7 +45,7 @@ def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
 
 
 def _fields(line: str) -> tuple[str, str, str]:
-    """The tag, which may be in quotes, the step and the value of a row. ValueError if there are others."""
+    """The tag, which may be in quotes, the step and the value of a row. Raises ValueError for any other row."""
     tag, step, value = line.rsplit(",", 2)
     if tag[:1] == tag[-1:] == '"':  # as the module csv writes a tag with a comma, such as of a path
         return tag[1:-1].replace('""', '"'), step, value
@@ -64,14 +64,14 @@ def last_step(path: Path) -> int:
 
 
 def truncate_log(path: Path, steps: int) -> None:
-    """Remove the rows after so many steps from a log, and an incomplete last row.
+    """Remove from a log all rows of steps beyond `steps`, and an incomplete last row.
 
     Raises TrainingError if it is not a log.
     """
     if not path.exists():
         return
     lines = read_text(path).splitlines(keepends=True)
-    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
+    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # this line, too, may be incomplete
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
     whole = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
     kept = [line for number, line in whole if _row(path, number, line)[1] <= steps]

@@ -1,4 +1,4 @@
-"""Writers of a run's logs: log.csv and TensorBoard's events. Both continue where a run is resumed."""
+"""The writers of a run's logs: log.csv and TensorBoard's events. Both are continued when a run is resumed."""
 
 import csv
 import io
@@ -17,7 +17,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from . import log_file
 
 FORMAT = "brain.Event:2"  # the first event of a file says so
-_numbers = itertools.count()  # of event files that one process makes, perhaps in one second
+_numbers = itertools.count()  # one for each event file of this process, which may make several in one second
 
 
 class CsvLog:
@@ -30,7 +30,7 @@ class CsvLog:
             self.file.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
-        """Write a row for each tag, in order of tags, all at once."""
+        """Write one row for each tag, in order of tags, all at once."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(values.items()))
@@ -43,10 +43,10 @@ class CsvLog:
 
 
 class TensorBoardLog:
-    """Writes scalars for TensorBoard, and hides those that the run wrote for steps after `step` before it was resumed.
+    """Writes scalars for TensorBoard, and hides those that an earlier part of the run wrote for steps after `step`.
 
-    Unlike with TensorBoard's own writer, which uses a thread, events are in the file when `write` returns; otherwise it
-    raises OSError.
+    When `write` returns, the events are in the file; if they cannot be written, it raises OSError. TensorBoard's own
+    writer leaves that to a thread.
     """
 
     def __init__(self, folder: Path, step: int) -> None:
@@ -58,7 +58,7 @@ class TensorBoardLog:
         self.file.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
-        """Write all values as scalars."""
+        """Write values by tag at an agent-step, as scalars."""
         for tag, value in values.items():
             self._add(summary=Summary(value=[Summary.Value(tag=tag, simple_value=float(value))]), step=step)
         self.file.flush()
@@ -72,7 +72,7 @@ class TensorBoardLog:
 
 
 class RunLog:
-    """The logs of a run that has done so many agent-steps; entries for later steps are removed."""
+    """The logs of a run that has done `steps` agent-steps; what they hold of later steps is removed."""
 
     def __init__(self, folder: Path, steps: int) -> None:
         path = folder / log_file.NAME

@@ -10,19 +10,19 @@ from torch import Tensor
 from .hyperparameters import Hyperparameters
 
 Array = np.ndarray[Any, Any]
-TINY = 1e-8  # beside the spread of advantages
+TINY = 1e-8  # is added to the spread of advantages, which may be 0
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
     """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
 
     Args:
-        rewards: float32 (steps, agents); if an episode was cut off after a step, with the value of what would follow.
-        values: float32 (steps, agents), values of what was observed before each step.
-        ends: bool (steps, agents), whether the agent's next step does not count for this one.
+        rewards: float32 (steps, agents); where an episode was cut off, they include the value of what would have come.
+        values: float32 (steps, agents), of what was observed before each step.
+        ends: bool (steps, agents), whether nothing of the agent's next step counts for this one.
         last: float32 (agents,), values of what was observed after the last step.
-        gamma: Discount per step.
-        gae_lambda: How far estimates look ahead, from 0 (one step) to 1 (to the end).
+        gamma: Discount of a step.
+        gae_lambda: How far estimates look ahead: from 0 (one step) to 1 (to the end).
     """
     found, later = np.empty_like(rewards), np.zeros_like(last)
     for t in reversed(range(len(rewards))):
@@ -42,7 +42,7 @@ class Loss:
     value: Tensor
     entropy: Tensor
     divergence: Tensor  # of the old policy from the new one: http://joschu.net/blog/kl-approx.html
-    clipped: Tensor  # share of samples
+    clipped: Tensor  # share of samples whose ratio is clipped
 
     TAGS: ClassVar = (
         "train/loss",
@@ -69,13 +69,13 @@ def ppo_loss(
     """Return the loss of a minibatch. All tensors are float32 (batch,).
 
     Args:
-        log_probs: Log probabilities of the joint actions under the present policy.
-        values: Present values of the observations.
+        log_probs: Log-probabilities of the joint actions under the present policy.
+        values: The present critic's values of what was observed.
         entropy: Entropy of the present policy.
-        old_log_probs: Log probabilities when the samples were collected.
-        advantages: Advantages, already normalised.
-        returns: The targets of the values.
-        weights: How much each sample counts: 0 if it is masked, otherwise 1 / number of samples that are not.
+        old_log_probs: As log_probs, when the samples were collected.
+        advantages: The advantages, already normalised.
+        returns: What the values should become.
+        weights: How much each sample counts: 0 if it is masked, 1 / number of samples that are not if it is not.
         numbers: The numbers of PPO.
     """
     difference = log_probs - old_log_probs
@@ -101,17 +101,18 @@ def imitation_loss(
     weights: Tensor,
     numbers: Hyperparameters,
 ) -> Loss:
-    """Return the loss of a minibatch in which a policy imitates a teacher: cross-entropy, and the loss of values.
+    """The loss of a minibatch where a policy learns to imitate a teacher: cross-entropy, and the loss of its values.
 
     All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
 
     Args:
-        log_probs: Log probabilities of the teacher's joint actions under the present policy.
-        values: Present values of the observations.
+        log_probs: Log-probabilities of the teacher's joint actions under the present policy.
+        values: The present critic's values of what was observed.
         entropy: Entropy of the present policy.
-        differs: Share of the actions in a joint action for which another value is the likeliest; replaces `clipped`.
-        returns: The targets of the values.
-        weights: How much each sample counts; see ppo_loss.
+        differs: Share of the actions in a joint action for which the policy finds another value likeliest; it takes the
+            place of clipped.
+        returns: What the values should become.
+        weights: How much each sample counts, see ppo_loss.
         numbers: The numbers of PPO; only vf_coef matters.
     """
     policy, value = -(weights @ log_probs), weights @ (returns - values).square()
@@ -119,7 +120,7 @@ def imitation_loss(
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
-    """Return advantages (batch,) with mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
+    """Bring advantages (batch,) to mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
     count = 1 / weights.max()
     centred = advantages - weights @ advantages
     spread = (weights @ centred.square() * count / (count - 1)).sqrt()

@@ -1,4 +1,4 @@
-"""Measurements of episodes and of the agents in them, besides rewards."""
+"""What is measured of episodes and of the agents in them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -20,12 +20,12 @@ from .errors import TrainingError
 from .observation_layout import OWN
 
 Array = np.ndarray[Any, Any]
-Tallies = dict[str, tuple[float, float]]  # a sum, and how many cases it is of, by tag
+Tallies = dict[str, tuple[float, float]]  # by tag: a sum, and the number of cases that it is over
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
 
 
 def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
-    """TrainingError unless the worlds have these statistics."""
+    """Raise TrainingError unless the worlds have these statistics."""
     known = {key for key, *_ in published(env.worlds, Statistic)}
     if missing := [name for name in names if name not in known]:
         raise TrainingError(f"{env.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
@@ -35,12 +35,12 @@ def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Arra
     """Return the means over the agents of each side, as roles may pay these differently.
 
     Args:
-        values: Values, (worlds, agents).
-        sides: Sides of the agents, -1 for absent ones, int (worlds, agents).
+        values: (worlds, agents).
+        sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
         count: How many sides there are.
 
     Returns:
-        The means, (worlds, sides), 0 for empty sides; and whether a side has agents, bool (worlds, sides).
+        The means, (worlds, sides), 0 for sides without agents; and which sides have agents, bool (worlds, sides).
     """
     on = sides[:, :, None] == np.arange(count)
     agents = on.sum(1)
@@ -58,16 +58,15 @@ class EpisodeMetrics:
         """Start again from zero."""
         self.count = 0
         self.sums: dict[str, Array] = {}
-        self.counts: dict[
-            str, Array
-        ] = {}  # episodes that had each agent or side, of statistics that have an entry each
+        # For statistics with an entry for each agent or side: how many episodes had that agent or side.
+        self.counts: dict[str, Array] = {}
 
     def add(self, statistics: dict[str, Array], learns: Array) -> None:
         """Add episodes that ended. Call before resets.
 
         Args:
             statistics: info["statistics"], in which the rows of other worlds are zero.
-            learns: Which agents are played by learners, bool (worlds, agents): returns are theirs.
+            learns: Which agents are played by learners, bool (worlds, agents): only their returns count.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)
@@ -84,9 +83,9 @@ class EpisodeMetrics:
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Return tallies of the episodes since the last call, by tag. A team's return is the mean over its learners.
+        """Tallies of the episodes since the last call. A team's return is the mean over those of its agents that learn.
 
-        A side's mean is over the episodes that have the side. If some lack sides, "rollout/kills" is the mean of all.
+        The mean of a side is over the episodes that have it; where some lack sides, "rollout/kills" is that of all.
         """
         tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
@@ -111,8 +110,8 @@ class BehaviourMetrics:
         self.heals = base_env.worlds.span("heal") if has_heals else None
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
-        self.there, self._heals = 0, list[tuple[Array, Array]]()  # of each step, those held and given by each agent
-        layout, self._reaches = base_env.worlds.layout, list[Array]()  # of each step, where they differ
+        self.there, self._heals = 0, list[tuple[Array, Array]]()  # for each step, heals that each agent holds and gives
+        layout, self._reaches = base_env.worlds.layout, list[Array]()  # for each step, if they differ
         self._differ = any(name in layout.varied or name in layout.per_agent for name in self._reach)
 
     def after_step(self) -> None:
@@ -132,7 +131,7 @@ class BehaviourMetrics:
         return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
 
     def gifts(self) -> Array:
-        """Return how many heals each agent that is still alive gave away in this step, int (worlds, agents)."""
+        """Heals that each agent gave to another in this step, int (worlds, agents); 0 for agents that have died."""
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
         gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
         gifts = gifts[(gifts["item"] >= heals.start) & (gifts["item"] < heals.stop)]
@@ -141,17 +140,17 @@ class BehaviourMetrics:
         return given
 
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
-        """Return tallies of the living agents of a rollout, by tag: what learners do, and how many of all are alive.
+        """Tallies of the living agents of a rollout: what learners do, and the share of all agents that live.
 
         Args:
             own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
             actions: Integers (steps, worlds, agents, actions).
-            living: Which agents were alive when they observed, bool (steps, worlds, agents).
-            learns: Which agents were played by learners, likewise.
+            living: Who lived when it observed, bool (steps, worlds, agents).
+            learns: Who was played by learners, bool of the same shape.
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for each in (self._heals, self._reaches):
-            del each[: -len(living)]  # rollouts that nobody asked about
+            del each[: -len(living)]  # of rollouts whose tallies nobody asked for
         reaches = np.stack(self._reaches) if self._reaches else None
         for name, (values, where) in self.quantities(own, actions, living, reaches).items():
             where = where & learns
@@ -185,12 +184,12 @@ class BehaviourMetrics:
         return found
 
     def _sides(self, views: dict[str, Array]) -> Array:
-        """The side that each agent observes to be on; without teams every agent is a side."""
+        """The side that each agent observes itself to be on; without teams, every agent is a side."""
         fields, count = self.base_env.fields[OWN], self.base_env.num_agents
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _striking(self) -> Array:
-        """How far away the centre of who is struck may be, of all worlds or each, by who strikes and who is struck."""
+        """How far away a struck agent's centre may be: (worlds, who strikes, who is struck); any axis may be 1."""
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
         found: Array = reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
@@ -207,9 +206,9 @@ class BehaviourMetrics:
 class AgentMetrics:
     """Sums over the current episode of every world, for each agent; make it when the worlds have been reset.
 
-    totals: float64 (worlds, agents) by name: life, the ticks at the end of which the agent's side was alive;
-    deaths_TYPE; heals_given. rates: float64 (worlds, agents, 2) by name: the sum over the ticks in which a quantity
-    counts for the agent, and the number of these ticks; see BehaviourMetrics.quantities, and heals_held.
+    totals: float64 (worlds, agents) by name: life, the ticks to whose end the agent's side lived; deaths_TYPE;
+    heals_given. rates: float64 (worlds, agents, 2) by name, those of BehaviourMetrics.quantities and heals_held: the
+    sum over the ticks in which the quantity counts for the agent, and the number of these ticks.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
@@ -262,7 +261,7 @@ def means(tallies: Iterable[Tallies]) -> dict[str, float]:
 
 
 def _reach(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the numbers whose sum is how far away an enemy's centre can be that is struck; () without melee."""
+    """Names of the two numbers whose sum is how far away a struck enemy's centre can be; () without melee."""
     if Melee not in scenario or Agents not in scenario:
         return ()
     return f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"

@@ -14,17 +14,17 @@ from .rows import Observed, moved
 
 @dataclass(frozen=True)
 class Minibatch:
-    """Some samples: tensors (batch,); `actions` is (batch, actions).
+    """Some samples: tensors (batch,), and `actions` (batch, actions).
 
     Attributes:
         seen: What was observed.
         actions: int64.
-        log_probs: float32, of the actions, when they were chosen.
+        log_probs: float32, log-probabilities of the actions when they were chosen.
         advantages: float32, normalised.
         returns: float32.
         weights: float32, how much each sample counts; see loss.ppo_loss.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
-        begins: bool (steps, agents), where episodes begin; likewise.
+        begins: bool (steps, agents), where episodes begin; None for policies without a memory.
     """
 
     seen: Observed
@@ -38,14 +38,15 @@ class Minibatch:
 
 
 class Samples:
-    """The samples of a rollout that are a learner's, on a device; on the CPU, views of its arrays.
+    """A learner's samples of a rollout, on a device; on the CPU, these are views of the rollout's arrays.
 
     Attributes:
-        units: int64, what is shuffled and divided into minibatches: numbers of samples of all processes. On the CPU.
+        units: int64, what is shuffled and shared out among minibatches: indices of samples, those of all processes. On
+            the CPU.
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """number: the learner's number. device: where it is trained."""
+        """number: The number of the learner. device: Where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
         returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
         self.advantages, *self.own = (
@@ -55,11 +56,11 @@ class Samples:
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
     def select(self, part: Tensor) -> Minibatch | None:
-        """Return this process's share of the minibatch of some units; None if it has none of them."""
+        """This process's share of the minibatch of some units; None if it has none of them."""
         return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64))
 
     def _select(self, index: Tensor, weights: Tensor) -> Minibatch | None:
-        """That of some samples of all processes, with their weights, both on the CPU."""
+        """The same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
         where, own = self.rollout.here(index)
         if not len(own):
             return None
@@ -76,19 +77,19 @@ class Samples:
         )
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """What policies remember before some samples of this process, and where that begins anew."""
+        """What policies remember before some samples of this process, and where their memory begins anew."""
         return None, None
 
 
 class Chunks(Samples):
-    """The same in chunks of CHUNK steps of one agent, through which gradients flow back.
+    """A learner's samples in chunks of CHUNK steps of one agent, through which gradients flow back.
 
     Attributes:
-        units: int64, numbers of the chunks that contain samples of the learner; other samples in them do not count.
+        units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
     """
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """rollout: its steps are a multiple of CHUNK. number: the learner's number. device: where it is trained."""
+        """rollout: Has a multiple of CHUNK steps. number: The number of the learner. device: Where it is trained."""
         super().__init__(rollout, number, device)
         mine = rollout.learner == number
         self.agents = mine.shape[1]
@@ -98,7 +99,7 @@ class Chunks(Samples):
         self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
 
     def select(self, part: Tensor) -> Minibatch | None:
-        """Return the minibatch of some units: one step of all of them after the other."""
+        """This process's share of the minibatch of some units: step after step of all units."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
         index = (first + torch.arange(CHUNK)[:, None] * self.agents).flatten()
         weights = self.mine.index_select(0, index).double()

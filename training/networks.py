@@ -1,8 +1,8 @@
 """The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
-As only the average of the attention's output is needed, linear maps of the rows are moved after the average, and only
-visible rows are computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. Attention to
-hidden rows is in leaky.py.
+Only the average of attention's output is needed, so linear maps of the rows are moved behind the average, and only what
+is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. Attention that also
+reaches hidden rows is in leaky.py.
 """
 
 import math
@@ -22,7 +22,7 @@ GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
-    """Turns observations into features (batch, 2 * width): half from the agent's own numbers, half from entities."""
+    """Turns what agents observe into features (batch, 2 * width): half from their own numbers, half from entities."""
 
     own_scale: Tensor
     scale: Tensor
@@ -43,14 +43,14 @@ class Extractor(nn.Module):
         self._initialise(widths)
 
     def set_scales(self, scales: tuple[Any, Any]) -> None:
-        """Set what inputs are multiplied by, if the preset scales them; see observation_layout.scales."""
+        """Set what inputs are multiplied by, if the preset scales them: see observation_layout.scales."""
         if self.preset.scaled:
             own, kinds = (torch.as_tensor(each, dtype=torch.float32) for each in scales)
             self.own_scale.copy_(own)
             self.scale.copy_(kinds[:, None])
 
     def forward(self, seen: Observed) -> Tensor:
-        """Turn the observations of a batch of agents into features, float32 (batch, 2 * width)."""
+        """Turn what a batch of agents observes into features, float32 (batch, 2 * width)."""
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
         if isinstance(seen, Rows):
             entities = self._attend_seen(seen)
@@ -100,7 +100,7 @@ class Memory(nn.GRUCell):
     """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
-        """features: how many a step has. width: that of the memory."""
+        """features: How many there are in a step. width: How many numbers the memory has."""
         super().__init__(features, width)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
@@ -145,11 +145,11 @@ class Tower(nn.Module):
         return out
 
     def inner(self, features: Tensor) -> Tensor:
-        """Return the input of the last layer: (batch, hidden)."""
+        """The input of the last layer: (batch, hidden)."""
         return self.behind_first(self.activation(self.first(features)))
 
     def behind_first(self, first: Tensor) -> Tensor:
-        """Return the input of the last layer, (batch, hidden), from the output of the first layer."""
+        """The input of the last layer, from the output of the first: both (batch, hidden)."""
         return self.activation(self.second(first))
 
 

@@ -9,18 +9,18 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import GOLDEN, hashed, mix64
 
 Array = np.ndarray[Any, Any]
-STREAM = 2  # sets them apart from other random numbers of the seed
+STREAM = 2  # keeps them apart from other random numbers of the same seed
 
 
 class ActionNoise:
     """Uniform numbers for every action of every agent: a function of (seed, step, world, agent, action).
 
-    So a world is played in the same way in every batch, whoever else plays, and a run needs no state to be resumed.
+    So a world is played the same way in every batch, whatever else is in it, and a resumed run needs no saved state.
     Each agent has a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
     """
 
     def __init__(self, seed: int, worlds: Array, agents: int, actions: int) -> None:
-        """Key the numbers.
+        """Derive the key of each agent's numbers.
 
         Args:
             seed: Seed of the run.
@@ -42,11 +42,11 @@ class ActionNoise:
 class EpisodeNoise:
     """Uniform numbers for every action of some agents: a function of (seed, world, episode, tick, agent, action).
 
-    So an episode that begins again, or goes on from a saved state, is played in the same way.
+    So an episode that begins again, or continues from a saved state, is played the same way.
     """
 
     def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Make it for worlds; each call uses their keys at that time. agents: indices, integers (agents,)."""
+        """env: Its worlds are read at every call. agents: Indices of the agents, integers (agents,)."""
         self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
         self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
 
@@ -58,6 +58,6 @@ class EpisodeNoise:
 
 
 def _uniform(words: Array) -> Array:
-    """Of uniform uint64 numbers, float32 of the same shape."""
+    """Turn uniform uint64 numbers into float32 of the same shape, from 0 to below 1."""
     numbers: Array = (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
     return numbers

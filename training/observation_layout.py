@@ -12,7 +12,7 @@ from outlast.ecs import Fields
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
 OWN = "own"  # what an agent observes of itself
-RENAMED_KEYS = {"self": OWN}  # observation keys of older files: what they are called now; masks go with them
+RENAMED_KEYS = {"self": OWN}  # observation keys of older files: their names now; keys of masks change with them
 SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales in files of outlast 0.1
 FieldTable = Mapping[str, Mapping[str, Sequence[float]]]  # size and scale by key and name, in order of columns
 
@@ -35,17 +35,21 @@ class EntityKind:
 class ObservationLayout:
     """The packed row of one agent: its own numbers, the masks, the rows of all kinds of entities.
 
-    own: how many numbers belong to no entity; by key in `alone`, the agent itself first. rows: entities of all kinds.
-    features: numbers of the widest kind; rows of narrower kinds are padded with zeros. size: own + rows + rows *
-    features. columns: those of an entity in Rows: the numbers of all kinds, and one for each kind.
+    Attributes:
+        alone: How many numbers that belong to no entity each key has, the agent itself first.
+        own: The sum of these.
+        rows: How many entities there are, kind after kind.
+        features: Numbers of the widest kind; rows of narrower kinds are filled up with zeros.
+        size: Length of the packed row: own + rows + rows * features.
+        columns: Columns of an entity in Rows: the numbers of all kinds, and one more for each kind.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
         """Lay them out.
 
         Args:
-            shapes: Shapes of one agent's observations by current key; a kind is a key with a companion key_mask.
-            fields: What the rows hold, if that matters.
+            shapes: Shapes of one agent's observations by current key; a key with a companion key_mask is a kind.
+            fields: What the rows hold, where that matters.
         """
         self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
@@ -94,7 +98,7 @@ class ObservationLayout:
     def cells(self) -> list[int]:
         """For each cell of a row of each kind, ((kinds + 1) * features), which of the numbers of all kinds it holds.
 
-        Cells that are always zero hold number 0, as do all cells of the last kind, which has no numbers.
+        For cells that are always zero, it is number 0; these include all cells of the last kind, which has no numbers.
         """
         cells, start = [], 0
         for kind in self.kinds:
@@ -136,9 +140,9 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
 
 
 def earlier_scales(layout: ObservationLayout, numbers: Mapping[str, Any]) -> tuple[Array, Array]:
-    """Return the factors for a file of outlast 0.1, which has no fields, only the scenario's numbers.
+    """The factors for a file of outlast 0.1, which does not have the fields, only the scenario's numbers.
 
-    Its rule goes by position: the last numbers of a row have scales; those before them are ids and sides.
+    Its rule goes by position: `known` has the scales of the last numbers of a row; those before are ids and sides.
     """
     half = numbers["room_size"] / 2 if "room_size" in numbers else 1.0
     agent = (numbers["agents_health"], half, half, math.pi, SPEED, SPEED, SPIN)

@@ -24,12 +24,12 @@ from .policy import ActorCritic
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
 PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
-STEP = 4.0  # Elo points of a game that was won although it should have been drawn, twice that
+STEP = 4.0  # Elo's K-factor: half of it is gained by winning a game that should have been drawn
 SCALE = 400.0  # Elo points of odds of ten to one
-FORGET = 0.9  # of earlier games, with each update: learners change
+FORGET = 0.9  # factor by which earlier games count less with each update, as learners change
 WRONG = "opponents in rest.pt of the checkpoint are not what a run goes on with"
-HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # a rating, games, digits of agent-steps in a checkpoint
-LEAST = 0.02  # of the priority of an opponent that always loses
+HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # limits in a checkpoint: of ratings, games, digits of agent-steps
+LEAST = 0.02  # is added to every priority, so that an opponent that always loses is still drawn
 
 
 @dataclass
@@ -37,17 +37,17 @@ class Opponent:
     """An opponent that can be drawn.
 
     Attributes:
-        name: One of OPPONENTS, a path, or for a past self "past", an @ and its agent-steps.
+        name: One of OPPONENTS, a path, or for a past self past@STEPS, with its agent-steps.
         weight: How often it is drawn, unless opponents are prioritised.
-        policies: The policies of a past self or a file, one for each learner.
-        packer: The packer of observations for these; None: that of the learners.
+        policies: Those of a past self, one for each learner, or those of a file.
+        packer: Packs observations for these policies; None: the learners' packer does.
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
         plain: Instead of policies, a function from the observations of some agents and uniform numbers
             (agents, actions) to actions.
         rating: Elo points.
-        won: Sum of how far the learners won games against it (see `record_all`); earlier games count less.
-        games: How many games there were, likewise.
-        total: How many games there were in all.
+        won: How many games the learners won against it, in the shares of `record_all`; earlier ones count less.
+        games: How many games they played against it; earlier ones count less.
+        total: How many games in all, each counted as one.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Opponent:
 
     @property
     def kind(self) -> str:
-        """The name; for a past self, without the steps."""
+        """The name; that of a past self without the steps."""
         return PAST if self.past else self.name
 
     @property
@@ -79,19 +79,19 @@ class Opponent:
 
     @property
     def wins(self) -> float:
-        """The share of games that the learners won; a half if there were none."""
+        """The share of games that the learners won, smoothed: 1/2 if there was none."""
         return (self.won + 0.5) / (self.games + 1)
 
 
 class Opponents:
     """The pool that opponents are drawn from, by index, with their ratings.
 
-    Index 0 is the present self: if it is drawn, learners play all sides. Past selves that are no longer drawn stay in
-    the pool as long as they play in some world.
+    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
+    as long as they play in some world.
 
     Attributes:
-        dropped: How many games were against past selves that are no longer in the pool.
-        memory: Width of the widest memory among all that play.
+        dropped: Games against past selves that are no longer in the pool.
+        memory: Width of the widest memory among all policies that play.
     """
 
     def __init__(
@@ -106,16 +106,16 @@ class Opponents:
         """Make a pool without past selves.
 
         Args:
-            weights: Weights by name in OPPONENTS or path; see envs.rollout.mixture.parse_mixture.
+            weights: Weights by path or name of OPPONENTS, see envs.rollout.mixture.parse_mixture.
             players: The players of the paths.
             env: Worlds like those that are played in.
-            prioritised: Whether opponents that win more often are drawn more often: prioritised fictitious self-play
-                (Vinyals et al., 2019). The present self keeps its weight.
+            prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals
+                et al., 2019). The present self keeps its weight.
             memory: Width of the memory of the learners' policies.
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
-        for name in weights:  # in this order: indices are in checkpoints, and the same in all processes
+        for name in weights:  # the order decides the indices, which are in checkpoints and equal in all processes
             if name not in players and name not in (SELF, PAST):
                 self._add(Opponent(name, weights[name], plain=plain(name, env)))
         for name, player in players.items():
@@ -136,7 +136,7 @@ class Opponents:
         return self.weights.keys() <= {SELF}
 
     def chances(self) -> tuple[Array, Array]:
-        """Return the indices that can be drawn, int, and how often, float64 of the same length."""
+        """Indices that can be drawn, int, and their weights, float64 of the same length."""
         shares = {k: one.weight for k, one in self.all.items() if not one.past}
         for k in self.past:
             shares[k] = self.weights[PAST] / len(self.past)
@@ -154,7 +154,7 @@ class Opponents:
         Args:
             policies: The policies of the learners.
             steps: Agent-steps that they were trained for.
-            playing: Indices of opponents that play in some world.
+            playing: Indices of the opponents that play in some world.
         """
         if PAST not in self.weights:
             return
@@ -168,30 +168,30 @@ class Opponents:
             self.dropped += self.all.pop(k).total
 
     def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
-        """Record games of a rollout, in any order: the step in which each ended, the opponent, and how far it was won.
+        """Record the games of a rollout, in any order: the step in which each ended, the opponent, how far it was won.
 
-        This is the share of the other sides that the learners' side outlived. For equally good players it is 1/2 on
-        average, however many sides a game has, which is what ratings and priorities treat as even.
+        How far is the share of the other sides that the learners' side outlived. Between equals it is 1/2 on average,
+        however many sides there are, and ratings and priorities take 1/2 for even.
         """
         ended: dict[tuple[int, int], list[float]] = {}
         for step, index, won in games:
             ended.setdefault((step, index), []).append(won)
         for step, index in sorted(ended):
             each = ended[step, index]
-            self.record(index, math.fsum(each), len(each))  # exact, so that nothing depends on who played which world
+            self.record(index, math.fsum(each), len(each))  # an exact sum, the same in whatever order worlds are
 
     def record(self, index: int, won: float, games: int) -> None:
-        """Record games against an opponent. won: the sum of how far each was won."""
+        """Record games against an opponent. won: The sum of how far each was won."""
         one, own = self.all[index], self.all[0]
         expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
         change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))
         own.rating += change
-        if not one.past:  # a past self is what it was
+        if not one.past:  # a past self keeps the rating that it had as the present self
             one.rating -= change
         one.won, one.games, one.total = one.won + won, one.games + games, one.total + games
 
     def report(self) -> dict[str, float]:
-        """Return what is logged, by tag, and let earlier games count less from now on."""
+        """Return what is logged, by tag, and let the games so far count less from now on."""
         tags = {}
         if not self.alone:
             tags["rating/self"] = self.all[0].rating
@@ -208,7 +208,7 @@ class Opponents:
         return tags
 
     def state(self) -> dict[str, Any]:
-        """Return the ratings of all, the past selves, and hashes that identify the policies of files."""
+        """What a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
         figures = {
             k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64)
             for k, one in self.all.items()
@@ -275,12 +275,12 @@ def is_past(name: str) -> bool:
 
 
 def frozen(policy: ActorCritic) -> ActorCritic:
-    """Return a copy that is not trained."""
+    """A copy of a policy that is not trained any further."""
     return deepcopy(policy).requires_grad_(False)
 
 
 def plain(name: str, env: SurvivalVectorEnv) -> Plain:
-    """Return a policy by name as a function of some agents' observations."""
+    """The policy of a name, as a function of some agents' observations and uniform numbers, see Opponent.plain."""
     if name == "random":
         return lambda observations, uniform: (uniform * env.action_sizes).astype(np.int64)
     if name == "noop":

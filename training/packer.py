@@ -1,4 +1,4 @@
-"""Converts the observations of worlds into the rows that networks take."""
+"""Turns the observations of worlds into the rows that networks take."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,15 +17,15 @@ class Packer:
     """Packs observations, by key and kind, in the form that the networks of a preset take."""
 
     def __init__(self, layout: ObservationLayout, *, leaky: bool, egocentric: bool) -> None:
-        """Make it for the networks of a preset.
+        """Make a packer for the networks of a preset.
 
         Args:
             layout: Layout of the observations.
-            leaky: Whether to pack the rows of hidden entities, too.
-            egocentric: Whether to transform observations into the frame of the agent; see `Egocentric`.
+            leaky: Whether the rows of hidden entities are packed, too.
+            egocentric: Whether what is seen is brought into the frame of the agent, see `Egocentric`.
 
         Raises:
-            TrainingError: The fields needed for that are missing.
+            TrainingError: It is egocentric, and the layout lacks the fields for that.
         """
         self.layout, self.leaky = layout, leaky
         self.frame = Egocentric(layout) if egocentric else None

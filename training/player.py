@@ -33,15 +33,15 @@ from .presets import preset
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
-THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
+THREADS_LOCK = threading.RLock()  # held while PyTorch has another number of threads than the user has set
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Run PyTorch on one thread, and restore the number of threads, which the user's own networks share.
+    """Run PyTorch on one thread, and restore the number of threads, which is also that of the user's own networks.
 
-    With more threads, networks this small are slower, and far slower on busy cores, as threads wait for each other.
-    With one, sums are also the same on any machine. The change itself takes less than a microsecond.
+    Networks this small are slower on several threads, much slower where cores are busy, as threads wait for each other.
+    And on one thread, sums come out the same wherever it runs. The change itself takes less than a microsecond.
     """
     with THREADS_LOCK:
         threads = torch.get_num_threads()
@@ -58,23 +58,24 @@ class Player:
     >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations that it was trained with
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
 
-    Actions: int64 (..., agents, actions), sampled from a generator of its own, or without a seed the likeliest ones.
-    They are computed on one thread; PyTorch's own number of threads is not changed for anything else.
+    Actions are int64 (..., agents, actions), sampled by a generator of its own, or the likeliest ones without a seed.
+    They are computed on one thread, whatever number PyTorch is set to, and that setting stays as it is.
 
-    A policy with a memory keeps what each agent remembers. `reset` tells it where episodes begin: environments call it,
-    and in loops of your own `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
+    A policy with a memory keeps what each agent remembers, and `reset` tells it where episodes begin; environments call
+    that, and in loops of your own `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
 
     Attributes:
-        memory: How many numbers each agent remembers; 0: none.
-        state: How many numbers of a world's state its critic learned from; 0: none. It plays without them.
-        reset: None for a policy without a memory. Otherwise a function that is called with the worlds in which episodes
-            begin, bool of the leading shape of observations, (worlds,): all of them before the first call.
+        memory: Numbers that each agent remembers; 0: none.
+        state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
+        reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
+            a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
+            must be told of all worlds.
     """
 
     def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
-        """Read tensors and numbers only; nothing in the file is executed. path: the file, or the content of its files.
+        """Read a policy. Only tensors and numbers are read; nothing in the file is executed. Raises TrainingError.
 
-        Raises TrainingError.
+        path: The file of a checkpoint, or the content of the files in it. seed: See `load_policy`.
         """
         files = path if isinstance(path, dict) else checkpoint.read_checkpoint(Path(path), ("policy.pt",))
         self._origin = "" if isinstance(path, dict) else f"{path}: "
@@ -86,7 +87,7 @@ class Player:
         self.memory: int = self.header.get("memory", 0)
         self.state: int = self.header.get("state", 0)
         self.reset = self._reset if self.memory else None
-        self._begins: Array | None = None  # bool, in which worlds
+        self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
         try:
             with one_thread():
@@ -121,7 +122,7 @@ class Player:
         return self.preset.scenario(scenario)
 
     def check(self, env: SurvivalVectorEnv) -> None:
-        """Check that it can play in these worlds. Raises TrainingError."""
+        """Check that the policy can play in these worlds. Raises TrainingError."""
         with self._named():
             self._check(env._reader.views)  # whatever form a learner gets them in
             checkpoint.check_fields(self.header, env)
@@ -140,14 +141,14 @@ class Player:
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
-        """What is wrong with the policy names its file: others may play, too."""
+        """Put the name of the file into errors about the policy, as other policies may play, too."""
         try:
             yield
         except TrainingError as error:
             raise TrainingError(f"{self._origin}{error}") from None
 
     def __call__(self, observations: dict[str, Array]) -> Array:
-        """The actions for these observations.
+        """Choose the actions for these observations.
 
         Raises:
             TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
@@ -160,20 +161,20 @@ class Player:
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Sample actions by the keys of worlds rather than from a generator; see EpisodeNoise.
+        """Sample actions by the keys of worlds from now on, instead of by a running generator; see EpisodeNoise.
 
-        agents: the indices of the agents that it plays in each world, integers (agents,).
+        agents: The indices of the agents that it plays in each world, integers (agents,).
         """
         self._noise = EpisodeNoise(env, agents)
 
     def _uniform(self, *shape: int) -> torch.Tensor | None:
-        """Numbers to sample actions by, float32 (batch, actions); None for the likeliest ones."""
+        """Uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
         if self._noise is not None:
             return torch.from_numpy(self._noise())
         return None if self.generator is None else torch.rand(shape, generator=self.generator)
 
     def explainer(self) -> Explainer:
-        """Return what explains its actions, with a memory of its own, for outlast.record(policy=player)."""
+        """Make an explainer of how the policy acts, with a memory of its own; for outlast.record(policy=player)."""
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
@@ -195,7 +196,7 @@ class Player:
                 )
 
     def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """What agents remember, and where that begins anew, as policies take it. Raises TrainingError."""
+        """What agents remember, and where their memory begins anew, as policies take both. Raises TrainingError."""
         known = None if self._begins is None else self._begins.shape
         if self._begins is None or known != worlds:
             raise TrainingError(
@@ -217,7 +218,7 @@ class Player:
     def _ask(self, observations: dict[str, Array], question: Question) -> list[Array]:
         """Ask the policy, or each of several about its own agents; returns the arrays (batch, ...) of the answers.
 
-        The memory goes on. Raises TrainingError.
+        Memory moves on by a step. Raises TrainingError.
         """
         memory, begins = None, None
         with self._named():
@@ -263,7 +264,7 @@ def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begi
 
 
 def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:
-    """What differs between the shapes of an agent's observations, in words. Masks go with what they are of."""
+    """What differs between the shapes of an agent's observations, in words; masks only if nothing else does."""
     own = [{key: shape for key, shape in shapes.items() if not key.endswith("_mask")} for shapes in (trained, here)]
     if own[0] == own[1]:  # as in made-up observations: the masks alone differ
         own = [trained, here]

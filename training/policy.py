@@ -12,7 +12,7 @@ from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed
 
-NEVER = -1e9  # a logit that softmax makes 0; infinity would make NaN where there is nothing else
+NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
 
 
@@ -42,7 +42,7 @@ class MultiCategorical(nn.Module):
         self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """Return those of all values, (values, actions, batch), given the features that the head turns into logits."""
+        """Log probabilities of all values, (values, actions, batch), of features that the head turns into logits."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
         logits = torch.addmm(bias[:, None], weight, features.T)
         return logits.view(*self.shape, len(features)).log_softmax(0)
@@ -54,16 +54,16 @@ class MultiCategorical(nn.Module):
 
     @staticmethod
     def entropy(logs: Tensor) -> Tensor:
-        """Return the entropy of the joint actions, (batch,)."""
+        """The entropy of the joint actions: (batch,)."""
         return -(logs.exp() * logs).sum((0, 1))
 
     @staticmethod
     def likeliest(logs: Tensor) -> Tensor:
-        """Return the likeliest joint actions, int64 (batch, actions)."""
+        """The likeliest joint actions, int64 (batch, actions)."""
         return logs.argmax(0).T
 
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
-        """Sample joint actions, int64 (batch, actions), from a uniform number for each, (batch, actions)."""
+        """Sample joint actions, int64 (batch, actions), by one uniform number for each action, (batch, actions)."""
         below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
         return (below <= uniform.T).sum(0).T
 
@@ -91,9 +91,9 @@ class ActorCritic(nn.Module):
             sizes: How many values each action has.
             layout: Layout of the observations.
             preset: What the networks are like.
-            scales: Scales of inputs; see observation_layout.scales.
-            memory: How many numbers each agent keeps from step to step; 0: none.
-            state: How many numbers of a world's state the critic learns from; 0: none.
+            scales: Factors of inputs, see observation_layout.scales.
+            memory: Numbers that each agent keeps from step to step; 0: none.
+            state: Numbers of the state of a world that the critic learns from; 0: none.
         """
         super().__init__()
         self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
@@ -110,8 +110,8 @@ class ActorCritic(nn.Module):
         """Process one step of a batch of agents or, with a memory, several steps.
 
         Args:
-            seen: What is observed; for several steps, that of the same agents, step by step. It includes the state of
-                worlds if the critic learns from it.
+            seen: What is observed: in several steps, what the same agents observe, step after step. It includes the
+                state of worlds if the critic learns from that.
             memory: float32 (agents, width), before the first step; None for a policy without a memory.
             begins: bool (agents,) or (steps, agents): where episodes begin. There, memory is set to 0.
 
@@ -133,7 +133,7 @@ class ActorCritic(nn.Module):
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor | None]:
-        """Return only log probabilities and memory, for callers that need no values; see `forward`."""
+        """Return the log probabilities and the memory only, for callers that need no values; see `forward`."""
         features = self.extractors[0](seen)
         if self.recurrent is not None:
             after, memory = self._remember(features, memory, begins)
@@ -141,7 +141,7 @@ class ActorCritic(nn.Module):
         return self._logs(self.actor.inner(features)), memory
 
     def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
-        """Return actions, int64 (batch, actions), sampled by numbers (batch, actions) from 0 to 1, or the likeliest."""
+        """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
         return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -160,11 +160,12 @@ class ActorCritic(nn.Module):
     def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
         """Become the same function of observations and state as another policy, whose inputs may have other scales.
 
-        Raises RuntimeError, as load_state_dict does, if its networks are different.
+        Raises RuntimeError, as load_state_dict does, if its networks differ.
 
         Args:
-            other: The other policy.
-            scale: This policy's scales of the numbers of the state divided by the other's, float32 (numbers,).
+            other: The policy to take the weights from.
+            scale: What numbers of the state are divided by here, over what they are divided by there: float32
+                (numbers,).
         """
         self.load_state_dict(other.state_dict())
         with torch.no_grad():
@@ -176,7 +177,7 @@ class ActorCritic(nn.Module):
                 self.overview.weight.mul_(torch.as_tensor(scale, device=self.overview.weight.device))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
-        """Use other scales of inputs: those that the weights were trained with."""
+        """Set other scales of inputs: those that the weights were trained with."""
         for extractor in self.extractors:
             cast(Extractor, extractor).set_scales(scales)
 

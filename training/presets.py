@@ -11,8 +11,8 @@ from outlast.envs.scenarios.scenario import Scenario
 from .errors import TrainingError
 from .hyperparameters import Hyperparameters
 
-WORLDS, ROLLOUT = 64, 16384  # that share a rollout; environment steps of it, as in the paper, where one world has all
-DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Collector
+WORLDS, ROLLOUT = 64, 16384  # worlds that share a rollout; its environment steps, which in the paper one world plays
+DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Lane
 
 
 PAPER_NUMBERS = Hyperparameters()
@@ -32,20 +32,20 @@ class Preset:
     """Networks, numbers of PPO, and the size of a rollout.
 
     Attributes:
-        name: The name of the preset.
+        name: The name by which it is chosen.
         activation: "tanh" or "relu".
-        shared: Whether policy and value share one extractor, or have one each.
-        padded: Whether there is an additional entity of zeros that is always visible.
-        leaky: Whether attention includes hidden entities, with their logits raised by 1, and averages over rows include
-            them as well, as in the authors' code. Otherwise both leave them out.
-        scaled: Whether inputs are scaled to about -1 to 1.
-        egocentric: Whether agents observe everything relative to where they stand and look; see `egocentric`.
-        cameras: The value of cameras_mode: what the rows of hidden entities hold.
+        shared: Whether policy and value have one extractor, or one each.
+        padded: Whether there is an entity of zeros that is always visible.
+        leaky: Whether hidden entities are attended to, with their logits raised by 1, and averages are over the number
+            of all rows, as in the authors' code. Otherwise hidden ones are left out of both.
+        scaled: Whether inputs are brought to about -1 to 1.
+        egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
+        cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
         width: Width of every embedding.
-        heads: Number of attention heads.
-        hidden: Width of both layers after the extractor.
-        numbers: Numbers of PPO, unless others are set.
-        agents: Number of agents of all worlds together, unless the number of worlds is set; 0: WORLDS worlds.
+        heads: Heads of the attention.
+        hidden: Width of both layers behind the extractor.
+        numbers: The numbers of PPO, unless others are asked for.
+        agents: Agents of all worlds together, unless the number of worlds is given; 0: there are WORLDS worlds.
         steps: Steps of each world in a rollout; 0: all worlds share ROLLOUT steps.
     """
 
@@ -71,11 +71,11 @@ class Preset:
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def difference(self, recorded: Any, scenario: Scenario) -> str:
-        """Return how a recorded scenario differs from that in which this preset's policies train; "" if it does not.
+        """How a recorded scenario differs from what this preset trains in if asked for `scenario`; "": not at all.
 
         Args:
             recorded: The fingerprint of the recorded scenario, from the header of a run or a file.
-            scenario: The scenario as it was given, without the observations that the preset or opponents need.
+            scenario: The scenario as it is asked for, without the observations that the preset or opponents need.
         """
         found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
         return found[0] if all(found) else ""
@@ -84,9 +84,9 @@ class Preset:
         """Return the number of worlds of a rollout, and the environment steps of all of them together.
 
         Args:
-            agents: Number of agents in a world.
-            worlds: Number of worlds that was set; 0: as in the preset.
-            rollout: Environment steps that were set; 0: as in the preset.
+            agents: How many agents a world has.
+            worlds: How many worlds are asked for; 0: as the preset has it.
+            rollout: Environment steps that are asked for; 0: as the preset has it.
 
         Raises:
             TrainingError: The steps cannot be divided evenly among the worlds.
@@ -115,7 +115,7 @@ PRESETS = {
 
 
 def preset(name: Any) -> Preset:
-    """Return the preset of that name. For an unknown name, raise a ScenarioError that lists all presets."""
+    """The preset of that name. For any other, raises a ScenarioError that lists all presets."""
     if name not in PRESETS:
         raise ScenarioError(f"there is no preset '{name}'; known: {', '.join(PRESETS)}")
     return PRESETS[name]

@@ -16,12 +16,12 @@ T = TypeVar("T")
 
 
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
-    """Yield the results of jobs, in their order.
+    """Run jobs, and yield what they return, in their order.
 
     Args:
-        jobs: Functions that can be pickled, such as partials of functions of a module. An exception of a job is raised
-            here and ends all others, as does Ctrl-C, or a caller that takes no more results.
-        at_once: How many processes work; 1: this process itself.
+        jobs: Functions that can be pickled, such as partials of functions of a module. What one raises is raised here
+            and ends all others; so do Ctrl-C, and a caller that takes no more results.
+        at_once: How many processes work; 1: this process does.
 
     Raises:
         TrainingError: A process was ended from outside.
@@ -42,7 +42,7 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
         raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
-            process.kill()  # it would end its job first
+            process.kill()  # else it would first finish its job
         raise
     finally:
         pool.shutdown(cancel_futures=True)
@@ -61,7 +61,7 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def deaf_to_ctrl_c() -> Iterator[None]:
-    """Let processes that are started within it leave Ctrl-C, which a terminal sends to all of them, to this one."""
+    """A context in which processes are started that ignore Ctrl-C: a terminal sends it to all, this one handles it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

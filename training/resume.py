@@ -1,4 +1,4 @@
-"""What a run needs to go on as if it had never stopped: the content of its checkpoints, besides the policies."""
+"""The content of checkpoints, beside the policies, with which a run goes on as if it had never stopped."""
 
 import io
 import tempfile
@@ -31,9 +31,9 @@ WRONG = "rest.pt of the checkpoint is not what a run goes on with"
 
 
 def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
-    """Return the files of a checkpoint, in memory. header: more for run.json; see TrainingConfig.header.
+    """Make the files of a checkpoint, in memory. header: Further entries of run.json, see TrainingConfig.header.
 
-    All processes that train together must call it, although only the first uses the result.
+    All processes that train together must call it, though only the first one needs the result.
     """
     worlds, lanes = trainer.captured()
     rest = {
@@ -53,7 +53,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
 
 
 def knows_opponents(files: dict[str, bytes]) -> bool:
-    """Return whether a checkpoint says which policies the opponents' files held, so that `restore` compares them."""
+    """Whether a checkpoint says which policies were in the files of opponents; then `restore` compares them."""
     rest = load_tensors(files, "rest.pt")
     return isinstance(rest, dict) and isinstance(opponents := rest.get("opponents"), dict) and "saved" in opponents
 
@@ -61,7 +61,7 @@ def knows_opponents(files: dict[str, bytes]) -> bool:
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     """Make a new trainer of the same config go on from a checkpoint.
 
-    Raises StateError if it is of another scenario, and TrainingError if it belongs to something else or is damaged.
+    Raises StateError if it is of another scenario, TrainingError if its content does not fit the trainer or is broken.
     """
     header, rest, weights = header_of(files), load_tensors(files, "rest.pt"), policies_in(files)
     check_fields(header, trainer.env)
@@ -128,7 +128,7 @@ def _checked_learner(learner: Learner, given: Any) -> dict[str, Any]:
 def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
     """The state that the learner's optimiser goes on with, given the moments of all its parameters (or of none yet).
 
-    Its numbers are its own: the learning rate is set ahead of each update, the others are the same for all policies.
+    Its settings are not read: the learning rate is set before each update, the others are the same for all policies.
     """
     parameters = learner.parameters
     if not isinstance(moments, dict) or moments.keys() not in (set(), set(range(len(parameters)))):
@@ -148,7 +148,7 @@ def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
 
 
 def _check_random(generator: torch.Generator, given: Any) -> None:
-    """Check the position in the generator's table and the count left in it, which PyTorch takes as they are."""
+    """Check the position in the generator's table and the count left in it, which PyTorch does not check."""
     check_like(given, generator.get_state(), "a random generator in rest.pt")
     size, count = GENERATOR
     if len(given) == size:

@@ -12,24 +12,24 @@ from .errors import TrainingError
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
-DEAREST = 1e30  # reward, or sum of rewards: float32, also when it is squared in float64
+DEAREST = 1e30  # the largest reward or sum of rewards: float32 holds it, and float64 its square
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents, ...) of the agents of this process or, where it says so, of all processes.
+    """Samples (steps, agents, ...) of the agents of this process or, where it says so, of the agents of all processes.
 
     Attributes:
         seen: What was observed before each step, steps * agents.
         actions: int64 (steps, agents, actions).
-        log_probs: float32, of the actions, when they were chosen.
-        values: float32, of what was observed; of all processes.
+        log_probs: float32, log-probabilities of the actions when they were chosen.
+        values: float32, the critic's values of what was observed; of all processes.
         advantages: float32; of all processes.
         learner: int16, which of the learners is trained on the sample, or NOBODY; of all processes.
-        alive: bool, whether the agent was alive when it observed.
-        begins: bool, whether the agent's memory is reset before the step.
+        alive: bool, whether the agent lived when it observed.
+        begins: bool, whether the agent's memory begins anew with the step.
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
-        first: The number of this process's first agent among those of all.
+        first: The index of this process's first agent among those of all processes.
     """
 
     seen: Observed
@@ -45,17 +45,17 @@ class Rollout:
 
     @property
     def returns(self) -> Array:
-        """The targets of values, float32."""
+        """float32, what the values should become."""
         return self.advantages + self.values
 
     def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
-        """Return which of some samples of all processes belong to this one.
+        """Find those that belong to this process, among some samples of all processes.
 
         Args:
-            samples: The numbers of the samples, int64 (some,).
+            samples: Indices of the samples, int64 (some,).
 
         Returns:
-            The indices of those that belong to this process, None for all; and their numbers among its samples.
+            Where in `samples` those of this process are, None if all are; and their indices among its own samples.
         """
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
@@ -68,20 +68,20 @@ class Rollout:
 class RewardScale:
     """The running standard deviation of discounted sums of rewards, which rewards are divided by.
 
-    So values and advantages have about the same size, whatever a scenario pays. After enough rollouts it moves slowly:
-    older rollouts together count at most as much as MEMORY of the newest.
+    So values and advantages are of about the same size whatever a scenario pays. After enough rollouts it moves slowly:
+    all older rollouts count as much as MEMORY times the newest one, at most.
     """
 
     MEMORY = 50.0
     LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
 
     def __init__(self, agents: int, gamma: float) -> None:
-        """agents: their number in all worlds. gamma: discount per step."""
+        """agents: How many there are in all worlds. gamma: Discount of a step."""
         self.gamma, self.sums = gamma, np.zeros(agents)
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
     def update(self, rewards: Array, ends: Array) -> float:
-        """Take the rewards of a rollout into account, and return the standard deviation.
+        """Take in the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
 
         Args:
             rewards: float32 (steps, agents).
@@ -100,7 +100,7 @@ class RewardScale:
         return spread if spread >= self.LEAST else 1.0
 
     def state(self) -> dict[str, torch.Tensor]:
-        """Return what a resumed run needs: float64 tensors by name."""
+        """What a checkpoint keeps: float64 tensors by name."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
 
@@ -113,9 +113,9 @@ class RewardScale:
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:
-        """Return which number is outside the bounds in which a run can go on, and these bounds; "" if none is.
+        """Say which number is out of the bounds in which a run can go on, and what these are; "": none is.
 
-        where: What to add after its name.
+        where: What is said after the name of the number.
         """
         for name, value in self.state().items():
             low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)

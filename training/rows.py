@@ -17,11 +17,11 @@ from torch.nn import functional
 from .observation_layout import ObservationLayout
 
 Array = np.ndarray[Any, Any]
-FILL = 512  # multiple that lists are filled up to where shapes are to repeat
+FILL = 512  # lists are filled up to multiples of this where shapes should repeat
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """Return the tensor on a device; it is sent to a GPU through pinned memory, so that nothing waits for it."""
+    """The tensor on a device; it goes to a GPU through pinned memory, so that the CPU does not wait for it."""
     if device.type == "cuda" and tensor.device.type == "cpu" and torch.cuda.is_available():
         tensor = tensor.pin_memory()
     return tensor.to(device, non_blocking=True)
@@ -32,13 +32,14 @@ class Rows:
 
     Attributes:
         own: float32 (batch, layout.own), each agent's own numbers.
-        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each is in the
-            columns of its kind, with a 1 in the column that marks the kind; all other columns are 0.
-        count: int64 (batch,), how many of the rows belong to each agent.
+        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
+            columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
+        count: int64 (batch,), how many of the rows are each agent's.
         known: The same as an array, from which the CPU knows all sizes without waiting for a GPU.
-        room: How many pairs there is room for, or None. If not None, rows and pairs of nobody follow all others, at
-            least one of each, so that their numbers are multiples of FILL, and a GPU meets the same shapes again.
-        state: float32 (batch, numbers), the state of each agent's world, for a critic that learns from it; or None.
+        room: How many pairs there is room for, or None. If there is room, rows and pairs that belong to nobody, at
+            least one of each, follow all others and fill up the lists to multiples of FILL, so that a GPU meets the
+            same shapes again.
+        state: float32 (batch, numbers), of each agent's whole world, for a critic that learns from it; or None.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Rows:
 
     @property
     def owners(self) -> int:
-        """How many agents rows can belong to, including nobody if there is room for more."""
+        """How many owners rows can have: the agents and, where lists are filled up, nobody."""
         return len(self) + (self.room is not None)
 
     @cached_property
@@ -78,7 +79,7 @@ class Rows:
         if self.room is None:
             return self.count.index_select(0, self.agent)
         each = functional.pad(self.count, (0, 1)).index_select(0, self.agent)
-        each[-1] = self.room - each.sum()  # the last row has what is left
+        each[-1] = self.room - each.sum()  # the last row is the first of all pairs that are left
         return each
 
     @cached_property
@@ -92,7 +93,7 @@ class Rows:
         return first, second if self.room is None else second.clamp(max=len(rows) - 1)
 
     def select(self, index: Tensor) -> Rows:
-        """Those of some agents, int64 (some,), on the CPU."""
+        """What some agents observe. index: Which ones, int64 (some,), on the CPU."""
         known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
         found.state = _selected(self.state, there)
@@ -108,13 +109,13 @@ class Rows:
         return found
 
     def filled(self) -> Rows:
-        """Return the same with room for more."""
+        """The same, with lists filled up, see `room`."""
         size, pairs = len(self.entities), int((self.known * self.known).sum())
         entities = functional.pad(self.entities, (0, 0, 0, _filled(size) - size))
         return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
-        """Return the same on a device, with room for more; on the CPU it stays as it is."""
+        """The same on a device: filled up on a GPU, and unchanged on the CPU."""
         if device.type == self.own.device.type:
             return self
         here = self.filled()
@@ -122,7 +123,7 @@ class Rows:
         return Rows(own, entities, count, self.known, here.room, _moved(self.state, device))
 
     def _counts(self, size: int) -> Tensor:
-        """int64 (owners,), how many of so many rows are each agent's, and nobody's."""
+        """int64 (owners,), how many of `size` rows belong to each agent, and to nobody."""
         if self.room is None:
             return self.count
         return torch.cat([self.count, (size - self.count.sum())[None]])
@@ -133,8 +134,8 @@ class PaddedRows:
 
     Attributes:
         packed: float32 (batch, layout.size).
-        layout: The layout of `packed`.
-        state: As for Rows.
+        layout: Where everything is in `packed`.
+        state: As in Rows.
     """
 
     def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
@@ -160,7 +161,7 @@ class PaddedRows:
         return cells.view(len(self), self.layout.rows, self.layout.features)
 
     def select(self, index: Tensor) -> PaddedRows:
-        """Those of some agents, int64 (some,), on the CPU."""
+        """What some agents observe. index: Which ones, int64 (some,), on the CPU."""
         there = moved(index, self.packed.device)
         return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
 
@@ -173,7 +174,7 @@ Observed = Rows | PaddedRows
 
 
 def concatenated(parts: Sequence[Observed]) -> Observed:
-    """Join the batches, all on the CPU."""
+    """Join batches, one after the other; all are on the CPU."""
     states = [part.state for part in parts if part.state is not None]
     state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):
@@ -185,7 +186,7 @@ def concatenated(parts: Sequence[Observed]) -> Observed:
 
 
 def _filled(size: int) -> int:
-    """At least one more: the next multiple of FILL or, if that is more, of the power of 2 below a sixteenth of it."""
+    """The next larger multiple of FILL or, if that is more, of the highest power of 2 up to a sixteenth of `size`."""
     step = max(FILL, 1 << max(size.bit_length() - 5, 0))
     return (size // step + 1) * step
 

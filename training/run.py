@@ -31,14 +31,14 @@ from .resume import capture, knows_opponents, restore
 from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
-FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # in the opponents of a plan
+FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # a saved policy among the opponents of a plan
 Progress = Callable[["TrainingRun"], None]
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """Make the trainer of each process of a run. files: those of the checkpoint it goes on from, if there is one.
+    """Make the trainer of a process of a run, and set PyTorch's number of threads.
 
-    Sets PyTorch's number of threads.
+    files: Those of the checkpoint that the run goes on from, if there is one.
     """
     threads = config.threads or min(THREADS, max(1, torch.get_num_threads() // crew.size))
     torch.set_num_threads(threads)
@@ -56,7 +56,7 @@ def remaining(trainer: Trainer) -> float:
 
 
 def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
-    """Do what every process but the first does in a run: the same as the first one, without logs and files."""
+    """Do what every process of a run except the first does: the same as the first, without logs and files."""
     trainer = prepared(config, files, crew)
     if files is None and config.warm_start:
         trainer.imitate(lambda done, tags: None)
@@ -96,11 +96,11 @@ class TrainingRun:
 
         Args:
             config: What to train, and how.
-            folder: The run's folder; made if it does not exist.
-            resume: Whether to go on from the newest checkpoint, or to begin again if there was none yet.
-            film: Whether to make a short film of each checkpoint, next to it.
-            cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine;
-                None: all run on this machine, without Ray.
+            folder: The folder of the run; made if it is not there.
+            resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
+            film: Whether to make a short film of each checkpoint, beside it.
+            cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
+                None: all run on this machine.
 
         Raises:
             ClusterError: There is no such cluster, or it is too small.
@@ -117,7 +117,7 @@ class TrainingRun:
             self.crew = recruit(config.processes, follow, config, files)
         else:
             try:
-                from .cluster import recruit_on_cluster  # here, as Ray takes seconds to load
+                from .cluster import recruit_on_cluster  # imported here, as Ray takes seconds to load
             except ModuleNotFoundError as error:
                 raise TrainingError(f"a Ray cluster needs Ray: {install('ray')}") from error
             if config.processes == 1:
@@ -143,7 +143,7 @@ class TrainingRun:
         """Train up to the steps of the config. Ctrl-C saves the state after the last update, and is then raised.
 
         Args:
-            progress: Called after each update, and when each of its epochs begins: the first updates take minutes.
+            progress: Called after each update, and when each of its epochs begins, as the first updates take minutes.
 
         Raises:
             TrainingError: The disk is full, or a process is lost; the run in the folder can be resumed.
@@ -166,7 +166,7 @@ class TrainingRun:
                         film_checkpoint(latest, self.folder, self.config.scenario)
                 progress(self)
         finally:
-            with interrupts_held(), self._disk_errors():  # a cluster may signal this process and the one above it
+            with interrupts_held(), self._disk_errors():  # a cluster may signal twice: this process, and its parent
                 self.crew.close()
                 try:
                     if kept is not None:
@@ -177,7 +177,7 @@ class TrainingRun:
                     torch.set_num_threads(self._threads)
 
     def _warm_start(self, progress: Progress) -> None:
-        """Imitate, and save. One that is interrupted begins again with the run."""
+        """Imitate the teacher, and save. If this is interrupted, a resumed run imitates from the beginning."""
 
         def on_rollout(done: int, tags: dict[str, float]) -> None:
             what = f"the imitation that the run begins with diverged: after {done} agent-steps"
@@ -219,7 +219,7 @@ class TrainingRun:
             self.log.write(tags, trainer.steps)
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
-        with self._disk_errors():  # of a temporary file for the worlds
+        with self._disk_errors():  # the worlds go through a temporary file
             return self.trainer.steps, capture(self.trainer, self.config.header())
 
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
@@ -248,7 +248,7 @@ class TrainingRun:
         return checkpoint.read_checkpoint(found[-1])
 
     def _check_begun(self) -> None:
-        """Refuse a run without a checkpoint that was begun with another config."""
+        """Refuse another config than the one with which a run that has no checkpoint was begun."""
         header = run_header.read_run_folder(self.folder)
         self._check_plan(header)
         if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
@@ -259,7 +259,7 @@ class TrainingRun:
 
         there: What was in it when the checkpoint was read.
         """
-        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # what could not be read is not written
+        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it could not be read again
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
             self.lock.acquire()
@@ -284,7 +284,7 @@ class TrainingRun:
 
     @contextlib.contextmanager
     def _disk_errors(self) -> Iterator[None]:
-        """Turn errors of the disk into a TrainingError with the cure."""
+        """Turn errors of the disk into a TrainingError that names the cure."""
         try:
             yield
         except OSError as error:
@@ -295,9 +295,9 @@ class TrainingRun:
             raise TrainingError(f"{wrong}; {cure}") from error
 
     def _check_plan(self, header: run_header.Header, moved: bool = False) -> None:
-        """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual.
+        """Refuse to go on with another plan: it would not be the same run. What is not in a plan had its default.
 
-        moved: whether the files of opponents may lie elsewhere than they did. That of a warm start may.
+        moved: Whether the files of opponents may have moved. The file of a warm start may in any case.
         """
         usual = TrainingConfig(self.config.scenario, self.config.preset)
         plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
@@ -305,7 +305,7 @@ class TrainingRun:
         free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
         differ = [key for key in now if now[key] != then.get(key) and key not in free]
         if "settings" in differ and "preset" not in differ and self.config.numbers == self._numbers(then["settings"]):
-            differ.remove("settings")  # some may be named that are as the preset has them
+            differ.remove("settings")  # other ones are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
         if moved and FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
@@ -319,14 +319,14 @@ class TrainingRun:
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
 
     def _numbers(self, settings: Any) -> Hyperparameters | None:
-        """What the preset's hyperparameters are with these settings; None for what are no settings."""
+        """The preset's hyperparameters with these settings; None if they are no settings."""
         with contextlib.suppress(TrainingError, TypeError):
             return preset(self.config.preset).numbers.changed(settings)
         return None
 
 
 def _same_teacher(then: str, now: str) -> bool:
-    """Whether two warm starts are by one file that was moved, or by files of one run: it has taught what it had to."""
+    """Whether two warm starts name one file that was moved, or files of one run: they are over, so either will do."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
     moved = one.endswith(SAVED) and other.endswith(SAVED) and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

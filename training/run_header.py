@@ -16,15 +16,15 @@ from .presets import PRESETS
 
 NAME = "run.json"
 VERSION = 1
-MOST, FEW = 2**16, 256  # numbers of an agent's observations, values of its actions; actions
-LONGEST = 2**20  # bytes
-ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out where it may go on for longer
+MOST, FEW = 2**16, 256  # limits: of an agent's numbers observed, and of values of its actions; of its actions
+LONGEST = 2**20  # bytes of the file
+ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out if the run may be made longer
 TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files
 Header = dict[str, Any]
 
 
 def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple[Header, dict[str, bytes]]:
-    """Return the header of a checkpoint, with all required keys, and the given entries of it. Raises TrainingError."""
+    """Read the header of a checkpoint, which must have all `needed` keys, and these entries. Raises TrainingError."""
     try:
         with path.open("rb") as file:
             files = safe_npz.entries(file, {NAME, *entries})
@@ -36,7 +36,7 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
 
 
 def read_run_folder(folder: Path) -> Header:
-    """Return the header of the run in a folder, which exists before any checkpoint. Raises TrainingError."""
+    """Read the header of the run in a folder; it is there before any checkpoint is. Raises TrainingError."""
     path = folder / NAME
     try:
         with path.open("rb") as file:
@@ -48,7 +48,7 @@ def read_run_folder(folder: Path) -> Header:
 
 
 def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
-    """Return the header from the content of run.json, with present observation keys. TrainingError if not valid."""
+    """Parse the content of run.json; observation keys become today's. Raises TrainingError if it is not valid."""
     wrong = f"{path} does not describe a run"
     try:
         header = json.loads(content[: LONGEST + 1])
@@ -69,13 +69,13 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Return whether it is a number, bool, None, or a text that can be shown in a line ($ would begin a formula)."""
+    """Whether it is a number, a bool, None, or a text for one line of a plot, where $ would begin a formula."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
     return given is None or number or (is_word(given) and "$" not in given)
 
 
 def is_plan(given: Any) -> bool:
-    """Return whether it could be the `plan` of TrainingConfig.header: plain values by name, also in `settings`."""
+    """Whether it could be the `plan` of TrainingConfig.header: plain values by name, also in its dict `settings`."""
     if not isinstance(given, dict) or not isinstance(settings := given.get("settings", {}), dict):
         return False
     own = {key: value for key, value in given.items() if key not in ("settings", *TEXTS)}
@@ -89,7 +89,7 @@ def _is_size(given: Any) -> bool:
 
 
 def _are_observations(given: Any) -> bool:
-    """Shapes by key; a kind has two dimensions, and beside it a mask of the first of them."""
+    """Whether these are shapes by key, where each kind has two dimensions and its mask has the first of them."""
     if not isinstance(given, dict) or OWN not in given or not all(map(is_word, given)):
         return False
     if not all(isinstance(shape, list) and shape and all(map(_is_size, shape)) for shape in given.values()):
@@ -100,7 +100,7 @@ def _are_observations(given: Any) -> bool:
 
 
 def _are_fields(given: Any) -> bool:
-    """[size, scale] by key and name."""
+    """Whether these are [size, scale] by key and name."""
     if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]

@@ -1,9 +1,9 @@
 """A safe reader for files of torch.save: it executes nothing, and makes nothing that is larger than the file.
 
-Such a file is a zip file with the bytes of each storage, and a pickle that describes what to make of them. torch.load
-with weights_only executes nothing, either, but it trusts lengths, and calls functions to which a file may pass absurd
-numbers. Here the pickle is interpreted as a list of instructions. Only those that torch.save needs are known, and they
-can only name tensors and dicts.
+Such a file is a zip file with the bytes of each storage, and a pickle that describes what is made of them. torch.load
+with weights_only executes nothing either, but it trusts lengths, and calls functions to which a file may pass absurd
+numbers. Here the pickle is interpreted as a list of instructions, of which only those that torch.save needs are known,
+and the only things that it can name are tensors and dicts.
 """
 
 import io
@@ -37,7 +37,7 @@ class Mark:
 
 
 def load_tensors(content: bytes) -> Any:
-    """Return the content of a file: dicts, lists, tuples, numbers, texts, and CPU tensors that may share memory.
+    """Read a file of torch.save: dicts, lists, tuples, numbers, texts, and CPU tensors that may share memory.
 
     Raises one of BROKEN for anything else.
     """
@@ -70,7 +70,7 @@ class _Machine:
         self.stack.append(value)
 
     def last(self, count: int) -> list[Any]:
-        """Take so many values from the stack."""
+        """Take `count` values from the stack."""
         if count > len(self.stack):
             raise IndexError("too few values")
         start = len(self.stack) - count
@@ -101,14 +101,14 @@ class _Machine:
         self.stack[-1].update(zip(pairs[::2], pairs[1::2], strict=True))
 
     def call(self) -> None:
-        """A name with arguments: a tensor, or an empty dict. Attributes that torch keeps with a dict are left out."""
+        """Call a name with arguments: it makes a tensor, or an empty dict. Attributes that torch keeps with it go."""
         name, arguments = self.last(2)
         if not isinstance(name, Name) or not isinstance(arguments, tuple) or name not in (TENSOR, DICT):
             raise TypeError("a call that tensors do not need")
         self.push(_tensor(*arguments[:4]) if name == TENSOR else {})
 
     def storage(self) -> None:
-        """The numbers of one storage, all in a row: as many as there are."""
+        """Push the numbers of one storage, all in a row; there must be as many as it says."""
         ((word, kind, key, _, count),) = self.last(1)
         if word != "storage" or not isinstance(kind, Name) or kind not in KINDS or not isinstance(key, str):
             raise TypeError("a storage that is none")
@@ -122,7 +122,7 @@ class _Machine:
 
 
 def _tensor(storage: Any, offset: Any, size: Any, stride: Any) -> Tensor:
-    """A tensor over numbers that there are, none of them twice."""
+    """A tensor over the numbers of a storage, with no more elements than that has."""
     if not isinstance(storage, Tensor) or math.prod(size) > len(storage):
         raise ValueError(f"a tensor of size {size!r:.80}")
     return torch.as_strided(storage, size, stride, offset)

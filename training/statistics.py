@@ -1,7 +1,7 @@
 """Statistics over training runs, after Agarwal et al., "Deep RL at the Edge of the Statistical Precipice", 2021.
 
-arXiv:2108.13264. The formulas are those of its library rliable 1.2.0, and give the same values. Scores are given by
-task, one for each run (training seed). Scores that are pooled over tasks must be on the same scale, such as win rates.
+arXiv:2108.13264; the formulas are those of its library rliable 1.2.0, with whose values they agree. Scores are given by
+task, one for each run (training seed). Scores that are pooled over tasks must have the same scale, as win rates do.
 
 >>> scores = {"ffa_2": [0.6, 0.7, 0.5], "teams_2": [0.4, 0.5, 0.6, 0.4]}
 >>> value, low, high = stratified_bootstrap(iqm, scores)
@@ -49,17 +49,17 @@ def median(scores: Scores) -> Any:
 
 
 def iqm(scores: Scores) -> Any:
-    """Return the interquartile mean: the mean of the middle half of the scores of all runs of all tasks.
+    """The interquartile mean: the mean of the middle half of the scores of all runs of all tasks.
 
-    At each end, scores are left out as long as their total weight is at most a quarter (1 score of 7, for example), as
-    in scipy.stats.trim_mean. Every task has the same weight: if tasks have different numbers of runs, a run of a task
-    with fewer runs weighs more.
+    At each end, scores are left out as long as they weigh a quarter or less together: with 7 scores, one at each end,
+    as in scipy.stats.trim_mean. Every task weighs the same: where tasks have different numbers of runs, the runs of a
+    task that has fewer weigh more.
 
     Args:
         scores: Scores by task, (..., runs) each. Leading axes, which all tasks have in common, are kept.
 
     Returns:
-        float64 (...): a single number for scores without leading axes.
+        float64 (...): a number if scores have no leading axes.
 
     Raises:
         TrainingError: There are no scores, or some are not numbers.
@@ -80,11 +80,11 @@ def iqm(scores: Scores) -> Any:
 def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
     """Return the probability that a run of ours scores more than one of theirs in the same task: the mean over tasks.
 
-    Equal scores count half, so it is the Mann-Whitney statistic divided by the number of pairs.
+    Equal scores count half: it is the Mann-Whitney statistic, divided by the number of pairs.
 
     Args:
-        ours: Scores by task, (..., runs) each.
-        theirs: Scores in the same tasks; the numbers of runs may differ.
+        ours: By task, (..., runs) each.
+        theirs: Scores in the same tasks; there may be other numbers of runs.
 
     Returns:
         float64 (...): from 0 to 1; 0.5: neither is better.
@@ -119,19 +119,19 @@ def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> 
 
 
 def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: int = REPS, seed: int = 0) -> Estimate:
-    """Return a statistic with its 95 % interval: percentiles of its values for resampled runs.
+    """A statistic with its 95 % interval: percentiles of its values for resampled runs.
 
-    Runs are drawn with replacement within each task (a stratum), as many as it has, and independently for each set of
-    scores. So the interval is about other training seeds in the same tasks, and says nothing about other tasks. With
-    few runs it is too narrow: for two or three runs of one task it extends from the lowest to the highest score, which
-    misses the median of all possible runs in 1/2 or 1/4 of cases, respectively.
+    Within each task (a stratum), as many runs are drawn, with replacement, as the task has; several sets of scores are
+    resampled independently of each other. So the interval is about other training seeds in the same tasks, and says
+    nothing about other tasks. It is too narrow where runs are few: with two or three runs of one task, it goes from the
+    lowest score to the highest, which misses the median of all possible runs in 1/2 or 1/4 of cases.
 
     Args:
         statistic: A function of as many sets of scores as are given, which keeps leading axes: `iqm`, `mean`, `median`,
             `probability_of_improvement`, or one of your own.
         *scores: Scores by task, (runs,) each; at least two runs of each task.
         reps: How often runs are resampled.
-        seed: The same seed and order of tasks give the same interval.
+        seed: The same seed and the same order of tasks give the same interval.
 
     Returns:
         The statistic of the scores, and the ends of its interval.
@@ -147,7 +147,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
 
 
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
-    """Return the 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
+    """The 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
 
     Raises TrainingError; see `stratified_bootstrap`.
     """
@@ -158,7 +158,7 @@ def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0
 
 
 def percentile_interval(resampled: Array) -> tuple[Any, Any]:
-    """Return both ends of the 95 % interval, given the statistic of resampled data, (resamplings, ...)."""
+    """Lower and upper end of the 95 % interval, from a statistic's values for resampled data: (resamplings, ...)."""
     low, high = np.quantile(resampled, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
     return low, high
 
@@ -168,7 +168,7 @@ def _task_means(scores: Scores) -> list[Array]:
 
 
 def _better(mine: Array, theirs: Array) -> Array:
-    """The share of pairs, which are the last two axes, in which mine is more; equal ones count half."""
+    """The share of pairs (the last two axes) in which mine is more; equal ones count half."""
     share: Array = ((mine > theirs).mean((-2, -1)) + (mine >= theirs).mean((-2, -1))) / 2
     return share
 

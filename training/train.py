@@ -28,10 +28,10 @@ class TrainedRun:
     """A complete run.
 
     Attributes:
-        folder: The run's folder, with run.json, log.csv, TensorBoard's events and checkpoints, for `outlast.evaluate`
-            and `outlast.plot`.
+        folder: Holds run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`
+            take it.
         policy: The newest checkpoint, for `outlast.load_policy`.
-        steps: Agent-steps trained for in that checkpoint.
+        steps: Agent-steps that the newest checkpoint was trained for.
         logged: The numbers that were logged last, by tag.
     """
 
@@ -149,14 +149,14 @@ def train(
 
 
 def _logged_last(folder: Path) -> dict[str, float]:
-    """What a run that was complete already logged last, by tag."""
+    """What a run that was already complete logged last, by tag."""
     points = read_log(folder / NAME)
     last = max((steps for own in points.values() for steps, _ in own), default=0)
     return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
 
 
 def usual_folder(config: TrainingConfig) -> Path:
-    """Return the folder of a run that is given none."""
+    """The folder of a run for which none is named."""
     return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
 
 

@@ -50,7 +50,7 @@ IMITATION_TAGS = {
     "imitation/cross_entropy": "train/policy_loss",
     "imitation/value_loss": "train/value_loss",
     "imitation/entropy": "train/entropy",
-    "imitation/differs": "train/clip_fraction",  # share of actions that the policy is less likely to take than others
+    "imitation/differs": "train/clip_fraction",  # share of the teacher's actions that are not the policy's likeliest
 }
 
 
@@ -63,12 +63,12 @@ class Trainer:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
-        state: How many numbers the state of a world has, if critics learn from it; 0 if they do not.
-        state_scale: What these numbers are divided by, float32 (state,).
-        collector: Plays and collects samples.
-        curriculum: The curriculum from which levels are drawn, if they are chosen by a function.
+        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
+        state_scale: What these are divided by, float32 (state,).
+        collector: What plays in all worlds.
+        curriculum: What levels are drawn from, if a function chooses them; else None.
         steps: Agent-steps collected so far, by all processes.
-        played: The value of `steps` when the newest rollout began, which determines its annealed numbers.
+        played: The value of `steps` when the newest rollout began, from which its annealed numbers follow.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
@@ -78,12 +78,12 @@ class Trainer:
         Args:
             config: What to train, and how.
             threads: How many threads share the worlds.
-            crew: A crew of as many processes as in the config; each of them makes a trainer of the same config, and
-                calls the same methods in the same order.
+            crew: As many processes as the config has; each of them makes a trainer of the same config, and calls the
+                same methods in the same order.
 
         Raises:
             ScenarioError: The scenario cannot be played.
-            TrainingError: There is no such device, an opponent cannot play, or there is nothing to count or to choose.
+            TrainingError: There is no such device, an opponent cannot play, or there are no lengths or no actions.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.steps, self.played, self.updates = crew or Crew(), 0, 0, 0
@@ -104,14 +104,14 @@ class Trainer:
             raise TrainingError("agents have no actions here: add a mechanic with some, such as Motors")
         if self.teacher is not None:
             self.teacher.check(self.env)
-        for done in (config.steps, 0):  # raises where a number cannot change
+        for done in (config.steps, 0):  # raises an error if a number cannot change
             self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
         self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
         self.state = len(self.state_scale)
         with torch.random.fork_rng(devices=[]):
-            torch.default_generator.manual_seed(config.seed)  # of initial weights, and of no GPU
+            torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
             first = [self._policy() for _ in range(self.team.max() + 1)]
         self.learners = [
             Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
@@ -146,11 +146,11 @@ class Trainer:
 
     @property
     def lane(self) -> Lane:
-        """The first lane: with one process and without halves, that of all worlds."""
+        """The first lane; with one process and without halves, it has all worlds."""
         return self.collector.lanes[0]
 
     def collect(self) -> Rollout:
-        """Play on and keep the samples; then, and before the very first ones, ask for the levels of the next."""
+        """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
         self.played = self.steps  # when the numbers of this rollout were set
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
@@ -166,7 +166,7 @@ class Trainer:
         return rollout
 
     def _ask(self, curriculum: Curriculum) -> None:
-        """Let the levels be chosen that episodes are drawn from now on."""
+        """Let the function choose the levels of which episodes are drawn from now on."""
         seeds = self.config.seed, self.steps
         own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
         played, statistics = joined((each for lane in self.collector.lanes for each in lane.played), self.env)
@@ -183,7 +183,7 @@ class Trainer:
         curriculum.ask(progress)
 
     def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
-        """Return the files of a checkpoint for a Player. header: more for run.json; see TrainingConfig.header."""
+        """The files of a checkpoint that a Player needs. header: Further entries of run.json, see TrainingConfig."""
         first = {"version": run_header.VERSION, "steps": self.steps, "preset": self.preset.name}
         last = {
             "scenario": fingerprint(self.env.scenario),
@@ -204,7 +204,7 @@ class Trainer:
     def update(
         self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
     ) -> dict[str, float]:
-        """Train all learners on a rollout, and every so many updates keep them as a past self.
+        """Train all learners on a rollout, and add them to the past selves every config.snapshots updates.
 
         Args:
             rollout: The newest rollout.
@@ -222,15 +222,15 @@ class Trainer:
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
-        """Return what is logged about the newest rollout, by tag: episodes, what agents did, who won against whom."""
+        """What is logged about the newest rollout, by tag: episodes, what agents did, and who won against whom."""
         numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
     def take_weights(self) -> None:
-        """Let policies begin with the weights of the checkpoint that the config names, if it names one.
+        """Give the policies the weights of the checkpoint that the config names, if it names one.
 
         Raises:
-            TrainingError: There is no such checkpoint, or its networks are different.
+            TrainingError: There is no such checkpoint, or its networks differ.
         """
         name, imitated = self.config.teacher
         if imitated or not name:
@@ -254,14 +254,14 @@ class Trainer:
             policy.take(player.policies[k % len(player.policies)], self.state_scale / its)
 
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
-        """Let the policies imitate the teacher, if the config names one, while they play as in the run.
+        """Let the policies learn to imitate the teacher, if the config names one, while they play as in the run.
 
-        As they play themselves, they also learn what the teacher would do in states that it would not reach by itself
-        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the resulting values. Afterwards, only the
-        optimisers are as they would be without imitation; games against opponents do not count.
+        So they learn what the teacher would do in the situations that they get into, which are not the teacher's own
+        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. It leaves only the
+        optimisers as they were; learners and worlds have moved on. Games against opponents do not count.
 
         Args:
-            on_rollout: Called after each rollout with the agent-steps done, and what was measured, by tag.
+            on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag.
 
         Returns:
             What was measured last, by tag; nothing without a teacher.
@@ -284,7 +284,7 @@ class Trainer:
             tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
             on_rollout(done + each, tags | self.report())
         for lane in self.collector.lanes:
-            lane.teacher, lane.played = None, []  # a run that goes on from here knows nothing of these episodes
+            lane.teacher, lane.played = None, []  # as a resumed run would not know these episodes
         return tags | {"imitation/agent_steps": float(done + each)}
 
     def _teacher(self, k: int, env: SurvivalVectorEnv) -> Plain:
@@ -292,7 +292,7 @@ class Trainer:
         name, _ = self.config.teacher
         if self.teacher is None:
             return plain(name, env)
-        play = told(Player(name, self.config.seed + k), env)  # all of them at once, as it may have a memory
+        play = told(Player(name, self.config.seed + k), env)  # it plays all agents at once, as it may have a memory
         return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
 
     def _set_numbers(self, done: int) -> None:
@@ -302,12 +302,12 @@ class Trainer:
                 env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
-        """Return the worlds of all processes, and the state of their lanes."""
+        """The worlds of all processes, and the states of their lanes."""
         states = [env.get_state() for env in self.envs]
         return State(states[0].scenario, self._joined([state.arrays for state in states])), self.captured_lanes()
 
     def captured_lanes(self) -> dict[str, Array]:
-        """Return the state of the lanes of all processes, (worlds, ...) by name."""
+        """The states of the lanes of all processes, (worlds, ...) by name."""
         return self._joined([lane.state() for lane in self.collector.lanes])
 
     def restore_worlds(self, worlds: State) -> None:
@@ -371,7 +371,7 @@ def teams(env: SurvivalVectorEnv, policies: str) -> Array:
 
 
 def _device(name: Any) -> torch.device:
-    """Raises TrainingError where there is no such device."""
+    """The device of that name. Raises TrainingError if there is none."""
     try:
         device = torch.device(name)
         torch.empty(0, device=device)

@@ -18,9 +18,9 @@ from .episode import episode
 from .errors import TrainingError
 from .headline import headline
 
-MOST = 5000  # ticks of an episode that are shown
-CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures that have a chart; of how many points, about
-POLL, AWAY = 0.5, 15.0  # seconds: between looks at the folder; without a question, after which nobody is there
+MOST = 5000  # ticks of an episode that are shown, at most
+CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures that have a chart; its points, at most
+POLL, AWAY = 0.5, 15.0  # seconds: between looks at the folder; without a request, after which nobody is watching
 logger = logging.getLogger(__name__)
 Json = dict[str, Any]
 
@@ -36,15 +36,15 @@ class RunWatcher:
         self.folder = folder
         self.asked = 0.0  # when a page last asked, of time.monotonic()
         self.recorded: Json | None = None  # the newest episode
-        self.source: tuple[Path, int] | None = None  # the file that it is of, and when that was written
-        self.taken = False  # whether a page has it
+        self.source: tuple[Path, int] | None = None  # its checkpoint, and when that was written
+        self.taken = False  # whether a page has fetched it
         self.differs = ""  # how what is played differs from what was trained in
         self.broken: dict[tuple[Path, int], str] = {}  # checkpoints that cannot be played, and why
         self.log: tuple[Any, list[Json], str] = None, [], ""  # the file's state, figures, what is wrong with it
-        self.lock = threading.Lock()  # of the log
+        self.lock = threading.Lock()  # protects `log`
 
     def status(self) -> Json:
-        """Return the state of the run: a message, the newest checkpoint, what the newest episode shows, and figures."""
+        """The state of the run: a message, the newest checkpoint, the newest episode's checkpoint, and figures."""
         self.asked = time.monotonic()
         found = self._checkpoints()
         with self.lock:
@@ -63,7 +63,7 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """Return the newest episode; then, another one is recorded."""
+        """The newest episode. Once it has been fetched, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
@@ -91,7 +91,7 @@ class RunWatcher:
             with episode(path, seed=number, most=MOST) as played:
                 ticks = _until(stop, played.ticks)
                 data = pack([Room(played.scenario.name, record_ticks(played.worlds, ticks, [0]))])
-        except Exception as error:  # whatever is in the file, and in the world: older ones may do
+        except Exception as error:  # of the file, of the world: an older checkpoint may still play
             why = (str(error) or type(error).__name__).replace(str(path), "it")
             self.broken[source] = f"{path.name} cannot be played: {why}."
             logger.warning("%s cannot be played: %s", path, why)
@@ -128,7 +128,7 @@ class RunWatcher:
             status = path.stat()
         except OSError:  # it is not there yet
             return [], ""
-        if not status.st_size:  # nor its first line
+        if not status.st_size:  # its first line is not there yet
             return [], ""
         state = status.st_mtime_ns, status.st_size
         if self.log[0] != state:
@@ -161,7 +161,7 @@ def figures(points: log_file.Points) -> list[Json]:
 
 
 def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
-    """At most POINTS of them, each the mean of as many neighbours, at the last one's agent-steps."""
+    """Reduce points to at most POINTS, each the mean of some neighbours, at the agent-steps of the last of these."""
     size = max(1, -(-len(points) // POINTS))
     parts = [points[k : k + size] for k in range(0, len(points), size)]
     return [(part[-1][0], sum(value for _, value in part) / len(part)) for part in parts]
