@@ -1,4 +1,4 @@
-"""Participants in the benchmark: presets that it trains, existing runs and policies, and functions in files."""
+"""Who takes part in the benchmark: presets that it trains, existing runs and policies, functions in files."""
 
 import re
 from collections.abc import Callable, Collection
@@ -23,12 +23,12 @@ FORMS = f"a preset ({', '.join(PRESETS)}), the folder of a run, FILE{SAVED} or F
 
 @dataclass(frozen=True)
 class Agent:
-    """An agent, for all seeds and tasks.
+    """An agent, for all seeds and all tasks.
 
     Attributes:
         name: Its name in tables and paths.
         source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a function (env, seed) that
-            returns a policy (observations) -> actions. {task} and {seed} in it are replaced.
+            returns a policy (observations) -> actions. {task} and {seed} in it are replaced by those of an entry.
         options: Options of its training that differ from the preset's: opponents, settings, memory.
     """
 
@@ -50,7 +50,7 @@ class Agent:
 
     @property
     def kind(self) -> str:
-        """PRESET, FILE (a saved policy or a folder) or FUNCTION. Raises TrainingError."""
+        """PRESET, FUNCTION, or FILE for saved policies and folders. Raises TrainingError."""
         if self.source in PRESETS:
             return PRESET
         if re.search(r"\.py:\w+$", self.source):
@@ -60,14 +60,14 @@ class Agent:
         raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
 
     def check_seeds(self, seeds: Collection[int]) -> None:
-        """Refuse several seeds if all mean the same training, as their scores would agree. Raises TrainingError."""
+        """Refuse several seeds where there is one training only: all would score the same. Raises TrainingError."""
         if len(seeds) > 1 and self.kind == FILE and "{seed}" not in self.source:
             raise TrainingError(
                 f"{self.name}={self.source} is one training, whatever the seed: name one --seed, or put {{seed}} in it"
             )
 
     def place(self, task: str, seed: int) -> str:
-        """Return the source for a task and a seed."""
+        """The source for a task and a seed."""
         return self.source.replace("{task}", task).replace("{seed}", str(seed))
 
     def made(self, task: str, seed: int) -> "Made":
@@ -75,7 +75,7 @@ class Agent:
         return Made(self.name, self.place(task, seed), seed)
 
     def policy(self, task: str, seed: int) -> Path:
-        """Return the saved policy for a task and a seed; the newest one of a run. Raises TrainingError, UsageError."""
+        """The saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
         place = Path(self.place(task, seed))
         if place.suffix == SAVED and place.exists():
             return place
@@ -88,7 +88,7 @@ class Made(Contender):
     """A policy that a user's function (env, seed) makes."""
 
     def __init__(self, label: str, source: str, seed: int) -> None:
-        """source: "FILE.py:FUNCTION". seed: the agent's seed. Raises TrainingError, ScenarioError."""
+        """source: "FILE.py:FUNCTION". seed: The seed of the agent. Raises TrainingError, ScenarioError."""
         place, _, name = source.rpartition(":")
         make = getattr(module_of(place), name, None)
         if not callable(make):
@@ -99,7 +99,7 @@ class Made(Contender):
         self._seed = seed
 
     def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """Make a new policy for these worlds."""
+        """Make the policy for these worlds."""
         policy = self._make(env, self._seed)
         if not callable(policy):
             raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")

@@ -1,4 +1,4 @@
-"""Cross-play: matches between all entries of a task: those of different agents, and different seeds of one agent."""
+"""Cross-play: matches between all entries of a task, those of different agents and different seeds of one agent."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ NAME = "cross.json"
 
 
 def contender(entry: Result) -> Contender:
-    """Return the policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
+    """The policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
     content, path = entry.content, entry.folder / POLICY
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
@@ -34,7 +34,7 @@ def contender(entry: Result) -> Contender:
 
 
 def load(folder: Path) -> dict[tuple[str, str], Content]:
-    """Load the matches that were played, by names of entries. folder: that of the task. Raises TrainingError."""
+    """Read the matches that were played, by names of entries. folder: Of the task. Raises TrainingError."""
     path = folder / NAME
     content = read_json(path, _wrong) if path.exists() else {"matches": []}
     return {(match["one"], match["other"]): match for match in content["matches"]}
@@ -57,7 +57,7 @@ def play_all(
     """Play the matches that are missing, or were played by other policies.
 
     Args:
-        folder: Folder of the task, with the results of one budget.
+        folder: The folder of the task, with its results of one budget.
         entries: All entries in it.
         progress: Called with how many more games are done.
         at_once: How many processes play at the same time.
@@ -80,7 +80,7 @@ def play_all(
 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:
-    """Return whether a match is one between these entries, as they are now."""
+    """Whether a match was played by these entries as they are now."""
     digests = [entry.content["policy"]["digest"] for entry in (one, other)]
     return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
 

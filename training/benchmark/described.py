@@ -19,16 +19,16 @@ STEPS = "steps"
 
 
 def described(path: Path, task: Task) -> Content:
-    """Return what a result says about a policy that plays a task.
+    """Describe a policy that plays a task.
 
     Args:
-        path: File of the policy.
+        path: The file of the policy.
         task: The task.
 
     Returns:
-        "digest": digest of the file. "steps": agent-steps of its training. "of_task": whether it was trained only in
-        the task's game, without chosen levels or changing numbers, and without weights or actions from a saved policy.
-        "met": the members of the suite that it was trained against, or that it imitated.
+        "digest": that of the file. "steps": agent-steps of its training. "of_task": whether all of its training was in
+        the task's game, without chosen levels or numbers that changed, and without weights or actions of a saved
+        policy. "met": the members of the suite that it was trained against, or that taught it.
 
     Raises:
         TrainingError: The file is not a policy, or was trained with a seed that evaluation uses.
@@ -45,30 +45,30 @@ def described(path: Path, task: Task) -> Content:
 
 
 def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
-    """Return the config for training a best response.
+    """The config for training a best response.
 
     Args:
         task: The task.
-        seed: Seed of the entry.
-        budget: Budget of the entry.
-        policy: The file of the policy that it is to beat.
+        seed: The seed of the entry.
+        budget: The budget of the entry.
+        policy: The file of the policy that it should beat.
         threads: Threads of the training.
 
     Raises:
-        TrainingError: Such a training is not possible.
+        TrainingError: There can be no such training.
     """
     opponents = {str(policy): 1.0}
     return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)
 
 
 def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
-    """Return why a file is not from the training of a best response to a policy; "" if it is.
+    """How the training that a file describes differs from that of a best response to a policy; "" if it does not.
 
     Args:
         path: The file.
         task: The task.
-        seed: Seed of the entry.
-        budget: Budget of the entry.
+        seed: The seed of the entry.
+        budget: The budget of the entry.
 
     Raises:
         TrainingError: The file is not a policy.
@@ -77,7 +77,7 @@ def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
     if [Path(name).name for name in _opponents(plan)] != [POLICY]:
         return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"
-    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # these are the machine's
+    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # these depend on the machine
     given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
     given |= {"game": not preset(header["preset"]).difference(header["scenario"], task.scenario), "opponents": ""}
     for key, value in (wanted | {"game": True, "opponents": ""}).items():

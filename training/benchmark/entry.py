@@ -1,6 +1,6 @@
 """An entry: an agent with a seed in a task, which is trained, plays itself and the suite, and gets a best response.
 
-It can be stopped at any moment, and goes on where it was, as all files in the folder are complete.
+All of it can be stopped at any moment and goes on from there: whatever is in the folder is whole.
 """
 
 import json
@@ -33,9 +33,9 @@ from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import suite
 from .tasks import Game, Task, check_training_seed, response_steps
 
-RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps in a second of a core
+RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
 TRAINED = "trained"  # the folder of a run
-Progress = Callable[[int, str], None]  # agent-steps of training that are done, or as much work; and what is being done
+Progress = Callable[[int, str], None]  # work that is done, in agent-steps of training; and what is being done
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Entry:
         agent: The agent.
         seed: Seed of its training.
         budget: Agent-steps of its training.
-        games: How many games each match has.
+        games: Games of each match.
         out: Folder of all results.
-        threads: Threads of training; 0: as in `outlast.train`.
+        threads: Threads of training; 0: as `outlast.train` has it.
     """
 
     task: Task
@@ -61,12 +61,12 @@ class Entry:
     threads: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be. Raises TrainingError."""
+        """Check the seed. Raises TrainingError."""
         check_training_seed(self.seed)
 
     @property
     def name(self) -> str:
-        """Its name in messages."""
+        """The name of the entry in messages."""
         return f"{self.task.name} {self.agent.name}/{self.seed}"
 
     @property
@@ -76,17 +76,17 @@ class Entry:
 
     @property
     def wanted(self) -> list[tuple[Game, str]]:
-        """The matches to play: every game against itself and the suite."""
+        """The matches to be played: in every game, against itself and the suite."""
         names = [SELF, *(member.name for member in suite(self.task))]
         return [(game, name) for game in self.task.games for name in names]
 
     @property
     def responds(self) -> bool:
-        """Whether a best response can be trained: against saved policies."""
+        """Whether a best response can be trained, which plays against a saved policy."""
         return self.agent.kind != FUNCTION
 
     def config(self) -> TrainingConfig:
-        """Return the config of the training. Raises TrainingError."""
+        """The config of the training. Raises TrainingError."""
         options = dict(self.agent.options)
         options["opponents"] = parse_mixture(options.get("opponents", OWN), OPPONENTS)
         return TrainingConfig(
@@ -95,7 +95,7 @@ class Entry:
 
     @property
     def work(self) -> int:
-        """The total work in agent-steps: those of training, and for each match those that take as long."""
+        """All the work, in agent-steps: those of training, and for each match as many as take equally long."""
         trained = Workload.of(self.config()).total if self.agent.kind == PRESET else 0
         response = response_steps(self.budget) if self.responds else 0
         return trained + response + (len(self.wanted) + self.responds) * self.match_work
@@ -122,10 +122,10 @@ def estimate(entries: Iterable[Entry]) -> float:
 
 
 class EntryRun:
-    """Does what an entry needs."""
+    """Trains the agent of an entry, and plays its matches."""
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
-        """Begin, or go on with what is in the folder. Raises TrainingError if it belongs to another agent."""
+        """Begin, or go on with what is in the folder. Raises TrainingError if that is another entry's."""
         self.entry, self.progress = entry, progress
         agent, task = entry.agent, entry.task
         begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
@@ -140,7 +140,7 @@ class EntryRun:
             remove(path)
 
     def run(self) -> Result:
-        """Do everything that is not done yet. Ctrl-C saves, and is then raised. Raises TrainingError."""
+        """Do everything that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
         self._enter()
         own = self._contender()
         for game, name in self.entry.wanted:
@@ -151,10 +151,10 @@ class EntryRun:
         return self.result
 
     def _enter(self) -> None:
-        """Have the policy in the folder: train it, or take the one that exists, which is the one that has played."""
+        """Put the policy into the folder: train it, or copy an existing one, which must be the one that has played."""
         content, kept = self.result.content, self.entry.folder / POLICY
         played = self.result.matches or content["response"]
-        mended = not played and self.entry.agent.kind != PRESET  # what a user may have changed meanwhile is taken anew
+        mended = not played and self.entry.agent.kind != PRESET  # it is copied anew, as it may have changed
         if content["policy"] is None or mended:
             content["policy"] = self._policy()
             self.result.write()
@@ -167,7 +167,7 @@ class EntryRun:
             )
 
     def _policy(self) -> Content:
-        """What is said of the policy in the result; it is in the folder, unless it is a function."""
+        """Put the policy into the folder, unless it is a function; returns what the result says about it."""
         entry = self.entry
         if entry.agent.kind == FUNCTION:
             made = entry.agent.made(entry.task.name, entry.seed)
@@ -179,13 +179,13 @@ class EntryRun:
         return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
 
     def _keep(self, path: Path, name: str) -> Content:
-        """Copy a policy without what only training needs; what is said of it in the result."""
+        """Copy a policy without what only training needs; returns what the result says about it."""
         kept = self.entry.folder / name
         write_files({kept: policy_only(path)})
         return described(kept, self.entry.task)
 
     def _train(self, config: TrainingConfig, name: str) -> Path:
-        """Train, or go on; the newest checkpoint."""
+        """Begin a training or go on with it; returns the newest checkpoint."""
         folder = self.entry.folder / name
         with self._timed(name):
             run = TrainingRun(config, folder, resume=folder.exists())
@@ -199,7 +199,7 @@ class EntryRun:
         return Contender(entry.agent.name, str(entry.folder / POLICY))
 
     def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
-        """Play a match, and enter it. other, known: who is neither itself nor of the suite, and its digest."""
+        """Play a match, and enter it. other, known: An opponent beside itself and the suite, and its digest."""
         if other is None and name != SELF:
             member = next(member for member in suite(self.entry.task) if member.name == name)
             other, known = member.contender(), member.digest
@@ -229,7 +229,7 @@ class EntryRun:
 
     @contextmanager
     def _timed(self, name: str) -> Iterator[None]:
-        """Add the time that it takes to that of before: seconds of wall clock and of CPU."""
+        """Add the time that the body takes to the time so far: seconds of wall clock and of CPU."""
         wall, cpu = time.perf_counter(), time.process_time()
         try:
             yield

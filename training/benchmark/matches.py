@@ -29,8 +29,8 @@ from .tasks import Game
 
 Array = np.ndarray[Any, Any]
 SEEN = "cameras_mode"  # the only number of a game that depends on who plays: what rows of hidden entities hold
-DIGITS = 6  # of figures
-ROUNDING = 1e-3  # share of actions that may differ on another machine, whose networks round otherwise
+DIGITS = 6  # significant digits of figures
+ROUNDING = 1e-3  # share of actions that may differ on another machine, where networks round differently
 
 
 def digest(path: Path) -> str:
@@ -45,10 +45,10 @@ def play(
     """Play a match and record it.
 
     Args:
-        game: The game to play.
-        pair: Two policies, or one that plays itself.
-        games: How many games, in a world each: an even number, so that both policies play each side equally often.
-        path: File of the recording, written completely or not at all.
+        game: What is played.
+        pair: Two policies, or one that meets itself.
+        games: How many games, each in a world of its own: an even number, so that both play each side equally often.
+        path: The file of the recording, written whole or not at all.
         progress: Called with how many more games have ended.
 
     Returns:
@@ -62,12 +62,12 @@ def play(
 
 
 def outcome(found: MatchResults) -> dict[str, Any]:
-    """Return a match in numbers, as JSON.
+    """Turn a match into numbers for JSON.
 
     Returns:
-        "games", "won", "drawn" and "lost" by the first policy; "figures": the columns of each of the two (see
-        training.columns) as [mean, standard error], without those that could not be measured; the error is 0 for those
-        measured in only one game.
+        "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
+        training.columns, as [mean, standard error], without those that could not be measured; the error of what was
+        measured in one game only is 0.
     """
     pairing = Pairing((0, 1), found)
     won, drawn, lost = pairing.won_drawn_lost()
@@ -87,8 +87,8 @@ class Repeated:
     """A match that was played again from its recording.
 
     Attributes:
-        outcome: As returned by `play`, without the digest of the recording.
-        others: For each policy, the share of recorded actions that it would not have chosen; NaN: not known.
+        outcome: As `play` returned it, without the digest of the recording.
+        others: For each policy, the share of recorded actions that it would not choose; NaN if it is not known here.
     """
 
     outcome: dict[str, Any]
@@ -96,16 +96,16 @@ class Repeated:
 
 
 def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
-    """Play a recorded match again: take the recorded actions in new worlds, which the policies observe.
+    """Play the recorded actions of a match in worlds that are made anew, and ask the policies what they would do.
 
     Args:
-        game: The game that was played.
-        pair: Two policies, or one that played itself; None for a policy that is not known here.
+        game: What was played.
+        pair: Two policies, or one that met itself; None: one that is not known here.
         games: How many games were played.
-        path: File of the recording.
+        path: The file of the recording.
 
     Returns:
-        The result of playing it again.
+        What the match comes to this time.
 
     Raises:
         RecordingError: The file is not a recording, or is of another game, or a tick is not what was recorded.
@@ -137,20 +137,20 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path)
 
 
 class _Script:
-    """Recorded actions as policies that choose them, while the policies that are said to have played are asked, too."""
+    """Policies that choose recorded actions; those that are said to have played are asked what they would choose."""
 
     def __init__(
         self, path: Path, ticks: Iterable[TickRecord], env: SurvivalVectorEnv, asked: Sequence[Act | None]
     ) -> None:
         self.path, self.asked = path, asked
-        self.counts = [[0, 0] for _ in asked]  # actions of each policy that are others, and all
-        self.number: Callable[[], int] = lambda: 1  # of the tick record of the step to come
+        self.counts = [[0, 0] for _ in asked]  # of each policy: actions that it would not choose, and all
+        self.number: Callable[[], int] = lambda: 1  # which tick record the next step has
         self._joint, self._records = JointActions(env.worlds), enumerate(ticks)
         self._lows = np.array([low for _, low, _ in self._joint.columns])[:, None, None]  # environments count from 0
         self._at, self._actions = 0, np.zeros(0)
 
     def acts(self) -> list[Act]:
-        """One for each policy."""
+        """One function for each policy."""
         return [self._act(role) for role in range(len(self.asked))]
 
     def _act(self, role: int) -> Act:
@@ -164,7 +164,7 @@ class _Script:
         return act
 
     def _now(self) -> Array:
-        """The recorded actions of the step to come, (worlds, agents, actions)."""
+        """The recorded actions of the next step, (worlds, agents, actions)."""
         wanted = self.number()
         while self._at < wanted:
             self._at, tick = next(self._records, (wanted, None))
@@ -192,7 +192,7 @@ def _same(one: TickRecord, two: TickRecord) -> bool:
 def _worlds(
     game: Game, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
-    """The worlds of a match, which all policies can play in. recording: of them, which has their cameras_mode."""
+    """The worlds of a match, which all policies can play in. recording: Of such worlds, has their cameras_mode."""
     if games % ROLES:
         raise TrainingError(f"games = {games}: an even number is needed, so that each policy plays each side as often")
     scenario = game.scenario if recording is None else recording.scenario
@@ -210,6 +210,6 @@ def _acts(game: Game, pair: Sequence[Contender], env: SurvivalVectorEnv) -> list
 
 
 def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv) -> Act:
-    """The function that plays a policy in a role; what it draws is a function of the game and the role."""
+    """The function that plays a policy in a role; its random numbers depend on the game and the role only."""
     (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
     return policy.act(env, int(seed))

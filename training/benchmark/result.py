@@ -1,4 +1,4 @@
-"""result.json: what an agent with a seed did in a task. Validated, as others may have written it. Needs no PyTorch."""
+"""result.json: what an agent with a seed did in a task. It is validated, as others may write it. Needs no PyTorch."""
 
 import json
 import math
@@ -18,9 +18,9 @@ from ..files import write_files
 from .tasks import PROTOCOL, Task
 
 NAME, POLICY, RESPONSE = "result.json", "policy.zip", "response.zip"
-SELF = "self"  # against itself
-BEST = "response"  # against the best response to it
-LONGEST = 2**24  # bytes
+SELF = "self"  # the opponent in matches against itself
+BEST = "response"  # the opponent in matches against the best response
+LONGEST = 2**24  # bytes of a JSON file
 AGENT = re.compile(r"\w[\w.+-]{0,60}")  # a part of the names of files
 DIGEST = re.compile(r"[0-9a-f]{64}")
 PACKAGES = ("outlast", "numpy", "numba", "Box2D", "torch")
@@ -41,7 +41,7 @@ class Result:
 
     @property
     def name(self) -> str:
-        """Its name in messages and tables: "fast/0"."""
+        """The name in messages and tables: "fast/0"."""
         return f"{self.content['agent']}/{self.content['seed']}"
 
     @property
@@ -65,7 +65,7 @@ class Result:
 
 
 def recording_name(game: str, against: str) -> str:
-    """Return the file of a match in the folder of a result."""
+    """The name of the recording of a match, in the folder of a result."""
     return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
 
 
@@ -90,25 +90,25 @@ def begun(task: Task, agent: str, source: str, options: Content, seed: int, budg
 
 
 def made() -> Content:
-    """Return with which versions, and on what kind of machine, a result is made."""
+    """What a result is made with: versions, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
     return {"python": platform.python_version(), **versions, "machine": machine, "cores": os.cpu_count() or 1}
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, the same for the same content, completely or not at all. Raises TrainingError."""
+    """Write a JSON file, whole or not at all; equal content gives equal bytes. Raises TrainingError."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     short = re.sub(r"\[\n\s+([^][{}]{1,80}?)\n\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)  # [1, 2]
     write_files({path: (short + "\n").encode()})
 
 
 def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
-    """Return the content of a JSON file.
+    """Read the content of a JSON file.
 
     Args:
         path: The file.
-        wrong: Returns what is wrong with the content; "" if nothing is.
+        wrong: Says what is wrong with the content; empty if nothing is.
 
     Raises:
         TrainingError: The file cannot be read, or is not what it should be.
@@ -127,7 +127,7 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
 
 
 def read(path: Path) -> Result:
-    """Return the result in a file. Raises TrainingError."""
+    """Read the result in a file. Raises TrainingError."""
     return Result(path.parent, read_json(path, wrong_with_result))
 
 
@@ -142,7 +142,7 @@ def find(places: Path) -> list[Result]:
 
 
 def wrong_with_result(content: Content) -> str:
-    """Return what is wrong with the content of a result; "" if nothing is. KeyError and such if parts are missing."""
+    """What is wrong with the content of a result; empty if nothing is. A missing part raises KeyError or the like."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
     valid: dict[str, Callable[[Any], bool]] = {
@@ -175,7 +175,7 @@ def wrong_with_result(content: Content) -> str:
 
 
 def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
-    """Return in words the first match that is there twice; "" if there is none. names: keys that identify a match."""
+    """Name the first match that is there twice; empty if there is none. names: The keys that tell matches apart."""
     seen = set[tuple[str, str]]()
     for match in matches:
         if (key := (match[names[0]], match[names[1]])) in seen:
@@ -185,7 +185,7 @@ def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
-    """Return what is wrong with a match; "" if nothing is. names: keys of texts."""
+    """What is wrong with a match; empty if nothing is. names: The keys of its names."""
     if not all(is_word(match[name]) for name in names):
         return "names that cannot be"
     if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):
@@ -221,7 +221,7 @@ def are_finite(given: Iterable[Any]) -> bool:
 
 def _version(package: str) -> str:
     if package == "outlast":
-        import outlast  # here, as it imports this package
+        import outlast  # imported here, as it imports this package
 
         return outlast.__version__
     try:

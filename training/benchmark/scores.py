@@ -1,7 +1,8 @@
 """Scores: everything that tables say about agents, from results alone; the same results give the same bytes.
 
-The score of an entry is its mean win rate against the suite, where draws count half and every opponent counts the same;
-in tasks of generalisation, in the games outside training. It is from 0 to 1 in every task, so tasks can be compared.
+The score of an entry is its mean win rate against the suite, where a draw counts half and every opponent counts the
+same; in tasks of generalisation, it is the win rate in the games outside of training. In every task it is from 0 to 1,
+so that tasks can be compared.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,15 +20,15 @@ from .suite import missing, other_games, suite
 from .tasks import PROTOCOL, Task, task_of, track_of
 
 NAME = "scores.json"
-DIGITS = 6  # of what is computed
+DIGITS = 6  # significant digits of what is computed
 TRAINED = "trained"  # the game of training
 THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
 OWN_FIGURES = (
     *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),
     *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),
-)  # of self-play; return is none of them, as it is nearly constant where one side's gain is the other's loss
+)  # of self-play, without the return, which is nearly constant where one side's gain is the other's loss
 Scores = dict[str, Any]
-Values = list[float]  # of seeds
+Values = list[float]  # one for each seed
 
 
 def by_budget(places: Path) -> dict[int, list[Result]]:
@@ -86,9 +87,10 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
 
 
 def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]]:
-    """The agents and the tasks that scores over tasks are of: each of these agents has played each of these tasks.
+    """Choose agents and tasks for scores over tasks, so that each of these agents has played each of these tasks.
 
-    Of all such choices with several agents it is that with the most results; no tasks, if no two agents share one.
+    Of all such choices with several agents, it is the one with the most results; it has no tasks if no two agents share
+    any.
 
     Args:
         played: The tasks of each agent.
@@ -121,7 +123,7 @@ def _task(folder: Path, entries: Sequence[Result]) -> Scores:
 
 
 def _agent(task: Task, entries: Sequence[Result]) -> Scores:
-    """The scores of an agent in a task: of each seed, with means and intervals over seeds."""
+    """The scores of an agent in a task: for each seed, with means and intervals over seeds."""
     members = {member.name: member for member in suite(task)}
     for entry in entries:
         if absent := missing(entry, task, members):
@@ -157,17 +159,17 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
 
 
 def _check_trainings(entries: Sequence[Result]) -> None:
-    """Refuse seeds of an agent with one and the same policy: an interval over them would be of no training."""
+    """Refuse seeds of an agent that have the same policy: an interval over them would say nothing about training."""
     seeds: dict[str, int] = {}
     for entry in entries:
         policy, seed = entry.content["policy"], entry.content["seed"]
         first = seeds.setdefault(policy["digest"], seed)
-        if first != seed and policy["steps"] is not None:  # functions are given the seed
+        if first != seed and policy["steps"] is not None:  # functions get the seed
             raise TrainingError(f"{entry.folder}: its policy is that of seed {first}, not another training: remove it")
 
 
 def rate(match: Content) -> float:
-    """Return the share of games that the first policy won; draws count half."""
+    """The share of games that the first policy won; a draw counts half."""
     return float((match["won"] + match["drawn"] / 2) / match["games"])
 
 
@@ -185,9 +187,9 @@ def _is_of_track(entry: Result) -> bool:
 
 
 def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | None:
-    """Ratings among the opponents whose ratings are fixed; None: there are none in this task.
+    """Ratings against the opponents whose ratings are fixed; None if this task has none.
 
-    "errors" are over games, of each seed; "low" and "high" are over seeds.
+    "errors" are over games, one for each seed; "low" and "high" are over seeds.
     """
     rated = [name for name, member in members.items() if member.rating is not None]
     if not rated:
@@ -201,7 +203,7 @@ def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | Non
 
 
 def _exploitability(entries: Sequence[Result]) -> Scores | None:
-    """The win rates of best responses; None where there is not one for each seed."""
+    """The win rates of best responses; None unless every seed has one."""
     found = [entry.against.get((TRAINED, BEST)) for entry in entries]
     known = [match for match in found if match is not None]
     return _over_seeds([1 - rate(match) for match in known]) if len(known) == len(found) else None
@@ -214,9 +216,9 @@ def _seconds(entries: Sequence[Result]) -> Scores:
 
 
 def _cross_play(folder: Path, entries: Sequence[Result]) -> Scores:
-    """Win rates of the agent of each row against that of each column: of all pairs of their seeds.
+    """Win rates of the agent of each row against that of each column: means over all pairs of their seeds.
 
-    Against itself it is the mean over pairs of seeds, of the win rate of the lower seed. None: not played yet.
+    For an agent against itself, it is the mean over pairs of seeds of the lower seed's win rate. None: not played yet.
     """
     known, found = crossplay.load(folder), dict[tuple[str, str], list[float]]()
     for one, other in crossplay.pairs(entries):
@@ -236,7 +238,7 @@ def _mean(values: Sequence[float]) -> float | None:
 
 
 def _over_seeds(values: Any) -> Scores:
-    """The values of seeds, with their mean and its 95 % interval; of one seed there is no interval."""
+    """The values of seeds, with their mean and its 95 % interval; for one seed there is no interval."""
     low, high = statistics.interval(values) or (None, None)
     known = {} if low is None else {"low": _rounded(low), "high": _rounded(high)}
     return {"seeds": _rounded(values), "mean": _rounded(np.mean(values)), **known}
@@ -254,14 +256,14 @@ def _profile(own: Any) -> Scores:
 
 
 def _rounded(values: Any) -> Any:
-    """Numbers with few digits, as lists where there are several: the last ones depend on how a machine adds up."""
+    """Round numbers, as lists where there are several: their last digits depend on how a machine adds up."""
     if np.ndim(values):
         return [_rounded(value) for value in values]
     return float(f"{float(values):.{DIGITS}g}")
 
 
 def _check_place(entry: Result) -> None:
-    """Refuse a result in a folder of another name, as where it is says what is compared. Raises TrainingError."""
+    """Refuse a result in a folder of another name, as its place says what it is compared with. Raises TrainingError."""
     content, parts = entry.content, entry.folder.resolve().parts
     wanted = (str(content["budget"]), content["task"], content["agent"], str(content["seed"]))
     if parts[-len(wanted) :] != wanted:
@@ -269,7 +271,7 @@ def _check_place(entry: Result) -> None:
 
 
 def lines(found: Scores) -> Iterator[str]:
-    """Return the scores in short form, to print."""
+    """Yield the scores in short, as lines to print."""
     for budget, own in found["budgets"].items():
         yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
         for task, of_task in own["tasks"].items():

@@ -1,7 +1,7 @@
 """The held-out suite: opponents that no agent is trained against, the same for everyone, with fixed ratings.
 
-Scripted styles, and frozen checkpoints: files of this package, which `outlast benchmark anchors` makes. A task has a
-file anchors/TASK.json with the ratings of all of them in that task.
+These are scripted styles, and frozen checkpoints: files of this package, which `outlast benchmark anchors` makes. For
+each task, there is a file anchors/TASK.json with the ratings of all of them in that task.
 """
 
 from collections.abc import Iterable
@@ -25,10 +25,10 @@ class Member:
     """An opponent of the suite.
 
     Attributes:
-        name: The name of a style or an anchor.
+        name: A style, or the name of an anchor.
         file: The file of an anchor; None for a style.
-        digest: The digest of the file; "" for a style.
-        rating: Its fixed Elo rating in the task; None if it has none yet.
+        digest: The digest of the file; empty for a style.
+        rating: Its fixed Elo rating in the task; None: it has none yet.
     """
 
     name: str
@@ -37,14 +37,14 @@ class Member:
     rating: float | None = None
 
     def contender(self) -> Contender:
-        """Return it as a policy. Raises TrainingError."""
+        """The opponent as a policy. Raises TrainingError."""
         return Contender(self.name, self.name if self.file is None else str(self.file))
 
 
 def suite(task: Task, folder: Path | None = None) -> list[Member]:
-    """Return the suite of a task: styles, then anchors. folder: that of the anchors, if not those of the package.
+    """The suite of a task: styles, then anchors. folder: Of the anchors, if these are not the package's own.
 
-    Raises TrainingError if an anchor's file is not the one that was rated, or was rated in another game.
+    Raises TrainingError if an anchor's file is not the one that was rated, or it was rated in another game.
     """
     place = (folder or FOLDER) / f"{task.name}.json"
     if not place.exists():
@@ -62,14 +62,14 @@ def suite(task: Task, folder: Path | None = None) -> list[Member]:
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """Return the games and opponents (suite and itself) that an entry has not played. members: names of the suite."""
+    """The games and opponents (itself, the suite) that an entry has not played. members: The names of the suite."""
     return [
         (game.name, name) for game in task.games for name in (SELF, *members) if (game.name, name) not in entry.against
     ]
 
 
 def other_games(content: Content, task: Task) -> str:
-    """Return which game of a result differs from its task's; "" if none does."""
+    """Say which game of a result is not that of its task; empty if all are."""
     for game in task.games:
         if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
             return f"its game '{game.name}' is another one than that of {task.name} {other}"

@@ -30,14 +30,14 @@ TASK_HEADS = (
     ),
     *("seeds", "agent-steps"),
 )
-PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # of self-play
+PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # figures of self-play in the table by task
 OF_NO_TRACK, MET = "†", "‡"
 logger = logging.getLogger("outlast")
 COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", "seeds")
 
 
 def write(places: Path, folder: Path) -> list[Path]:
-    """Write everything about the results in a folder, and return the paths. Raises TrainingError."""
+    """Write everything about the results in a folder; returns the paths. Raises TrainingError."""
     found = scores.scores(places)
     contents = {
         folder / "table.md": markdown(found).encode(),
@@ -49,10 +49,10 @@ def write(places: Path, folder: Path) -> list[Path]:
 
 
 def keep(places: Path, folder: Path) -> list[Path]:
-    """Copy results without most of their recordings, and return the paths of the copies.
+    """Copy results without most of their recordings; returns the paths of the copies.
 
-    For each agent's first seed in a task, its policy and the recording of its self-play are kept; for all others only
-    the numbers. Other tasks in the folder stay.
+    For each agent's first seed in a task, the policy and the recording of its self-play are kept, too; for all other
+    seeds only the numbers are. Results of other tasks in the folder stay.
 
     Raises:
         TrainingError: The folder has results of one of these tasks that `places` lacks.
@@ -84,7 +84,7 @@ def markdown(found: scores.Scores) -> str:
 
 
 def as_csv(found: scores.Scores) -> str:
-    """Return every figure of every agent in every task, with a row for each."""
+    """The CSV file: a row for every figure of every agent in every task."""
     file = io.StringIO()
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow(COLUMNS)
@@ -141,7 +141,7 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
 
 
 def _overall(own: scores.Scores) -> Iterator[list[str]]:
-    """Agents by score."""
+    """A row for each agent, the highest score first."""
     for agent, found in sorted(own["iqm"].items(), key=lambda entry: -entry[1]["value"]):
         counts = {len(own["tasks"][task]["agents"][agent]["seeds"]) for task in own["common"]}
         ends = f"{found['low']:.3f} to {found['high']:.3f}" if "low" in found else "one seed"
@@ -196,7 +196,7 @@ def _cell(figure: scores.Scores | None, digits: int) -> str:
 
 
 def _rating(figure: scores.Scores | None) -> str:
-    """A rating with its interval over seeds; of one seed with its standard error over games."""
+    """A rating with its interval over seeds; for one seed, with its standard error over games."""
     if figure is None:
         return ""
     return _cell(figure, 0) if "low" in figure else f"{figure['mean']:.0f} ± {figure['errors'][0]:.0f}"
@@ -212,7 +212,7 @@ def _cross(found: scores.Scores) -> str:
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
     """For each budget in which agents have a task in common: performance profiles, and what marl-eval reads."""
-    from .profile import picture  # here, as it needs matplotlib
+    from .profile import picture  # imported here, as it needs matplotlib
 
     for budget, own in found["budgets"].items():
         if own["common"]:
@@ -220,12 +220,12 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
             if runs := list(_runs(int(budget), own)):
                 try:
                     yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
-                except TrainingError as error:  # it takes fewer names than we do
+                except TrainingError as error:  # marl-eval takes fewer names than we do
                     logger.warning("marl_eval-%s.json is left out: %s", budget, error)
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """What marl-eval takes: agents that are compared, with the tasks and the seeds that all of them have.
+    """What marl-eval takes: the agents that are compared, with the tasks and the seeds that all of them have.
 
     They were evaluated once, at the end of training.
     """

@@ -1,4 +1,4 @@
-"""The tasks: the games of training and tests, and how much of both there is. Needs no PyTorch.
+"""The tasks: what agents are trained in, what they are tested in, and how much of both. Needs no PyTorch.
 
 A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
 """
@@ -31,9 +31,9 @@ class Game:
     """A game that agents are tested in.
 
     Attributes:
-        name: "trained" for the game of training; otherwise it says what is different from that game.
-        scenario: The scenario. Observations have the same shape in all games of a task.
-        given: Numbers that worlds get in turn, by name: counts that `scenario` has room for but would not draw.
+        name: "trained" for the game of training, else what is different from it.
+        scenario: What is played: observations are of the same shape in all games of a task.
+        given: Numbers that worlds get in turn, by name: counts for which `scenario` has room, in place of drawn ones.
         seed: Seed of the worlds, the same for every agent.
     """
 
@@ -43,7 +43,7 @@ class Game:
     seed: int
 
     def numbers(self, worlds: int) -> dict[str, np.ndarray[Any, Any]]:
-        """Return `given` for so many worlds, integers (worlds,) by name."""
+        """The numbers that each world is given, integers (worlds,) by name."""
         return {name: np.resize(values, worlds) for name, values in self.given}
 
 
@@ -52,10 +52,10 @@ class Task:
     """A task.
 
     Attributes:
-        name: Its name with the version: "ffa_2-v1".
+        name: Its name and version: "ffa_2-v1".
         about: One line for people.
-        scenario: The scenario in which agents are trained.
-        games: The games in which they are tested: first that of training; in a task of generalisation, then others.
+        scenario: What agents are trained in.
+        games: What they are tested in: first the game of training and then, in tasks of generalisation, those outside.
     """
 
     name: str
@@ -77,17 +77,17 @@ def task_of(name: str) -> Task:
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
-    """Return the track with this budget of agent-steps and matches of so many games; "" if there is none."""
+    """The track of a budget of agent-steps and matches of `games` games; empty if there is none."""
     return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
 
 
 def response_steps(budget: int) -> int:
-    """Return the agent-steps for training a best response: those of the protocol, or fewer with a tiny budget."""
+    """Agent-steps in which a best response is trained: those of the protocol, or the budget if that is less."""
     return min(RESPONSE, budget)
 
 
 def check_training_seed(seed: int) -> None:
-    """Refuse the seeds of tests. Worlds are keyed by (seed, world), so training with other seeds never meets theirs.
+    """Refuse the seeds of tests: worlds are keyed by (seed, world), so training with other seeds never meets them.
 
     Raises TrainingError.
     """
@@ -99,7 +99,7 @@ def check_training_seed(seed: int) -> None:
 
 
 def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | None = None) -> Task:
-    """A task of version 1. outside: Scenario by name, or with numbers that worlds are given: (Scenario, numbers)."""
+    """A task of version 1. outside: By name, a Scenario, or (Scenario, numbers) with numbers that worlds are given."""
     found = {"trained": trained} | (outside or {})
     games = []
     for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):
@@ -138,7 +138,7 @@ def _generalisation() -> Iterator[Task]:
         duel.vary(**trained),
         {name: duel.vary(**(trained | change)) for name, change in changes.items()},
     )
-    # Sides alternate from world to world: each plays in worlds of one box and of two.
+    # Policies change sides from world to world, so each number of boxes comes twice: each side plays with both numbers.
     items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)}
     yield _task(
         "counts",

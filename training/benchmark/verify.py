@@ -1,4 +1,4 @@
-"""Verification: every match is played again from its recording, bit for bit, and compared with what its result says."""
+"""Verification: every match is played again from its recording, bit for bit, and compared with what the result says."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,12 +18,12 @@ from .result import BEST, POLICY, RESPONSE, SELF, Content, Result
 from .suite import Member, missing, other_games, suite
 from .tasks import Game, Task, task_of
 
-NEAR = 1e-4  # relative: figures that are that near are the same, as machines round sums otherwise
+NEAR = 1e-4  # relative: figures that differ by less are the same, as machines round sums differently
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found about a match, or about an entry as a whole.
+    """What was found out about a match, or about an entry as a whole.
 
     Attributes:
         what: What was verified: "ffa_2-v1 fast/0, trained against scripted".
@@ -43,7 +43,7 @@ Check = Callable[[], Finding]  # can be pickled
 
 
 def checks(entry: Result) -> list[Check]:
-    """Return functions that verify an entry, each with a finding: game and policies, which is quick, and matches."""
+    """The checks of an entry, each with one finding: game and policies, which are compared at once, and matches."""
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
@@ -59,11 +59,11 @@ def checks(entry: Result) -> list[Check]:
 
 
 def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
-    """Return functions that verify a task's cross-play. folder: that of the task. entries: all of the task, by name."""
+    """The checks of a task's cross-play. folder: Of the task. entries: All entries of the task, by name."""
     found: list[Check] = []
     try:
         task = task_of(folder.name)
-    except TrainingError:  # which is said of each of the entries
+    except TrainingError:  # the checks of the entries say so
         return found
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
@@ -85,7 +85,7 @@ def _of_match(what: str, recording: Path, wrong: Callable[..., str], *arguments:
 
 
 def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
-    """What an entry does not have, so that not all of it can be verified."""
+    """What an entry lacks, so that not all of it can be verified; empty if it lacks nothing."""
     if not (entry.folder / POLICY).exists():
         return f"{POLICY} is not here, and is not asked what it would do"
     absent = missing(entry, task, members)
@@ -93,7 +93,7 @@ def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
 
 
 def _wrong_with_entry(entry: Result, task: Task) -> str:
-    """What is wrong with the games and the policies of an entry."""
+    """What is wrong with the games and the policies of an entry; empty if nothing is."""
     content = entry.content
     if other := other_games(content, task):
         return other
@@ -137,12 +137,12 @@ def _wrong_with_cross(task: Task, match: Content, path: Path, one: Result, other
 
 
 def _saved(path: Path) -> Contender | None:
-    """The policy in a file, whose digest has been compared; None: it is not here, as that of a function never is."""
+    """The policy in a file, whose digest has been compared; None if there is no file, as for a function."""
     return Contender(path.stem, str(path)) if path.exists() else None
 
 
 def _wrong_with_games(game: Game, pair: list[Contender | None], match: Content, path: Path) -> str:
-    """What the recording of a match says otherwise than the result."""
+    """Where the recording of a match contradicts the result; empty if it does not."""
     if digest(path) != match["recording"]:
         return "its recording is another file than the one that was made"
     found = repeat(game, pair, match["games"], path)
@@ -163,8 +163,8 @@ def _wrong_with_games(game: Game, pair: list[Contender | None], match: Content, 
 def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
     """Whether a mean, and its error if there is one, are those of a recording.
 
-    Results that were made before counted all episodes in errors, also those without a value: these are smaller, by the
-    root of a half at the most.
+    Earlier results counted all episodes in errors, even those without a value. These errors are smaller, by a factor of
+    the root of a half at most.
     """
     if len(given) != len(found) or not _near(given[0], found[0]):
         return False

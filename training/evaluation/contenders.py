@@ -27,13 +27,13 @@ class Contender:
     """A policy with a label that can be part of file names.
 
     Attributes:
-        label: Its label in tables.
+        label: Its name in tables and files.
         text: What it is: a name, the path of its checkpoint, or the name of a function.
-        player: The Player of a checkpoint; None for other policies.
+        player: The player of a checkpoint; None for any other policy.
     """
 
     def __init__(self, label: str, policy: str | Policy) -> None:
-        """policy: a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
+        """policy: A name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
         self.label, self.player = label, policy if isinstance(policy, Player) else None
         self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
         self._function = None if isinstance(policy, (str, Player)) else policy
@@ -41,21 +41,21 @@ class Contender:
             self.player = Player(policy)
 
     def check(self, env: SurvivalVectorEnv) -> None:
-        """Check that it can play in these worlds. Raises TrainingError."""
+        """Check that the policy can play in these worlds. Raises TrainingError."""
         if self.player is not None:
             self.player.check(env)
 
     def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """Return the function that plays it, with a generator of that seed."""
+        """The function that plays the policy, with a random generator of that seed."""
         player = self.player
         if player is None:
             whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
             return lambda seen, indices: np.asarray(whole(seen)[indices])
-        player = copy.copy(player)  # the caller's stays as it is
+        player = copy.copy(player)  # so that the caller's stays as it is
         player.reset = player._reset if player.memory else None
         if player.generator is not None:  # without one it takes the likeliest actions
             player.generator = torch.Generator().manual_seed(seed)
-        if player.memory:  # it goes on for all agents, whoever of them it plays
+        if player.memory:  # memory moves on for all agents, whichever of them it plays
             remembering = told(player, env)
             return lambda seen, indices: np.asarray(remembering(seen)[indices])
         return lambda seen, indices: player({key: values[indices] for key, values in seen.items()})
@@ -67,17 +67,17 @@ class Contender:
         keys = [key for key, _ in env.action_columns]
 
         def act(seen: Arrays) -> Actions:
-            own = {key: values.copy() for key, values in seen.items()}  # which it may keep, as in a rollout
+            own = {key: values.copy() for key, values in seen.items()}  # copies, which it may keep, as in a rollout
             return checked_actions(playing(own), shape, env.action_sizes, what=what, axes=axes, keys=keys)
 
         return act
 
 
 def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
-    """Return a contender for each policy; for a folder with one or more runs, the newest checkpoint of each run.
+    """Make a contender for each policy; a folder of a run, or around several, stands for each run's newest checkpoint.
 
     Args:
-        given: Names, paths or functions, optionally by label; otherwise labels are derived from names and paths.
+        given: Names, paths, functions; in a mapping they have labels, else labels are made from names and paths.
 
     Raises:
         TrainingError: There are none, one is given twice, or there is no such file.
@@ -107,7 +107,7 @@ def _labelled(label: str, policy: Given) -> Contender:
 
 
 def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
-    """What to be named by, and the policy, which is no folder."""
+    """Pairs of a text to make a label from, and a policy, which is no folder."""
     if not isinstance(policy, (str, Path)):
         checked_entries([(policy, 1)])
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
@@ -121,7 +121,7 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
 
 
 def labels(texts: Sequence[str]) -> list[str]:
-    """Return a unique label for each; for paths, as few parts from the end as necessary. Raises TrainingError."""
+    """A unique label for each text; of a path, as few parts from its end as that takes. Raises TrainingError."""
     whole = [_parts(text) for text in texts]
     if len(set(whole)) < len(whole):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")

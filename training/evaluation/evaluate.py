@@ -77,7 +77,7 @@ def evaluate(
 
 
 def checked_folder(out: str | Path | None, film: bool) -> Path | None:
-    """Return the folder, made before anything is played, so that no evaluation is lost because it cannot be written."""
+    """Make the folder before anything is played, so that no evaluation is lost for want of it."""
     if out is None:
         if film:
             raise TrainingError("films need a folder: name one as out (--out FOLDER)")
@@ -91,7 +91,7 @@ def checked_folder(out: str | Path | None, film: bool) -> Path | None:
 
 @contextlib.contextmanager
 def recordings(film: bool) -> Iterator[Path | None]:
-    """Make a folder for the recordings that films are made from, if films are to be made."""
+    """Open a temporary folder for the recordings that films are made from; None if there are to be no films."""
     if not film:
         yield None
         return
@@ -100,7 +100,7 @@ def recordings(film: bool) -> Iterator[Path | None]:
 
 
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
-    """Play every pairing; if there is a folder for tables, it always has those of the complete pairings."""
+    """Play every pairing. If there is a folder for tables, those of what is complete are always in it."""
     total = len(evaluation.pairs) * evaluation.episodes
     with tqdm(total=total, unit="episode", disable=quiet) as bar:
         for pair in evaluation.pairs:
@@ -111,7 +111,7 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
 
 
 def films(evaluation: Evaluation, hidden: Path, folder: Path) -> Iterator[Path]:
-    """Make a film and a page of a typical episode of each pairing, and yield the path of each once it is made."""
+    """Make a film and a page of a typical episode of each pairing, and yield the path of each once it is written."""
     for pairing in evaluation.pairings:
         yield from show_pairing(evaluation, pairing, _recording(hidden, pairing.pair), folder)
 

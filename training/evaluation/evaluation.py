@@ -28,8 +28,8 @@ Array = np.ndarray[Any, Any]
 class Evaluation:
     """Cross-play in `worlds` worlds at once.
 
-    Each pairing plays `episodes`, or a few more, so that all worlds play equally many, and each policy plays each side
-    equally often. A pairing's numbers are a function of the seed and of the positions of its two policies in the list;
+    Each pairing plays `episodes`, or a few more: every world plays equally many, and each policy plays each side
+    equally often. A pairing's numbers are a function of the seed and of the places of its two policies in the list;
     threads make no difference. `str(evaluation)` has all tables.
 
     Attributes:
@@ -38,11 +38,11 @@ class Evaluation:
         pairings: The pairings that are complete.
         each: Episodes of a pairing that each world plays.
         worlds: How many worlds there are.
-        seed: Seed of the whole evaluation.
+        seed: The seed of the evaluation.
 
     Raises:
         ScenarioError: The scenario cannot be played.
-        TrainingError: A policy cannot play there, or there is nobody to play against.
+        TrainingError: A policy cannot play there, or there is no side to play against.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Evaluation:
         players = [contender.player for contender in chosen if contender.player is not None]
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.worlds, self.each = worlds, -(-episodes // worlds)
-        self.each += self.each * worlds % ROLES  # or one assignment of sides is played more often
+        self.each += self.each * worlds % ROLES  # else one assignment of sides would be played more often
         options: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
         self.env = make_vec(self.scenario, worlds, seed=seed, threads=threads, **options)
         try:
@@ -106,7 +106,7 @@ class Evaluation:
     def groups(self) -> Groups | None:
         """Return ratings and wins of groups of runs that differ only by seeds, with intervals over seeds and games.
 
-        None if no group has several runs, if there is only one group, and until all pairings are complete.
+        None if no such group has several runs or there is only one group, and until all pairings are complete.
 
         Raises:
             TrainingError: Two of the policies are the same run, or runs of one seed.
@@ -120,11 +120,11 @@ class Evaluation:
         return rate_groups(grouped, *self._games(), self.seed) if several else None
 
     def estimates(self, policy: str, against: str) -> Estimates:
-        """Return mean and standard error of each column (see training.columns) for a policy against another one.
+        """Mean and standard error of each column, for a policy against another one: see training.columns.
 
         Args:
             policy: The label of the policy.
-            against: The label of the other policy, or of the same one.
+            against: The label of the other one, or the same label.
 
         Raises:
             TrainingError: There is no such pairing, or it is not complete.
@@ -144,7 +144,7 @@ class Evaluation:
         self.env.close()
 
     def _games(self) -> tuple[Array, Array]:
-        """Games that each policy won against each, and that were drawn, (policies, policies); against itself none."""
+        """Games that each policy won against each other, and draws, (policies, policies) both; 0 against itself."""
         wins, draws = np.zeros((2, len(self.chosen), len(self.chosen)))
         for pairing in self.pairings:
             i, j = pairing.pair

@@ -22,10 +22,10 @@ AGE = "agent_steps"  # what checkpoints of one run differ in
 
 @dataclass(frozen=True)
 class PolicyGroup:
-    """Policies that differ only by the seeds of their training, or a single policy that is not from a run.
+    """Policies that differ by the seeds of their training only; or a single other policy.
 
     Attributes:
-        label: What distinguishes the group (see plots.groups.Group), or the label of the single policy.
+        label: What sets the group apart, see plots.groups.Group; for a policy that is no run, its own label.
         members: The indices of its policies.
         trained: Whether they are runs.
     """
@@ -40,11 +40,11 @@ class Groups:
     """What groups achieve, each as one player that draws one of its runs for every game.
 
     Attributes:
-        groups: The groups, in order of their first policies.
-        ratings: Elo ratings with a mean of 1000 over groups: value, low and high are float64 (groups,). An end is
-            infinite if no game bounds the rating, as for a group that won every game.
-        wins: Share of games that the first group wins against the second, where a draw counts half: value, low and high
-            are float64 (groups, groups); NaN for a group against itself.
+        groups: In order of their first policies.
+        ratings: Elo, of mean 1000 over groups: value, low and high are float64 (groups,); an end is infinite where no
+            game bounds the rating, as for a group that won every game.
+        wins: Share of games that the first wins against the second, a draw counting half: float64 (groups, groups)
+            each; NaN for a group against itself.
     """
 
     groups: list[PolicyGroup]
@@ -63,7 +63,7 @@ def group_policies(chosen: Sequence[Contender]) -> list[PolicyGroup]:
 
 
 def _run(contender: Contender) -> Run | None:
-    """The run that a policy is of; runs of other lengths are other ones. None if it does not say how it was trained."""
+    """The run that a policy is from, up to its checkpoint. None if the policy does not say how it was trained."""
     if contender.player is None or not contender.player.header["plan"]:
         return None
     header = contender.player.header
@@ -74,17 +74,17 @@ def _run(contender: Contender) -> Run | None:
 def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: int, reps: int = REPS) -> Groups:
     """Return ratings and wins of groups, with 95 % bootstrap intervals over runs and games.
 
-    Each resampling draws from a group as many runs as it has, with replacement, and the games of each pairing anew. The
-    wins between two groups are means over the pairings of their runs, so groups with more runs have no more weight. In
-    a group of one run, only games are drawn anew, so its interval says nothing about other seeds.
+    Each resampling draws, with replacement, as many runs from a group as it has, and draws the games of each pairing
+    anew. The wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh
+    no more. For a group of one run, only games are drawn anew: its interval says nothing about other seeds.
 
-    A group that won every game wins every resampled one, too: its share's interval ends at 1 (or 0 for its opponents),
-    and a rating that no game bounds has an infinite end; see `ratings.chained`.
+    A group that won every game would win every resampled one, too. So the interval of a share that is 1 or 0 ends
+    there, and a rating that no game bounds has an infinite end, see `ratings.chained`.
 
     Args:
-        groups: At least two groups, which together hold all policies.
-        wins: Games that each policy won against each, (policies, policies).
-        draws: Games that were drawn, likewise.
+        groups: At least two, which hold all policies.
+        wins: Games that each policy won against each other, (policies, policies).
+        draws: Games that were drawn, of the same shape.
         seed: The same seed gives the same intervals.
         reps: How many resamplings.
     """
@@ -96,7 +96,7 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     chain = chained(won[0] + tied[0])
     value, shares = elo(won, tied)[0][0], _shares(won, tied)[0]
     won, tied = _mixed(drawn, *_replayed(wins, draws, generator, reps))
-    low, high = percentile_interval(elo(won, tied, added=0)[0])  # which the games have already
+    low, high = percentile_interval(elo(won, tied, added=0)[0])  # half games are in these already
     ratings = Estimate(value, np.where(chain.all(1), low, -np.inf), np.where(chain.all(0), high, np.inf))
     low, high = percentile_interval(_shares(won, tied))
     return Groups(list(groups), ratings, Estimate(shares, np.where(shares, low, 0), np.where(shares == 1, 1, high)))
@@ -113,8 +113,8 @@ def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, re
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
     """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
 
-    A Bayesian bootstrap: each game counts as much as a draw from an exponential distribution says. As in `elo`, half a
-    game won and half a game lost are among them: chances are drawn as if by Jeffreys' prior, and none is 0 or 1.
+    A Bayesian bootstrap: each game is weighted by a draw from an exponential distribution. As in `elo`, half a game won
+    and half a game lost are added: chances are drawn as with Jeffreys' prior, and none is 0 or 1.
     """
     won, drawn = np.zeros((2, reps, *wins.shape))
     for i, j in np.argwhere(np.triu(wins + wins.T + draws, 1) > 0):
@@ -128,7 +128,7 @@ def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: i
 def _mixed(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
     """Wins and draws, (reps, groups, groups) each, of groups that are mixtures of policies.
 
-    weights: (reps, groups, policies), 1 in total of each group.
+    weights: (reps, groups, policies), which add up to 1 for each group.
     """
     across = weights.transpose(0, 2, 1)
     return weights @ wins @ across, weights @ draws @ across

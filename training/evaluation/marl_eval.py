@@ -21,11 +21,11 @@ class RunMetrics:
     """What a run achieved.
 
     Attributes:
-        task: The name of the task that was played.
-        algorithm: The name of the algorithm, without commas, which marl-eval cannot read.
+        task: The name of what was played.
+        algorithm: Its name, without commas, which marl-eval does not read.
         seed: The seed of training.
         steps: The metrics of each evaluation, by agent-steps of training.
-        absolute: The metrics of its best policy, evaluated again: the absolute metric of the paper, section 4.
+        absolute: The metrics of its best policy, evaluated anew: the absolute metric of the paper, section 4.
     """
 
     task: str
@@ -90,7 +90,7 @@ def _check_complete(runs: Sequence[RunMetrics]) -> None:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    """Refuse names that marl-eval would not tell apart, or not take for what they are."""
+    """Refuse names that marl-eval would not tell apart, or would misread."""
     seen: dict[str, str] = {}
     for name in names:
         if "," in name or COUNT in name:

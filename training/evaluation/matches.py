@@ -23,9 +23,9 @@ Act = Callable[
 class MatchResults:
     """The outcomes of the episodes of a match.
 
-    figures: float64 (worlds, episodes of each, roles, 2) by name: a sum and a count, whose ratio is the figure. The
-    count is 1 for most figures; for those of behaviour it is the ticks in which it could be measured. spans: int
-    (worlds, episodes, 2): the first and the last tick record of each episode in a recording of the match.
+    figures: float64 (worlds, episodes of each, roles, 2) by name: sum and count, whose ratio is the figure. The count
+    is 1 for most; for behaviour, it is the number of ticks in which that could be measured. spans: int (worlds,
+    episodes, 2): the first and the last tick record of each episode in a recording of the match.
     """
 
     def __init__(self, worlds: int, each: int) -> None:
@@ -38,7 +38,7 @@ class MatchResults:
         figure[where] = np.stack(np.broadcast_arrays(values, counts), -1)
 
     def typical(self) -> tuple[int, int]:
-        """Return world and episode of the first episode of median length (the lower median, if there are two)."""
+        """World and number of the first episode that has the median length, the lower one if there are two medians."""
         length = self.figures["length"][:, :, 0, 0]
         median = np.sort(length, axis=None)[(length.size - 1) // 2]
         world, episode = np.argwhere(length == median)[0]
@@ -62,7 +62,7 @@ class Match:
         self._assign()
 
     def play(self, progress: Callable[[int], None] = lambda episodes: None) -> MatchResults:
-        """Play the whole match. progress: called with how many more episodes have ended."""
+        """Play the whole match. progress: Called with how many more episodes have ended."""
         while (self.done < self.each).any():
             if ended := self._step():
                 progress(ended)
@@ -79,7 +79,7 @@ class Match:
         self.indices: list[AgentIndices] = [(worlds, agents) for worlds, agents in map(np.nonzero, masks)]
 
     def _step(self) -> int:
-        """One step of all worlds; how many episodes ended that count."""
+        """Step all worlds; returns how many episodes that count have ended."""
         observations = self.base_env.observe()
         actions = np.tile(self.base_env.noop, (self.base_env.num_worlds, self.base_env.num_agents, 1))
         for act, indices in zip(self.acts, self.indices, strict=True):
@@ -93,7 +93,7 @@ class Match:
         return self._finish(done, info["statistics"]) if done.any() else 0
 
     def _finish(self, done: Array, statistics: dict[str, Array]) -> int:
-        """Enter the episodes that ended and begin the next ones; how many that were."""
+        """Enter the episodes that ended and begin the next ones; returns how many were entered."""
         rows = np.flatnonzero(done & (self.done < self.each))
         where = rows, self.done[rows]
         self.results.spans[where] = np.stack([self.begun[rows], np.full(len(rows), self.records)], 1)
@@ -116,7 +116,7 @@ class Match:
         self.results.enter(where, "life", life)
         sides = np.arange(self.base_env.worlds.dims["sides"])
         by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
-        for name, values in statistics.items():  # of agents, the mean over those of a role; of sides, the sum
+        for name, values in statistics.items():  # for agents, the mean over those of a role; for sides, the sum
             if self.dims.get(name) == ("agents",):
                 there = mine.sum(2)
                 mean = (values[rows, None] * mine).sum(2) / np.maximum(there, 1)
@@ -130,6 +130,6 @@ class Match:
             summed = (rate[rows][:, None] * mine[..., None]).sum(2)
             self.results.enter(where, name, summed[..., 0], summed[..., 1])
         for name, values in statistics.items():
-            if values.ndim == 1 and name not in self.metrics.totals:  # of the world: the same for both
+            if values.ndim == 1 and name not in self.metrics.totals:  # for the world: the same for both roles
                 known = values[rows, None] > 0 if name in MOMENTS else 1.0
                 self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)

@@ -19,7 +19,7 @@ class Pairing:
     results: MatchResults
 
     def estimates(self, role: int) -> Estimates:
-        """Return estimates for the policy in that role; NaN if there was nothing to measure."""
+        """Estimates for the policy in that role. NaN where there was nothing to measure."""
         return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
@@ -31,8 +31,8 @@ class Pairing:
 def ratio(pairs: Array) -> tuple[float, float]:
     """Return the sum of all sums divided by the sum of all counts, and its standard error to first order.
 
-    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN if all counts are 0; the
-    error also if all but one are.
+    pairs: float64 (episodes, 2), sums and counts; if all counts are 1, this is a mean and its error. Both are NaN if
+    all counts are 0; the error also if all but one are.
     """
     total, count = pairs.sum(0)
     there = np.count_nonzero(pairs[:, 1])

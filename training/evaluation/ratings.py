@@ -10,19 +10,19 @@ from ..errors import TrainingError
 Array = np.ndarray[Any, Any]
 
 POINTS = 400 / math.log(10)  # Elo points of one unit of log odds: 400 more are odds of ten to one
-MEAN = 1000.0  # of all ratings, as only differences mean anything
-SURE, MOST = 1e-8, 1000  # log odds: a step of Newton's method that is shorter is the last one; and most steps
+MEAN = 1000.0  # mean of all ratings: it is free, as only differences mean anything
+SURE, MOST = 1e-8, 1000  # Newton's method ends with a step that is shorter, in log odds, or after so many steps
 
 
 def chained(scores: Array) -> Array:
-    """Return whether a chain of scores leads from i to j: i has scored against one who has scored against ... j.
+    """Whether a chain of scores leads from i to j: i has scored against a player who has scored against ... j.
 
-    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows without
-    bound as j is rated higher above i.
+    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows for ever
+    as j is rated higher above i.
     """
     count = scores.shape[-1]
     chain: Array = (scores > 0) | np.eye(count, dtype=bool)
-    for _ in range(count.bit_length()):  # each time chains twice as long
+    for _ in range(count.bit_length()):  # each time, it finds chains that are twice as long
         chain = chain @ chain
     return chain
 
@@ -35,11 +35,11 @@ def linked(games: Array) -> bool:
 def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
     """Return ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
-    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two players met, half a
-    game that i won and half a game that j won are `added`, so that ratings stay finite if one always wins. Errors are
-    the sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, which takes into
-    account that draws scatter less. Leading axes are for several tables. Raises ValueError if no chain of games
-    connects all players.
+    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two have met, `added`
+    games that i won and as many that j won are counted, too, so that ratings stay finite where one always wins. Errors
+    are the sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that
+    draws, which scatter less, count as such. Leading axes stand for several tables. Raises ValueError if no chain of
+    games joins all players.
     """
     met = (wins + wins.swapaxes(-1, -2) + draws > 0) & ~np.eye(wins.shape[-1], dtype=bool)
     won, drawn = np.where(met, wins + added, 0.0), np.where(met, draws, 0.0)
@@ -56,10 +56,10 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
     """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
 
-    A player's rating is the one at which its expected score against all of its opponents equals its actual score. It
-    depends only on these games, so it can be compared with the ratings of other players against the same opponents,
-    whenever they play. As in `elo`, half a game won and half a game lost are added to each pairing that met, so a
-    player that wins (or loses) everything has a finite rating, which is a lower (upper) bound, with a large error.
+    It is the rating under which the expected score of a player against all of its opponents is the score that it had.
+    It depends on nothing but these games, so it can be compared with ratings of other players against the same
+    opponents, whenever they play. As in `elo`, half a game won and half a game lost are added for each pair that has
+    met: a player that wins (or loses) everything has a finite rating, a lower (upper) bound, with a large error.
 
     Args:
         wins: Games that each player won against each opponent, (players, opponents).
@@ -105,7 +105,7 @@ def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> N
 
 
 def _fitted(games: Array, score: Array) -> Array:
-    """The log odds, of mean 0, under which the expected scores of all players are theirs: Newton's method."""
+    """The log odds, of mean 0, under which all players have the scores that are expected, by Newton's method."""
     odds: Array = np.zeros(games.shape[:-1])
     for _ in range(MOST):
         curvature = _laplacian(games * _slope(odds))

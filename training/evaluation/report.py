@@ -43,7 +43,7 @@ class Played(Protocol):
 
     @property
     def episodes(self) -> int:
-        """How many episodes each pairing plays."""
+        """Episodes of each pairing."""
 
     @property
     def complete(self) -> bool:
@@ -57,7 +57,7 @@ class Played(Protocol):
 
 
 def text(evaluation: Played) -> str:
-    """Return all tables under a heading; for an incomplete evaluation, those of the pairings that are complete."""
+    """All tables under a heading; of an incomplete evaluation, the tables of what is complete."""
     if not evaluation.pairings:
         return "no pairing is complete"
     parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), *_groups(evaluation)]
@@ -68,7 +68,7 @@ def text(evaluation: Played) -> str:
 
 
 def _heading(evaluation: Played) -> str:
-    """What was played, and which files the policies are whose labels do not say it."""
+    """What was played, and the files of those policies whose labels do not name them."""
     name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
     lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
@@ -94,7 +94,7 @@ def write_tables(evaluation: Played, folder: Path) -> list[Path]:
 
 
 def check_folder(evaluation: Played, folder: Path) -> None:
-    """TrainingError if the folder has tables of another game or other policies, which these tables would replace."""
+    """Raise TrainingError if these tables would replace those of another evaluation, of another game or policies."""
     path, now = folder / TABLES, json.loads(json.dumps(_json(_played(evaluation))))
     if not path.exists():
         return
@@ -117,7 +117,7 @@ def _ratings(evaluation: Played) -> str:
 
 
 def _wins(evaluation: Played) -> str:
-    """Shares of episodes that each policy wins against each; draws count half."""
+    """Shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
     rows = [
@@ -127,7 +127,7 @@ def _wins(evaluation: Played) -> str:
 
 
 def _groups(evaluation: Played) -> Iterator[str]:
-    """Tables of groups of runs, and of which policies errors say nothing about other seeds."""
+    """Tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
     except TrainingError as error:
@@ -195,7 +195,7 @@ def _cell(mean: float, error: float) -> str:
     """Mean and error, to the error's second digit."""
     if np.isnan(mean):
         return "-"
-    if np.isnan(error):  # there was one
+    if np.isnan(error):  # it was measured in one episode only
         return f"{mean:.2f} ± -"
     if not error:  # all episodes were alike
         return f"{mean:.2f}"
@@ -216,7 +216,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) ->
 
 
 def _rated(evaluation: Played) -> list[tuple[str, float, float]]:
-    """Label, rating and its error of each policy; none until all are joined."""
+    """Label, rating and its error of each policy; empty until games join all policies."""
     found = evaluation.ratings()
     labels = [contender.label for contender in evaluation.chosen]
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
@@ -254,7 +254,7 @@ def _everything(evaluation: Played) -> dict[str, Any]:
 
 
 def _played(evaluation: Played) -> dict[str, Any]:
-    """By which one evaluation is told from another."""
+    """What tells one evaluation from another."""
     policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
     return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
 

@@ -14,14 +14,14 @@ from .evaluation import Evaluation
 from .matches import MatchResults
 from .pairing import Pairing
 
-LEAST = 8  # characters of a name in the title of a film
+LEAST = 8  # characters of a name that the title of a film keeps, at least
 SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper's variants
 
 
 def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, folder: Path) -> list[Path]:
     """Write the typical episode of a pairing to the folder: A-B.webm and A-B.html, each completely or not at all.
 
-    recording: that of all its episodes. Raises RecordingError, FilmError, PageError.
+    recording: The file in which all its episodes are recorded. Raises RecordingError, FilmError, PageError.
     """
     names, results = [evaluation.chosen[k].label for k in pairing.pair], pairing.results
     sides, game = _sides(evaluation.env.worlds.dims["sides"], results), evaluation.scenario.name

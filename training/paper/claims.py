@@ -26,9 +26,9 @@ class Claim:
 
     Attributes:
         text: What the paper says.
-        variants: Of which games; the measurement takes a run of each.
+        variants: The games that it is about; the measurement takes a run of each.
         what: What is measured.
-        measure: It, of a run of each of these variants; NaN where a run does not say.
+        measure: Measures that in a run of each of these variants; NaN if a run does not say.
         low: The least number with which the claim holds.
         high: The largest one.
     """
@@ -54,7 +54,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim with its number in the paper's curves, NaN if they do not say, and of each of our seeds."""
+    """A claim with its number in the paper's curves, NaN if they do not say, and in the runs of each of our seeds."""
 
     claim: Claim
     paper: float
@@ -62,7 +62,7 @@ class Finding:
 
     @property
     def mean(self) -> float:
-        """Over seeds."""
+        """The mean over seeds."""
         return float(np.mean(self.ours))
 
     @property
@@ -72,20 +72,20 @@ class Finding:
 
     @property
     def cells(self) -> list[str]:
-        """Of the table."""
+        """The cells of its row in the table."""
         claim, seeds = self.claim, sum(map(self.claim.holds, self.ours))
         verdict = ("yes" if self.holds else "no") + f", {seeds} of {len(self.ours)} seeds" * (len(self.ours) > 1)
         theirs = "" if np.isnan(self.paper) else number(self.paper)
-        within = spread(self.ours) if np.isfinite(self.ours).all() else ""  # what was 0 may have grown without bound
+        within = spread(self.ours) if np.isfinite(self.ours).all() else ""  # a ratio to 0 is infinite
         numbers = [claim.asked, theirs, number(self.mean), within]
         return [claim.text, _listed(claim.variants), claim.what, *numbers, verdict]
 
 
 def findings(groups: Sequence[RunGroup]) -> Iterator[Finding]:
-    """Every claim of whose variants there are runs of one seed that are as long as the paper's.
+    """Yield a finding for every claim for whose variants there are runs of one seed as long as the paper's.
 
     Args:
-        groups: Runs with one preset; those of games with ablations say nothing of the paper's.
+        groups: Runs with one preset; those of games with ablations say nothing about the paper's.
     """
     by_seed: dict[int, dict[str, Curves]] = {}
     for group in groups:
@@ -101,7 +101,7 @@ def findings(groups: Sequence[RunGroup]) -> Iterator[Finding]:
 
 
 def claims_table(found: Sequence[Finding]) -> str:
-    """In Markdown."""
+    """The table of findings, in Markdown."""
     return markdown_table(HEADS, [each.cells for each in found])
 
 

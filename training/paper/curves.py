@@ -21,16 +21,16 @@ SEEN = (
     *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
     *(Quantity(name, f"rollout/{name}", sided=True) for name in ("damage_dealt", "strikes_landed", "heals_given")),
     Quantity("wins against scripted", "wins/scripted"),
-)  # that the paper has no curves of: what claims about behaviour, and mended games, are measured by
+)  # of which the paper has no curves: by these, claims about behaviour and mended games are measured
 
 
 def is_kept(tag: str) -> bool:
-    """Whether it is one that kept results have."""
+    """Whether kept results have this tag."""
     return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
 
 
 def is_known(tag: str) -> bool:
-    """Whether it is one of the paper's quantities."""
+    """Whether the tag is one of the paper's quantities."""
     return any(quantity.has(tag) for quantity in QUANTITIES)
 
 

@@ -14,7 +14,7 @@ from ..tables import decimals, markdown_table, number, spread
 from .curves import LENGTH, QUANTITIES, RETURN
 from .results import RunGroup
 
-TOLERANCE = 0.15  # difference from the paper's end value that still agrees, of returns and lengths
+TOLERANCE = 0.15  # returns and lengths that are no further from the paper's end value agree with it
 WITHIN = f"within {TOLERANCE:.0%}"
 HEADS = ("", "the paper", "outlast", "95 %", "apart", WITHIN, "peak in the paper", "peak in outlast")
 
@@ -23,7 +23,7 @@ HEADS = ("", "the paper", "outlast", "95 %", "apart", WITHIN, "peak in the paper
 class EndRow:
     """A quantity of a group: end values and moving averages of its runs and of the paper's, which may have none.
 
-    side: -1 if of all agents. ours: of each run whose end value counts, in order of seeds.
+    side: -1 if it is of all agents. ours: One for each run whose end value counts, in order of seeds.
     """
 
     quantity: Quantity
@@ -45,7 +45,7 @@ class EndRow:
 
     @property
     def apart(self) -> float | None:
-        """Our end value over the paper's, less 1; None for quantities near 0, of which it means little."""
+        """Our end value over the paper's, less 1; None for quantities near 0, for which it means little."""
         if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
             return None
         return self.mean / self.theirs.mean - 1
@@ -81,7 +81,7 @@ def side_name(group: RunGroup) -> str:
 
 
 def markdown(group: RunGroup) -> str:
-    """A paragraph and a table."""
+    """The end values of a group: a paragraph and a table."""
     return f"{title(group)}\n\n{markdown_table(HEADS, _cells(group))}"
 
 
@@ -112,12 +112,12 @@ def _peak(curve: MovingAverage | None) -> str:
 
 
 def with_deviation(mean: float, deviation: float) -> str:
-    """Mean ± deviation, with the same digits; the mean alone where nobody knows how far points scatter."""
+    """Mean ± deviation, with the same digits; the mean alone if it is not known how far points scatter."""
     return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
 
 
 def csv_table(groups: Iterable[RunGroup]) -> str:
-    """The table as CSV, a row a quantity, with all digits that mean something."""
+    """The table as CSV, with a row for each quantity and all digits that mean something."""
     records = [record(group, row) for group in groups for row in rows(group)]
     text = io.StringIO()
     writer = csv.DictWriter(text, list(records[0]), lineterminator="\n")

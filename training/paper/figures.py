@@ -22,9 +22,9 @@ from .end_values import side_name
 from .results import RunGroup
 
 WIDTH, HEIGHT = 7.6, 5.7  # inches
-COLOURS = 128  # of a PNG
-LINE = 105  # characters of a note
-DASHES: tuple[Any, ...] = ("-", (0, (2.2, 1.4)), ":", "-.")  # of the sides
+COLOURS = 128  # colours of a PNG
+LINE = 105  # characters of a line of a note
+DASHES: tuple[Any, ...] = ("-", (0, (2.2, 1.4)), ":", "-.")  # for the sides
 
 OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
@@ -113,7 +113,7 @@ def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
 
 
 def _handles(group: RunGroup) -> Iterator[Line2D]:
-    """Of the legend: colours for ours and the paper's, dashes for sides."""
+    """Entries of the legend: colours for ours and the paper's, dashes for sides."""
     yield Line2D([], [], color=OURS, linewidth=2.4, label="outlast")
     yield Line2D([], [], color=THEIRS, linewidth=2.4, label="the paper")
     for side, _ in enumerate(_tags(_all(group), RETURN)):
@@ -126,7 +126,7 @@ def _all(group: RunGroup) -> list[Curves]:
 
 
 def _tags(runs: Sequence[Curves], quantity: Quantity) -> list[str]:
-    """The tags that some of the curves have."""
+    """The tags of a quantity that any of the curves has."""
     return list(dict.fromkeys(tag for curves in runs for tag in curves.tags(quantity)))
 
 

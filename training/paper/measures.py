@@ -1,4 +1,4 @@
-"""What is measured of curves, by which the paper's claims are checked. Needs numpy only."""
+"""Measurements of curves, by which the paper's claims are checked. Needs numpy only."""
 
 import math
 from collections.abc import Mapping
@@ -10,12 +10,12 @@ from ..curves import Array, Curves, Quantity
 from .curves import KILLS
 
 Runs = Mapping[str, Curves]  # a run of each variant, by its name
-SUMMED = (KILLS,)  # over sides; of others, the mean
+SUMMED = (KILLS,)  # over sides; other quantities are averaged
 MILLION = 1e6
 
 
 def curve(runs: Runs, variant: str, quantity: Quantity) -> Array:
-    """A quantity of all sides of a run, (points,): of kills the sum, of others the mean. NaN where it is not there."""
+    """A quantity of all sides of a run, (points,): the sum of kills, the mean of others. NaN if the run lacks it."""
     curves = runs[variant]
     own = [curves.values[tag] for tag in curves.tags(quantity)]
     if not own:
@@ -43,7 +43,7 @@ def peak(runs: Runs, variant: str, quantity: Quantity) -> float:
 
 
 def peak_at(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """Where that is, in millions of agent-steps."""
+    """Where the maximum of the moving average is, in millions of agent-steps."""
     averages = smooth(curve(runs, variant, quantity))
     return float(runs[variant].steps[np.nanargmax(averages)]) / MILLION
 
@@ -54,14 +54,14 @@ def left(runs: Runs, variant: str, quantity: Quantity) -> float:
 
 
 def at(runs: Runs, variant: str, quantity: Quantity, millions: float) -> float:
-    """The moving average after so many agent-steps."""
+    """The moving average after so many millions of agent-steps."""
     where = int(np.searchsorted(runs[variant].steps, millions * MILLION))
     averages = smooth(curve(runs, variant, quantity))
     return float(averages[min(where, len(averages) - 1)])
 
 
 def grows(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """The last third over the first third."""
+    """The mean of the last third over that of the first third."""
     values = curve(runs, variant, quantity)
     return over(part(values, 2 / 3, 1), part(values, 0, 1 / 3))
 
@@ -74,5 +74,5 @@ def together(runs: Runs, variant: str, one: Quantity, other: Quantity) -> float:
 
 
 def over(one: float, other: float) -> float:
-    """One over the other; infinite where that is 0, NaN where both are."""
+    """One over the other; infinite if the other is 0, NaN if both are."""
     return one / other if other else math.inf if one else math.nan

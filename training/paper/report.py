@@ -15,9 +15,9 @@ PAPER = "the paper"
 
 
 def side_by_side(groups: Sequence[RunGroup]) -> str:
-    """End values of every preset of every variant beside each other, in Markdown; of sides, the mean, of kills the sum.
+    """End values of every variant, of all presets beside each other, with 95 % intervals over seeds, in Markdown.
 
-    With 95 % intervals over seeds.
+    Sides are averaged; their kills are summed.
     """
     presets = list(dict.fromkeys(group.preset for group in groups))
     cells: dict[tuple[str, str], dict[str, str]] = {}
@@ -36,7 +36,7 @@ def side_by_side(groups: Sequence[RunGroup]) -> str:
 
 
 def report(groups: Sequence[RunGroup], beside: Sequence[RunGroup] = ()) -> str:
-    """End values of all presets beside each other, of all groups, then the paper's claims for each, in Markdown."""
+    """End values of all presets beside each other, those of each group, and the paper's claims, in Markdown."""
     parts = [markdown(group) for group in groups]
     if len({group.preset for group in (*beside, *groups)}) > 1:
         parts.insert(0, side_by_side([*beside, *groups]))
@@ -51,7 +51,7 @@ def figures_and_tables(groups: Sequence[RunGroup], form: str, beside: Sequence[R
 
     Args:
         groups: What is drawn and reported.
-        form: Of the figures: "png" or "svg".
+        form: Format of the figures: "png" or "svg".
         beside: Runs with other presets, to compare with in the table of all presets.
 
     Raises:

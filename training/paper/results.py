@@ -27,7 +27,7 @@ FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 POLICY = "policy.pt"
 MISSING, USUAL = "not there", "as usual"
-RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is known
+RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is recognised
 Kind = TypeVar("Kind")
 logger = logging.getLogger("outlast")
 
@@ -36,7 +36,7 @@ logger = logging.getLogger("outlast")
 class RunResult(Logged):
     """A run: its folder or kept file, and curves of the paper's quantities and of what agents did.
 
-    variant: with ablations. plan: that of run.json. changed: numbers of the scenario other than the paper's.
+    variant: With ablations. plan: That of run.json. changed: Numbers of the scenario that differ from the paper's.
     """
 
     origin: Path
@@ -106,7 +106,7 @@ class RunGroup:
 
     @cached_property
     def paper(self) -> Curves:
-        """The paper's own, of the variant without ablations."""
+        """The paper's own curves, those of the variant without ablations."""
         return published_curves(base(self.variant))
 
     @property
@@ -130,7 +130,7 @@ def load_runs(places: Iterable[Path]) -> list[RunResult]:
 
 
 def read_runs(places: Iterable[Path], read: Callable[[Path], Kind]) -> list[Kind]:
-    """What `read` makes of each run: those in which no episode has ended yet are left out, and named in a warning.
+    """Read all runs. Those in which no episode has ended yet are left out, and named in a warning.
 
     Args:
         places: Folders of runs, kept files, or folders of either.
@@ -158,17 +158,17 @@ NOT_THE_PAPERS = {
     "roles": "roles",
     "order": "systems in another order",
     "code": "mechanics of one's own",
-}  # of fingerprints
+}  # keys of fingerprints, in words
 
 
 def _found(place: Path) -> list[Path]:
-    """Folders of runs and kept files in a place, which may be one."""
+    """Folders of runs and kept files in a place, which may itself be one."""
     if not place.exists():
         raise TrainingError(f"there is no file or folder {place}")
     if place.is_file() or any((place / name).exists() for name in RUN_FILES):
         return [place]
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
-    kept = (path for path in place.glob("*.csv") if path.name != ENDS)  # figures and tables may lie beside results
+    kept = (path for path in place.glob("*.csv") if path.name != ENDS)  # the table of end values may be beside results
     found = sorted([*kept, *runs])
     if not found:
         wanted = f"neither {log_file.NAME} nor folders or files with results of outlast"
@@ -193,7 +193,7 @@ def _of_folder(folder: Path) -> RunResult:
 
 
 def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
-    """Numbers other than those of the paper's variant with the observations of the preset."""
+    """Numbers that differ from those of the paper's variant with the observations of the preset."""
     scenario: Scenario = preset(of).scenario(variant(base(name)))
     own = fingerprint(scenario)["numbers"]
     keys = sorted(own.keys() | numbers.keys())
@@ -245,7 +245,7 @@ def _check(one: RunResult, other: RunResult) -> None:
 
 
 def _difference(one: RunResult, other: RunResult) -> str:
-    """The first setting that is not the same; empty if all are."""
+    """Say which setting is the first that differs; empty if none does."""
     mine, its = one.settings, other.settings
     for key in sorted(mine.keys() | its.keys()):
         pair = mine.get(key, USUAL), its.get(key, USUAL)
@@ -270,7 +270,7 @@ def policy_only(checkpoint: Path) -> bytes:
     kept, file = run_header.read_checkpoint(checkpoint, (POLICY,), ())[1], io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name in (run_header.NAME, POLICY):
-            archive.writestr(zipfile.ZipInfo(name), kept[name])  # without the time of day
+            archive.writestr(zipfile.ZipInfo(name), kept[name])  # without a date, so that bytes are the same
     return file.getvalue()
 
 

@@ -66,7 +66,7 @@ class Comparison:
 
     @property
     def runs(self) -> list[Run]:
-        """The runs of all groups."""
+        """All runs."""
         return [run for group in self.groups for run in group.runs]
 
     @property
@@ -116,7 +116,7 @@ class Comparison:
         return [*notes, unfinished] if short else notes
 
     def ends(self, group: Group) -> Iterator[EndValues]:
-        """Return the end values of a group, for each curve."""
+        """Yield the end values of a group, for each curve."""
         curves = [drawn(run, self.panels) for run in group.ended]
         for panel in self.panels:
             values = [one.values[panel.name] for one in curves if panel.name in one.values]

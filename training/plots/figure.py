@@ -20,12 +20,12 @@ from .groups import Group
 from .panels import drawn, hours
 
 WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
-COLUMNS, BESIDE = 2, 4  # panels of a row; entries of the legend
-LINE = 125  # characters of a note
+COLUMNS, BESIDE = 2, 4  # in a row, at most: panels; entries of the legend
+LINE = 125  # characters of a line of a note
 STEPS = ((1e6, "million agent-steps"), (1e3, "thousand agent-steps"), (1.0, "agent-steps"))
 HOURS = ((1.0, "hours of training"), (1 / 60, "minutes of training"), (1 / 3600, "seconds of training"))
 ROW, LETTER = 0.2, 0.085  # inches: height of a line of text, width of a letter in the legend
-# Of Okabe and Ito, which people with any colour vision can tell apart, also in grey; without their yellow.
+# Colours of Okabe and Ito, which people with any colour vision can tell apart, also in grey; without their yellow.
 INKS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 DASHES = ("-", (0, (3.5, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
@@ -93,7 +93,7 @@ def _curves(comparison: Comparison, group: Group) -> Iterator[tuple[Array, dict[
 
 
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
-    """Where it ends, what is divided by for that, and what it is called: numbers of two or three digits."""
+    """Where the axis ends, what its values are divided by, and its label: so that its numbers are short."""
     if comparison.x == "steps":
         longest = float(max(run.steps for run in comparison.runs))
         units = STEPS
@@ -105,7 +105,7 @@ def _axis(comparison: Comparison) -> tuple[float, float, str]:
 
 
 def _finish(axes: Axes, *, from_0: bool) -> None:
-    """Heights from 0 where nothing is below it; of ratings, of which only differences mean anything, where they are."""
+    """Let heights begin at 0 if nothing is below; but not those of ratings, of which only differences mean anything."""
     _, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
     if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
@@ -131,7 +131,7 @@ class _Head:
         self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
 
     def write(self, figure: Figure, height: float) -> None:
-        """Write it into a figure that is so many inches high."""
+        """Write it into a figure that is `height` inches high."""
         figure.text(0.02, 1 - 0.12 / height, literal(self.comparison.title), fontsize=11.5, fontweight="bold", va="top")
         notes = literal("\n".join(self.notes))
         figure.text(0.02, 1 - 0.38 / height, notes, fontsize=8, color=GREY, va="top", linespacing=1.35)
@@ -149,7 +149,7 @@ class _Head:
 
 
 def _wrapped(label: str, width: int) -> str:
-    """The label in lines of so many characters, which end at commas where there are some."""
+    """The label in lines of at most `width` characters, which end at commas if it has some."""
     return label if len(label) <= width else textwrap.fill(re.sub(",(?! )", ", ", label), width)
 
 

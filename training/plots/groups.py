@@ -20,9 +20,9 @@ class Group:
     """Runs with the same settings, in order of seeds.
 
     Attributes:
-        runs: The runs, at least one.
-        values: The settings that distinguish the group, as texts by name; empty if there is only one group.
-        mixed: Settings in which its own runs differ, which happens if groups are formed by other settings.
+        runs: At least one.
+        values: The settings that set it apart, as texts by name; empty if there is only one group.
+        mixed: Settings in which its own runs differ, which happens if groups are asked for by other settings.
     """
 
     runs: tuple[Run, ...]
@@ -31,7 +31,7 @@ class Group:
 
     @property
     def label(self) -> str:
-        """Its name in legends and tables: "melee_damage=20"; for scenarios and presets, their names alone."""
+        """Its name in legends and tables: "melee_damage=20"; for a scenario and a preset, their names alone."""
         plain = (SCENARIO, PRESET)
         texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
         return ", ".join(texts) or common(self.runs, lambda run: run.label) or self.runs[0].scenario
@@ -43,17 +43,17 @@ class Group:
 
     @property
     def unfinished(self) -> tuple[Run, ...]:
-        """The runs that ended before their intended steps or, if these are unknown, before 9/10 of the longest run."""
+        """Runs shorter than was asked for; if that is not recorded, shorter than 9/10 of the longest run."""
         longest = max(run.steps for run in self.runs)
         return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
 
 
 def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
-    """Return the groups, in order of their values.
+    """Put runs into groups, in order of their values.
 
     Args:
-        runs: The runs, at least one.
-        by: Names of settings; without any, runs of a group differ only by seeds.
+        runs: At least one.
+        by: Names of settings that set groups apart; if there are none, runs of a group differ by seeds only.
 
     Raises:
         TrainingError: There is no such setting, or two runs are the same.
@@ -85,10 +85,10 @@ def differing(runs: Sequence[Run]) -> list[str]:
 
 
 def telling(runs: Sequence[Run]) -> list[str]:
-    """Return settings that distinguish all runs that differ in any setting.
+    """Settings that tell apart all runs that differ in any setting.
 
-    The game comes first. Its name and the preset are included whenever they differ; of its numbers and all other
-    settings, as few as a greedy choice finds.
+    The game's name and the preset are among them whenever they differ; of the game's numbers, and then of everything
+    else, there are as few as a greedy choice finds.
     """
     names = differing(runs)
     numbers = [name for name in names if name not in OF_PRESET and any(name in run.numbers for run in runs)]
@@ -101,9 +101,9 @@ def telling(runs: Sequence[Run]) -> list[str]:
 
 
 def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
-    """Return settings in which runs differ, except those in `told` and those implied by them.
+    """Settings in which runs differ, without those that are told already and those that come with them.
 
-    A game's name implies its numbers, or the other way round; a preset implies OF_PRESET.
+    With a game's name come its numbers, or the other way round; with a preset comes OF_PRESET.
     """
     names = [name for name in differing(runs) if name not in told]
     numbers = {name for name in names if any(name in run.numbers for run in runs)}
@@ -113,7 +113,7 @@ def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
     if PRESET in (*told, *names):
         follow |= OF_PRESET
     if {SCENARIO, PRESET, "agents_count"} & {*told, *names}:
-        follow |= {"worlds"}  # of which a preset has the fewer, the more agents there are
+        follow |= {"worlds"}  # a preset has fewer worlds, the more agents there are
     return [name for name in names if name not in follow]
 
 
@@ -127,7 +127,7 @@ def value_of(run: Run, name: str) -> str:
 
 
 def _order(text: str) -> tuple[float, str]:
-    """Numbers by size, ahead of words."""
+    """A key that sorts numbers by size, before words."""
     try:
         return float(text), ""
     except ValueError:

@@ -1,4 +1,4 @@
-"""Curves to choose from: what a run logged, under the names by which users ask for it."""
+"""Curves to choose from: what a run logged, under the names by which they are asked for."""
 
 import re
 import warnings
@@ -17,14 +17,14 @@ from .runs import Run
 
 ROLLOUT = "rollout/"
 FIRST = ("return", "length", "kills", "heals_used")
-LAST = ("wins/",)  # beginnings of curves that come after the statistics
-RARE = ("episodes", "first_death")  # and deaths by damage type: drawn if asked for
+LAST = ("wins/",)  # beginnings of the names of curves that come after the statistics
+RARE = ("episodes", "first_death")  # like deaths by damage type, drawn only if asked for
 MOST = 6  # curves that are drawn unless others are asked for
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve to draw: its name, the tag or tags of a log that it is made from, and what these refer to."""
+    """A curve to draw: its name, the tags of a log that make it up, and what several tags stand for, such as sides."""
 
     name: str
     tags: tuple[str, ...]
@@ -32,13 +32,13 @@ class Panel:
 
     @property
     def title(self) -> str:
-        """The title, which says how several tags become one curve."""
+        """The name, and how several tags become one curve."""
         how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
         return (self.name if "/" in self.name else self.name.replace("_", " ")) + how  # a tag may name a file
 
 
 def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
-    """Return the panels of these names, or the usual ones.
+    """The panels of these names or, without names, the usual ones.
 
     Args:
         runs: The runs, at least one.
@@ -79,14 +79,14 @@ def _known(tags: Sequence[str], logs: Sequence[Collection[str]]) -> dict[str, Pa
 
 
 def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collection[str]]) -> str:
-    """Whom a statistic has a tag for: each side, as the return has, or if they are more each agent."""
+    """What a statistic has one tag for: each side, as the return has, or each agent if there are more tags."""
     counts = [(sum(tag in log for tag in own), sum(tag in log for tag in returns)) for log in logs]
     kinds = {"agents" if there > sides > 0 else "sides" for there, sides in counts if there > 1}
     return " or ".join(sorted(kinds))
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
-    """Return the name by which users ask for a tag: "length" for "rollout/steps", "kills" for "rollout/kills1"."""
+    """The name by which a tag is asked for: "length" for "rollout/steps", "kills" for "rollout/kills1"; else itself."""
     if not tag.startswith(ROLLOUT):
         return tag
     plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
@@ -108,15 +108,15 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
     if panel.name in SUMMED:
         combined: Array = np.sum(own, 0)
     else:
-        with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # where there is none of a rollout
-            combined = np.nanmean(own, 0)  # of the sides that there were
+        with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a rollout may lack all sides
+            combined = np.nanmean(own, 0)  # over the sides that there were
     return combined
 
 
 def hours(run: Run) -> Array | None:
     """Return the hours of training at each of the run's points, float64 (points,), from the speed that it logged.
 
-    They include the hours of imitation, which comes first.
+    The hours of imitation, which comes first, are included.
     """
     speed = run.curves.values.get("time/fps")
     if speed is None:

@@ -1,4 +1,4 @@
-"""Runs to compare: what was trained, with which settings, and all curves; also for your own scenarios."""
+"""Runs to be compared, of any scenario: what was trained, with which settings, and all curves."""
 
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -19,10 +19,10 @@ from ..paper import results
 from ..paper.curves import is_known
 from ..presets import preset
 
-HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # of a plan: what is no setting
+HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are no settings
 USUAL = {
     each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
-}  # what the plans of earlier versions do not say
+}  # for what the plans of earlier versions do not say
 SCENARIO, PRESET = "scenario", "preset"
 
 
@@ -32,12 +32,12 @@ class Run(Logged):
 
     Attributes:
         origin: Its folder, or the file that keeps its curves.
-        scenario: The name of the scenario.
+        scenario: The name of what is played.
         numbers: The numbers of the scenario, by name.
-        plan: The plan in run.json.
-        curves: Everything that was logged, by tag; in kept files, the paper's quantities.
-        label: A name that says what was changed, "ffa_2-melee_damage=50"; "" if it is the name itself.
-        asked: The intended agent-steps; None if they are not known.
+        plan: The plan of run.json.
+        curves: Everything that was logged, by tag; of kept files, the paper's quantities.
+        label: The scenario's name with what was changed: "ffa_2-melee_damage=50"; "" if that is the name alone.
+        asked: Agent-steps that were asked for; None if that is not recorded.
     """
 
     origin: Path
@@ -50,7 +50,7 @@ class Run(Logged):
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """Everything that determines results except the seed, by name: scenario, its numbers, plan, PPO's numbers."""
+        """What decides the outcome, except the seed, by name: the scenario and its numbers, the plan, PPO's numbers."""
         usual = {name: value for name, value in USUAL.items() if name not in (*HOW_ONLY, "steps")}
         usual |= {"opponents": f"{SELF}:1", "anneal": ""}
         plan = {name: value for name, value in self.plan.items() if name not in HOW_ONLY}
@@ -88,10 +88,10 @@ def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
-    """All that a fingerprint has beside names.
+    """Everything in a fingerprint except names.
 
-    Numbers, or what they are drawn from; roles, what is observed, the order of systems, and the code of mechanics of
-    one's own by the first digits of its hash.
+    These are numbers, or what they are drawn from; roles, what is observed, the order of systems, and the code of
+    mechanics of one's own, by the first digits of its hash.
     """
     drawn = {name: f"{kind}({', '.join(map(shown, of))})" for name, (kind, *of) in scenario.get("varied", {}).items()}
     roles, order, code = (scenario.get(key, {}) for key in ("roles", "order", "code"))

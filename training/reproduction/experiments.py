@@ -28,11 +28,11 @@ PARTS = {
     "text": "the same as the paper's text describes it: what is hidden is left out (presets paper and scaled)",
     "mended": "games without the flaws that the paper names, against a pool of opponents",
 }
-SECONDS = "seconds.csv"  # how long runs took, beside this file
-GUESS = 20_000  # agent-steps a second of a run of a preset of which nobody has timed any
-SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # by which presets take about as long
+SECONDS = "seconds.csv"  # how long runs took; one such file is beside this module
+GUESS = 20_000  # agent-steps a second of runs whose preset was never timed
+SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # presets that take about as long as another one
 FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
-MANY_WORLDS = ("ffa_2", "ffa_3")  # but in these, which end where the paper does with 64; ffa_1 and ffa_4 do not
+MANY_WORLDS = ("ffa_2", "ffa_3")  # except in these: with 64, they end where the paper does; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
 POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
 SINGLE = {
@@ -46,8 +46,8 @@ TOGETHER = {
     "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
 }
 TO_HEAL_MATES = (
-    ("teams_2", ("melee_damage=2",)),  # the paper's 5 kill before a mate is there
-    ("teams_2", ("give_last_reach=10",)),  # the paper's 2 metres seldom have a mate within
+    ("teams_2", ("melee_damage=2",)),  # with the paper's 5, agents die before a mate comes
+    ("teams_2", ("give_last_reach=10",)),  # within the paper's 2 metres, there seldom is a mate
     ("teams_2", ("give_last_reach=10", "melee_damage=2")),
     ("teams_3", ("give_last_reach=10",)),
 )  # games, with their first combination of TOGETHER, in which it is easier to heal each other
@@ -60,9 +60,9 @@ class Experiment:
     Attributes:
         part: One of PARTS.
         game: The name of a variant, with ablations.
-        preset: Of networks and numbers.
-        options: Of `outlast train`, beside these and the seed.
-        numbers: Of the game that are changed: "melee_damage=2".
+        preset: The preset of networks and numbers.
+        options: Further options of `outlast train`, without the seed.
+        numbers: Numbers of the game that are changed: "melee_damage=2".
     """
 
     part: str
@@ -73,7 +73,7 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """By which the game is told from others: with its numbers."""
+        """The game with the numbers that are changed, which tells it from others."""
         return "+".join((self.game, *self.numbers))
 
     @property
@@ -89,7 +89,7 @@ class Experiment:
 
     @property
     def seeds(self) -> int:
-        """How many runs there are, unless somebody asks for another number."""
+        """How many runs there are, unless another number is asked for."""
         return 2 if self.part == "mended" else 3
 
     def words(self, seed: int) -> list[str]:
@@ -99,20 +99,21 @@ class Experiment:
         return [self.game, "--preset", self.preset, *changed, *self.options, *own]
 
     def folder(self, out: Path, seed: int) -> Path:
-        """Of a run."""
+        """The folder of a run."""
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
     def kept(self, out: Path, seed: int) -> Path:
-        """The curves of a run that are kept, with its policy beside them; its folder is not needed any more then."""
+        """The file with the kept curves of a run, beside its policy; with these, its folder is not needed any more."""
         return out / self.part / f"{self.folder(out, seed).name}.csv"
 
     def results(self, out: Path) -> list[Path]:
-        """Of all its whole runs that are there, in order of seeds: their folders, or what is kept of them."""
+        """Its complete runs, in order of seeds: their folders, or what is kept of them."""
         name = f"{self.name}-{self.preset}-"
         found = [*self.kept(out, 0).parent.glob(f"{glob.escape(name)}*.csv")]
         found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if checkpoints(path)]
         whole = [path for path in found if _steps(path) >= self.steps]
-        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in whole}  # folders come last
+        # Where both are there, the folder counts: folders come last.
+        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in whole}
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
@@ -121,12 +122,12 @@ class Experiment:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """By which its time is known."""
+        """What SECONDS knows its time by."""
         return self.part, self.name, self.preset
 
 
 def experiments(parts: Iterable[str]) -> list[Experiment]:
-    """Those of some parts."""
+    """The experiments of some parts."""
     every = [
         *_trained_as("original", "original"),
         *_trained_as("text", "paper"),
@@ -151,9 +152,9 @@ def _mended() -> Iterator[Experiment]:
 
 
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
-    """How long a run of each takes on one core of the machine that SECONDS is of; and whether it was timed there.
+    """How long a run of each takes, on one core of the machine that SECONDS is from; and whether it was timed there.
 
-    One that was not is guessed to take as long as the mean of those of its preset, or of one with the same networks.
+    If it was not, the mean over its preset, or over one with the same networks, is the guess.
     """
     known = _timed()
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
@@ -163,11 +164,11 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bo
 
 
 def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
-    """SECONDS out of runs: for each experiment the mean over its whole runs whose folders are there.
+    """The content of SECONDS: for each experiment, the mean over its complete runs whose folders are there.
 
     Args:
         chosen: The experiments.
-        out: Of the command.
+        out: The output folder of the command.
         before: The table as it was: what it says of experiments without such a folder stays.
     """
     text, known = io.StringIO(), _read_seconds(before)

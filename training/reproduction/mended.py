@@ -22,7 +22,7 @@ from ..tables import NONE, markdown_table, with_spread
 EPISODES = 640  # of each pairing
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
 MATES = "mate_distance"  # 0 where nobody has a mate
-BY_SIDES, BY_AGENTS = 2, 0  # what to multiply the mean of both roles by for a sum over all agents: 2; so many agents
+BY_SIDES, BY_AGENTS = 2, 0  # factors from the mean of both roles to a sum over all agents: 2; the number of agents
 SELF_PLAY = {
     "length": ("ticks", 1),
     "kills": ("kills", BY_SIDES),
@@ -50,7 +50,7 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
 
     Args:
         game: What it was trained in.
-        run: Its folder; its past is the checkpoint after half of its steps.
+        run: The folder of the run; its past is the checkpoint after half of its steps.
         out: Folder for the tables.
         progress: Called with how many more episodes have ended.
 
@@ -74,7 +74,7 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
 def table(measured: Mapping[str, Sequence[Path]]) -> str:
     """What was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
 
-    Of games in which a policy plays itself, both of its roles count.
+    Where a policy plays itself, both of its roles count.
 
     Args:
         measured: Folders of `measure` by game, one for each seed.
@@ -103,7 +103,7 @@ def _row(game: str, seeds: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _figures(evaluation: dict[str, Any], policy: str, against: str) -> list[Figures]:
-    """Of a policy against another one: of its role; against itself: of both."""
+    """The figures of a policy: in its role against another one; in both roles against itself."""
     for pairing in evaluation["pairings"]:
         if sorted(pairing["policies"]) == sorted((policy, against)):
             roles: list[Figures] = pairing["figures"]
@@ -112,7 +112,7 @@ def _figures(evaluation: dict[str, Any], policy: str, against: str) -> list[Figu
 
 
 def _complete(folder: Path, texts: Sequence[str]) -> bool:
-    """Whether these policies have played all of it."""
+    """Whether a folder has the complete evaluation of these policies."""
     if not (folder / TABLES).exists():
         return False
     found = _read(folder)

@@ -1,4 +1,4 @@
-"""What `outlast paper` writes of a part when its runs are there: kept results, figures, tables, claims, films."""
+"""What `outlast paper` writes about a part once its runs are there: kept results, figures, tables, claims, films."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,18 +18,18 @@ from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
-POINTS = 200  # of a curve of a mended game that is kept
+POINTS = 200  # points that are kept of a curve of a mended game
 FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 
 
 def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Write everything of a part; the path of each file when it is there.
+    """Write everything about a part, and yield the path of each file once it is written.
 
     Args:
         part: One of experiments.PARTS.
-        chosen: The experiments of it that are wanted; others whose runs are in the folder are there, too.
-        out: Of the command.
+        chosen: The experiments of it that are wanted; SECONDS also lists others whose runs are in the folder.
+        out: The output folder of the command.
         progress: Called with 1 after each thing that took long.
 
     Raises:
@@ -92,7 +92,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 
 def _film(game: Scenario, run: Path, path: Path) -> Path:
-    """An episode of a run's last policy."""
+    """Film an episode of a run's last policy."""
     policy = newest(run) if run.is_dir() else run.with_suffix(".zip")
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))

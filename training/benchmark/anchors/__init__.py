@@ -1,1 +1,1 @@
-"""Anchors: for each task TASK.json with ratings of all of the suite, and frozen checkpoints. `make` makes both."""
+"""Anchors: for each task, TASK.json with ratings of the whole suite, and frozen checkpoints. `make` makes both."""

@@ -1,4 +1,4 @@
-"""Anchors: frozen checkpoints with ratings that stay, made once for each version of a task."""
+"""Anchors: frozen checkpoints with fixed ratings, made once for each version of a task."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,12 +17,12 @@ from ..result import Content, made, read_json, recording_name, write_json
 from ..suite import STYLES
 from ..tasks import PROTOCOL, Task
 
-AGES = (0.1, 0.3, 1.0)  # of a run: shares of its agent-steps whose checkpoints are taken
-LEAST = 8  # anchors that a task is to have
+AGES = (0.1, 0.3, 1.0)  # shares of a run's agent-steps after which checkpoints are taken
+LEAST = 8  # anchors that a task should have, at least
 
 
 def chosen(places: Sequence[Path]) -> list[Path]:
-    """The checkpoints in these places: files themselves, of the folder of a run those of AGES. Raises TrainingError."""
+    """The checkpoints in these places: files as they are, those of AGES in folders of runs. Raises TrainingError."""
     found = list[Path]()
     for place in places:
         if not place.is_dir():
@@ -42,13 +42,13 @@ def make(
     games: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
-    """Rate checkpoints and styles by a round robin, and write what the suite reads; goes on where it was stopped.
+    """Rate checkpoints and styles by a round robin, and write what the suite reads. If stopped, it can be continued.
 
     Args:
-        task: Whose anchors they are.
+        task: The task that the anchors are for.
         places: Checkpoints, or folders of runs.
-        folder: For TASK.json and the policies; beside them TASK-games.json and recordings, which need not be kept.
-        games: Of each match.
+        folder: Where TASK.json and the policies go, and TASK-games.json and recordings, which need not be kept.
+        games: Games of each match.
         progress: Called with how many matches are done, and how many there are.
 
     Returns:
@@ -88,7 +88,7 @@ def _round_robin(
     games: int,
     progress: Callable[[int, int], None],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Games that each player won against each, and draws: float64 (players, players)."""
+    """Games that each player won against each other, and draws: float64 (players, players) both."""
     place, pairs = folder / f"{task.name}-games.json", [(i, j) for j in range(len(players)) for i in range(j)]
     known: Content = read_json(place, lambda content: "") if place.exists() else {}
     wins, draws = np.zeros((2, len(players), len(players)))
