@@ -1,10 +1,10 @@
-"""Every table of docs/performance.md of this machine, one after the other.
+"""Measures every table of docs/performance.md on this machine, one after the other.
 
     python -m perf.all --save MACHINE [--only step floor] [--original PYTHON:CHECKOUT]
 
 Each script runs in a process of its own, and the numbers are kept in perf/results/MACHINE. Scripts whose libraries are
-not installed are left out, and named. It begins with what the machine makes of nothing: a checkout beside itself, whose
-rounds say how far apart two equal times are (table "noise"). Let nothing else run meanwhile.
+not installed are left out, and named. First, a checkout is compared with itself, to show how far apart two equal times
+are (table "noise"). Let nothing else run meanwhile.
 """
 
 import subprocess
@@ -18,7 +18,7 @@ from perf.compare import compared, summary
 from perf.report import ROOT
 from perf.table import Table, options
 
-SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of the core
+SCRIPTS = {  # by name: arguments of python -m
     "step": ("perf.step",),
     "floor": ("perf.floor",),
     "worlds": ("perf.scale", "worlds"),
@@ -38,7 +38,7 @@ SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of th
         *("--rollout", "32768", "--threads", "1"),
     ),
 }
-NEEDS = {
+NEEDS = {  # libraries beside those of the core
     "interfaces": ("stable_baselines3", "torchrl", "pettingzoo"),
     "benchmarl": ("benchmarl", "vmas"),
     "training": ("torch",),
@@ -46,7 +46,7 @@ NEEDS = {
 
 
 def main() -> None:
-    """Run them all."""
+    """Run all scripts."""
     parser = options(__doc__)
     parser.add_argument(
         "--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="these scripts (default: all)"
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def noise() -> Table:
-    """What two equal checkouts differ by."""
+    """The table of how much two equal checkouts differ."""
     table = Table("noise", "variant", "one", "the other", "ratio", "round by round")
     for variant in ("ffa_1", "teams_3"):
         table.add(variant, *summary(compared(ROOT, ROOT, variant, 1024, 1, specialize=True)))

@@ -1,10 +1,10 @@
-"""Frames a second of BenchMARL's MAPPO in outlast's worlds, and in VMAS's tasks of as many agents, in turn.
+"""Frames a second of BenchMARL's MAPPO in outlast's worlds, and in VMAS's tasks with as many agents, in turn.
 
     python -m perf.benchmarl [--save MACHINE]
 
-A frame is a tick of one world; all tasks have 64 worlds, four agents and discrete actions, on the processor. Times are
-those that BenchMARL takes itself, the best iteration of several rounds: of collecting alone, and with its updates. Each
-group of agents has networks of its own: both sides of teams_2, hunters and prey of simple_tag. It needs
+A frame is a tick of one world; all tasks have 64 worlds, four agents and discrete actions, and run on the CPU. Times
+are BenchMARL's own, from the best iteration of several rounds: of collecting alone, and of collecting and updating.
+Each group of agents has networks of its own: each side of teams_2, the hunters and the prey of simple_tag. It needs
 `pip install -e '.[benchmarl]' vmas`.
 """
 
@@ -29,7 +29,7 @@ AGENTS, ROUNDS, ITERATIONS = 4, 3, 4
 
 
 def tasks() -> dict[str, Any]:
-    """By what they are called; VMAS's are one with lidars, and one of hunters and prey."""
+    """The tasks by name; VMAS's are one with lidars, and one of hunters and prey."""
     navigation, tag = VmasTask.NAVIGATION.get_from_yaml(), VmasTask.SIMPLE_TAG.get_from_yaml()
     navigation.config["n_agents"] = AGENTS
     tag.config |= {"num_good_agents": 1, "num_adversaries": AGENTS - 1}
@@ -42,14 +42,14 @@ def tasks() -> dict[str, Any]:
 
 
 def seconds(folder: Path, timer: str) -> float:
-    """Of the fastest iteration: BenchMARL's own timer."""
+    """Seconds of the fastest iteration, by BenchMARL's own timer."""
     (file,) = folder.rglob(f"timers_{timer}.csv")
     with file.open() as rows:
         return min(float(row[1]) for row in csv.reader(rows))
 
 
 def main() -> None:
-    """Run them in turn."""
+    """Run all tasks in turn."""
     given = options(__doc__).parse_args()
     logging.disable(logging.WARNING)
     torch.set_num_threads(1)

@@ -2,14 +2,14 @@
 
     python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--threads 1] [--specialize]
 
-OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each runs in a
-process of its own, with this Python and the libraries of it; four times, as each process keeps its luck with memory,
-and all of them on one processor, as two of a machine can differ. With --specialize, a checkout that can does so (see
-make_vec); rows of perf.step are variants, too. In every round each of them steps all worlds for over half a second, the
-order changing from round to round, with random actions and copy=False. Microseconds of CPU time a world-step (of wall
-time with several threads, which use all processors), the best of the rounds; `change` is the median of the ratios in
-single rounds, and the last column their range: a change that is smaller than that range is none. Comparing a checkout
-with itself shows the noise.
+OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each checkout
+runs in a process of its own, with this Python and its libraries. Processes are started four times, because each keeps
+the luck that it has with its memory, and all run on one processor, because two processors of a machine can differ. With
+--specialize, checkouts that know this option of make_vec use it; --variants also takes rows of perf.step. In every
+round, each checkout steps all worlds for over half a second, with random actions and copy=False; the order changes from
+round to round. The table has microseconds of CPU time a world-step (of wall time with several threads, which use all
+processors), the best of the rounds; `change` is the median of the ratios in single rounds, and the last column is their
+range: a change that lies within that range is no change. Comparing a checkout with itself shows the noise.
 """
 
 import os
@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from perf.table import Table, options, positive
 
-STARTS, ROUNDS, SECONDS = 4, 4, 0.6  # new processes; rounds of each of them
+STARTS, ROUNDS, SECONDS = 4, 4, 0.6  # how often processes are started; rounds of each start; seconds of a round
 WORKER = """
 import inspect, os, sys, time
 import numpy as np
@@ -59,7 +59,7 @@ class Checkout:
         path = os.pathsep.join(filter(None, (str(folder / ".src"), os.environ.get("PYTHONPATH"))))
         self.process = subprocess.Popen(
             [sys.executable, "-c", WORKER, *map(str, given)],
-            cwd=folder,  # whose perf.rows it imports
+            cwd=folder,  # it imports perf.rows from there
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -67,7 +67,7 @@ class Checkout:
         )
 
     def time(self, steps: int) -> float:
-        """Microseconds a world-step, over so many steps of all worlds."""
+        """Microseconds a world-step, over `steps` steps of all worlds."""
         assert self.process.stdin
         assert self.process.stdout
         self.process.stdin.write(f"{steps}\n")
@@ -83,7 +83,7 @@ class Checkout:
 
 
 def checkout(text: str) -> Path:
-    """A folder that is a checkout."""
+    """The folder of a checkout, for command lines."""
     folder = Path(text).resolve()
     if not (folder / ".src" / "outlast" / "__init__.py").exists():
         raise ArgumentTypeError(f"{text} is no checkout of outlast: there is no .src/outlast in it")
@@ -91,8 +91,8 @@ def checkout(text: str) -> Path:
 
 
 def compared(old: Path, new: Path, variant: str, worlds: int, threads: int, specialize: bool) -> np.ndarray:
-    """Microseconds a world-step, (rounds, 2)."""
-    pairs = [(old, new), (new, old)]  # who starts first may get the better memory
+    """Microseconds a world-step of the old and of the new checkout, (rounds, 2)."""
+    pairs = [(old, new), (new, old)]  # the process that starts first may get the better memory
     times = [started(*pairs[k % 2], variant, worlds, threads, specialize)[:, :: (1, -1)[k % 2]] for k in range(STARTS)]
     return np.concatenate(times)
 
@@ -105,10 +105,10 @@ def summary(times: np.ndarray) -> tuple[float, float, float, str]:
 
 
 def started(one: Path, other: Path, variant: str, worlds: int, threads: int, specialize: bool) -> np.ndarray:
-    """The same of two new processes."""
+    """Microseconds a world-step of both checkouts, (ROUNDS, 2), from two new processes."""
     with ExitStack() as stack:
         both = [stack.enter_context(Checkout(folder, variant, worlds, threads, specialize)) for folder in (one, other)]
-        slow = max(each.time(5) for each in both)  # it also compiles
+        slow = max(each.time(5) for each in both)  # this also compiles
         slow = min(slow, *(each.time(20) for each in both))
         steps = max(1, round(SECONDS / (slow * worlds * 1e-6)))
         times = np.zeros((ROUNDS, 2))

@@ -1,13 +1,14 @@
-"""What is paid beside the step: memory, resets, and making environments. The start of a process is in perf.edit.
+"""What is paid beside steps: memory, resets, and making environments. The start of a process is in perf.edit.
 
     python -m perf.cost memory [--steps 10000000] [--save MACHINE]
     python -m perf.cost reset [--save MACHINE]
     python -m perf.cost make [--save MACHINE]
 
-memory: bytes of state and of buffers (actions, observations, signals) a world, and how far the process grows while it
-takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch, and as
-one of 1,024. make: milliseconds of CPU time until an environment of one world is made, when all of its machine code is
-in memory already: of a game that differs in a number from all before, and of the same one again; best of five rounds.
+memory: bytes of state and of buffers (actions, observations, signals) for each world, and how much the process grows
+while it takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch,
+and as one of 1,024. make: milliseconds of CPU time to make an environment of one world, when all of its machine code is
+in memory already: for a game that differs in a number from all before it, and for the same game again; best of five
+rounds.
 """
 
 import itertools
@@ -31,7 +32,7 @@ CHUNK = 1024  # worlds that the memory test steps together
 
 
 def main() -> None:
-    """One of the three."""
+    """Measure one of the three."""
     parser = options(__doc__)
     parser.add_argument("what", choices=("memory", "reset", "make"))
     parser.add_argument(
@@ -95,7 +96,7 @@ def make() -> Table:
 
 
 def milliseconds(games: Iterator[Scenario]) -> float:
-    """Of making one world of the next one."""
+    """Milliseconds to make one world of the next game."""
     made = timer(lambda k: make_vec(next(games), 1, seed=0).close(), clock=time.process_time)
     return float(in_turn([made]).min()) * 1e3
 

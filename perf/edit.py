@@ -3,9 +3,9 @@
     python -m perf.edit [--repeats 5] [--save MACHINE]
 
 Each row starts new processes, with a cache of compiled code of their own: empty ("cold"), filled by the same game
-("warm"), by the same game with other numbers, by the game ahead of an edit, or by games with its mechanics in other
-combinations. The game is teams_3 with a mechanic from a user's file, and a copy of outlast is what is edited. The row
-of the typo ends with the error.
+("warm"), by the same game with other numbers, by the game before an edit, or by games with its mechanics in other
+combinations. The game is teams_3 with a mechanic from a user's file; that file and a copy of outlast are what is
+edited. In the row of the typo, processes end with the error.
 """
 
 import os
@@ -70,7 +70,7 @@ class Game:
         shutil.copytree(PACKAGE, folder / "outlast", symlinks=False, ignore=hidden)
 
     def start(self, scenario: str = GAME, fails: bool = False) -> float:
-        """Seconds of a process."""
+        """Seconds of a process that makes and steps the scenario. fails: Whether it must end with an error."""
         environment = os.environ | {"PYTHONPATH": str(self.folder), "OUTLAST_CACHE_DIR": str(self.cache)}
         command = [sys.executable, "-c", SCRIPT.format(scenario=scenario, worlds=WORLDS)]
         start = time.perf_counter()
@@ -81,12 +81,12 @@ class Game:
         return seconds
 
     def cold(self) -> float:
-        """With an empty cache."""
+        """The same with an empty cache."""
         shutil.rmtree(self.cache, ignore_errors=True)
         return self.start()
 
     def after_edit(self, file: Path, old: str, new: str, fails: bool = False) -> float:
-        """After a change of a file that is not undone until it is timed."""
+        """The same with `new` in place of `old`, a regular expression, in a file, which is then restored."""
         text = file.read_text()
         if not re.search(old, text):
             raise RuntimeError(f"{file.name} has no {old}")
@@ -121,7 +121,7 @@ def main() -> None:
             seconds = [timed(k) for k in range(given.repeats)]
             table.add(what, min(seconds), statistics.median(seconds))
         for scenario in (f"{GAME}.with_(outlast.systems.DropLast())", 'outlast.variant("ffa_1")'):
-            game.start(scenario)  # each of OTHERS' mechanics has been compiled in some game
+            game.start(scenario)  # so that each mechanic of OTHERS has been compiled in some game
         seconds = [game.start(other) for other in OTHERS]
         table.add("another combination of known mechanics", min(seconds), statistics.median(seconds))
     table.finish(given.save)

@@ -2,10 +2,11 @@
 
     python -m perf.floor [--worlds 64 256 1024] [--save MACHINE]
 
-The physics engine is usually what a simulator cannot be faster than. Here it is a compiled loop over worlds made with
+A simulator usually cannot be faster than its physics engine. Here this engine is a compiled loop over worlds made with
 Box2D's public interface: agents, boxes and walls with the scenario's numbers, motors and nothing else; no cameras,
-items, melee, zone, observations, rewards or resets. Beside it our whole step, all of that included. The two are timed
-in turn, on one thread; microseconds a world-step at the best batch size of each, and the median of the rounds' ratios.
+items, melee, zone, observations, rewards or resets. Beside it is our whole step, with all of that. The two are timed in
+turn, on one thread; the table has microseconds a world-step at the best batch size of each, and the median of the
+rounds' ratios.
 """
 
 from typing import Any

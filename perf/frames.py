@@ -2,9 +2,9 @@
 
     python -m perf.frames [--save MACHINE]
 
-Worlds of teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual layers, on
-one core, in processor time. The films are of frames drawn before, from the first byte to the film read back,
-in wall time: FFmpeg takes all cores for .mp4 and .gif. Best of several rounds.
+The worlds are teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual layers,
+on one core, in CPU time. Films are made of frames that were drawn before; they are timed from the first byte to the
+film read back, in wall time, as FFmpeg takes all cores for .mp4 and .gif. Best of several rounds.
 """
 
 import tempfile
@@ -27,7 +27,7 @@ from outlast.envs.rollout.policies import scripted_policy
 from perf.table import Table, options
 
 SIZES = (256, 512)  # pixels
-START, LENGTH = 300, 120  # ticks before, and frames of a film
+START, LENGTH = 300, 120  # ticks before a film, and its frames
 WORLDS = 16
 ROUNDS = 3
 
@@ -64,7 +64,7 @@ def writing(film: list[np.ndarray], suffix: str) -> float:
 
 
 def rate(call: Callable[[int], object], count: int, clock: Callable[[], float]) -> float:
-    """Calls a second, the best of ROUNDS times `count`; one round to warm up is not counted."""
+    """Calls a second, in the best of ROUNDS rounds of `count` calls; one round to warm up is not counted."""
     seconds = []
     for _ in range(ROUNDS + 1):
         start = clock()

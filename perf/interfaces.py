@@ -2,10 +2,10 @@
 
     python -m perf.interfaces [--variant teams_3] [--save MACHINE]
 
-Random actions, drawn ahead of the clock; episodes restart as the interface does it. Collectors are those of the
-libraries, which store what they collect, with a policy that computes nothing: always the same action, and in RLlib
-random ones. Processor time of the process, the best of several rounds, in turn. An interface whose library is not
-installed has no row: `pip install -e '.[ray,sb3,puffer,benchmarl]'` has all of them.
+Actions are random, and drawn before the clock starts; episodes restart in the interface's own way. Collectors are those
+of the libraries, which store what they collect, with a policy that computes nothing: it always takes the same action,
+in RLlib random ones. Times are CPU time of the process, the best of several rounds, in turn. An interface whose library
+is not installed has no row: `pip install -e '.[ray,sb3,puffer,benchmarl]'` installs all of them.
 """
 
 import time
@@ -102,7 +102,7 @@ def torchrl(variant: str, worlds: int) -> Made:
 
 
 def torchrl_collector(variant: str, worlds: int) -> Made:
-    """Its collector."""
+    """TorchRL's collector."""
     import torch
     from tensordict.nn import TensorDictModule
     from torchrl.collectors import Collector
@@ -125,7 +125,7 @@ def puffer(variant: str, worlds: int) -> Made:
 
 
 def puffer_vector(variant: str, worlds: int) -> Made:
-    """Its vectorisation in this process; what it hands out is stored, as its trainer does."""
+    """PufferLib's vectorisation in this process; observations are stored, as its trainer does."""
     from pufferlib import vector
 
     env = vector.make(outlast.make_puffer, [variant, worlds], backend=vector.Serial, num_envs=1)
@@ -162,7 +162,7 @@ def sb3_collector(variant: str, worlds: int) -> Made:
 
 
 def rllib_batch(variant: str, worlds: int) -> Made:
-    """RLlib's sampling of one learner a world, by the entry point of a batch."""
+    """RLlib's sampling of one learner a world, by the entry point for batches."""
     from ray.rllib.algorithms.ppo import PPOConfig
     from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
@@ -220,7 +220,7 @@ def name(variant: str) -> str:
 
 
 def rows(variant: str, worlds: int) -> Iterator[tuple[object, ...]]:
-    """A row of the table for each interface that can be loaded; what it is a share of is the first one, in this run."""
+    """Yield a row of the table for each interface that can be loaded; shares are of make_vec's rate in this run."""
     made: dict[str, Made] = {}
     for label, (make, more) in INTERFACES.items():
         try:

@@ -5,8 +5,8 @@
 Numbers vary, and roles differ, in name only: every value is that of the plain scenario, so that the same game is played
 and only the reading of the numbers is timed. Walls make another game.
 
-Random actions, worlds at all steps of their episodes at once, env.step with all that belongs to it; one thread.
-Microseconds of CPU time a world-step, best of the rounds, and the median of the rounds' ratios.
+Actions are random, and worlds are spread over all steps of their episodes; env.step is timed as a whole, on one thread.
+The table has microseconds of CPU time a world-step, best of the rounds, and the median of the rounds' ratios.
 """
 
 import argparse
@@ -23,7 +23,7 @@ BLOCKS = 40
 
 
 def scattered(count: int, seed: int = 0) -> Walls:
-    """So many blocks of 0.4 by 2 m, at random angles all over the paper's room."""
+    """`count` blocks of 0.4 by 2 m, at random angles all over the paper's room."""
     generator = np.random.default_rng(seed)
     cells = generator.permutation(49)[:count]
     layout = list[float]()

@@ -1,8 +1,8 @@
 """Timing: what one step of a batch costs, and several things in turn so that their ratio can be trusted.
 
-Actions are random and episodes are cut after 100 steps: all agents are alive and busy. Worlds are compiled for their
-scenario alone (specialize=True), and observations are not copied.
-Worlds are at all steps of their episodes at once.
+Actions are random and episodes are cut after 100 steps, so that all agents are alive and busy. Worlds are compiled for
+their scenario alone (specialize=True), and observations are not copied. Worlds are spread over all steps of their
+episodes.
 """
 
 import time
@@ -37,7 +37,7 @@ def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
 
 
 def simulator(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
-    """The same of the simulation alone: no observations, no checks; rewards, statistics and autoreset are in it."""
+    """Calls of the simulation alone: no observations, no checks; rewards, statistics and autoreset are included."""
     modules = scenario.replace(ending_limit=LIMIT).modules
     return ticker(Worlds(modules, worlds, threads, without=(Phase.LOOK, Phase.OBSERVE), specialize=True))
 
@@ -74,7 +74,7 @@ def in_turn(timers: Sequence[Timer], rounds: int = 5) -> np.ndarray:
 
 
 def timer(call: Call, seconds: float = 0.2, clock: Callable[[], float] = time.perf_counter) -> Timer:
-    """Times as many calls as take about `seconds` by `clock`."""
+    """Make a timer of as many calls as take about `seconds` by `clock`."""
     count = max(1, round(seconds / min(_time(call, 1, clock) for _ in range(3))))
     return lambda: _time(call, count, clock)
 

@@ -1,9 +1,9 @@
 """The original implementation, timed in a process of its own: by its own Python, from a checkout that stays as it is.
 
-The other interpreter runs this file as a script, so that nothing but the standard library is imported at the top. Each
-line of JSON that it reads asks for steps of one environment, each line that it writes answers with the seconds a step.
-On its clock, the CPU time of the process, is env.step alone. Random actions; fresh episodes, cut after `limit` steps;
-the same episodes and actions each time a line is repeated.
+The other interpreter runs this file as a script, so only the standard library is imported at the top. Each line of JSON
+that it reads asks for steps of one environment, and each line that it writes answers with the seconds a step. It times
+env.step alone, in CPU time of its process: random actions in fresh episodes, cut after `limit` steps. The same episodes
+and actions are played whenever a line is repeated.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PARTS = (Path("masurvival", "envs", "masurvival_env.py"), Path("experiments"))  # of a checkout, all that is used
+PARTS = (Path("masurvival", "envs", "masurvival_env.py"), Path("experiments"))  # all that is used of a checkout
 
 
 class NotTheOriginal(ValueError):
@@ -44,7 +44,7 @@ class Original:
             if not (Path(folder) / part).exists():
                 missing = Path(folder) / part
                 raise NotTheOriginal(f"expected the original's folder behind the colon, but there is no {missing}")
-        # what this process imports from is not for the other one
+        # the other process must not import from where this one does
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         command = [self.python, __file__, str(Path(folder).resolve())]
         try:
@@ -60,16 +60,16 @@ class Original:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.communicate()  # the end of its input ends it
+        self._process.communicate()  # closes its input, which ends it
 
     def timer(self, experiment: str, counts: Mapping[str, int], steps: int, limit: int) -> Callable[[], float]:
         """Calls that answer with the CPU seconds of a step of the original's env.step.
 
         Args:
             experiment: a folder of the checkout's experiments/, whose env.json is the configuration.
-            counts: agents, heals and boxes where they are not those of the configuration.
+            counts: agents, heals and boxes where they differ from the configuration's.
             steps: how many are played in a call, rounded up to whole episodes.
-            limit: how many of an episode.
+            limit: how many steps of an episode are played.
         """
         request = {"experiment": experiment, "counts": dict(counts), "steps": steps, "limit": limit}
         return lambda: float(self._ask(request)["seconds"])
@@ -83,7 +83,7 @@ class Original:
         assert self._process.stdout is not None
         try:
             answer: dict[str, Any] = json.loads(self._process.stdout.readline())
-        except ValueError:  # nothing, or not of the script below
+        except ValueError:  # there is no line, or none of the script below
             answer = {"error": "no answer of the script perf/original.py"}
         if "error" not in answer:
             return answer
@@ -96,7 +96,7 @@ class Original:
 def serve(checkout: Path) -> None:
     """Answer every line of the input; what the original prints is dropped."""
     answers, sys.stdout = sys.stdout, open(os.devnull, "w")  # noqa: SIM115 (until the process ends)
-    sys.path[0] = str(checkout)  # before: the folder of this file, whose names are not for the original
+    sys.path[0] = str(checkout)  # in place of this file's folder, whose modules the original must not import
 
     def send(**answer: object) -> None:
         print(json.dumps(answer), file=answers, flush=True)
@@ -114,7 +114,7 @@ def serve(checkout: Path) -> None:
 
 
 def versions() -> str:
-    """This interpreter's, and those of the packages that matter to the original's speed."""
+    """The versions of this interpreter, and of the packages that matter to the original's speed."""
     found = [f"Python {platform.python_version()}"]
     for name in ("numpy", "gym", "Box2D"):
         try:
@@ -125,7 +125,7 @@ def versions() -> str:
 
 
 def configuration(checkout: Path, experiment: str, counts: Mapping[str, int]) -> dict[str, Any]:
-    """That of an experiment of the original, with other counts."""
+    """The configuration of an experiment of the original, with other counts."""
     config: dict[str, Any] = json.loads((checkout / "experiments" / experiment / "env.json").read_text())
     places = {
         "agents": (config["agents"], "n_agents"),

@@ -2,8 +2,8 @@
 
     python -m perf.profile teams_3 [--worlds 1024] [--steps 500] [--save MACHINE]
 
-Each system takes all worlds before the next one starts; the tick takes a few worlds at a time through all systems.
-"clock" begins the tick or the episode. The last line is the whole env.step, with its checks and autoreset.
+Here each system goes through all worlds before the next one starts; a real tick takes a few worlds at a time through
+all systems. "clock" begins the tick or the episode. The last line is the whole env.step, with its checks and autoreset.
 """
 
 from outlast.ecs import Worlds

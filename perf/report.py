@@ -1,12 +1,12 @@
-"""Tables of the pages in DOCUMENTS, and a plot, from the results of a machine.
+"""Writes the tables of the pages in DOCUMENTS, and a plot, from the results of a machine.
 
     python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
 
 A document says where a table goes with a pair of comments, <!-- table NAME of MACHINE: column, ... --> and
-<!-- end -->; what is between them is replaced. NAME is a file of perf/results/MACHINE; the columns named are shown, all
-of them if none is. Tables that MACHINE has become its own, all others stay those of the machine that they name. Between
-<!-- machine of NAME --> and <!-- end --> goes the machine of that table of the document; between <!-- ratios --> and
-<!-- end --> how many times faster than the original each machine has found outlast.
+<!-- end -->; what is between them is replaced. NAME is a file of perf/results/MACHINE; only the columns that are named
+are shown, or all if none is. Tables that MACHINE has are replaced by its own; all others stay those of the machine that
+they name. Between <!-- machine of NAME --> and <!-- end --> goes the machine of that table in the document; between
+<!-- ratios --> and <!-- end --> goes how many times faster than the original outlast is on each machine.
 """
 
 import argparse
@@ -59,7 +59,7 @@ def filled(text: str, machine: str | None = None) -> str:
 
 
 def ratios() -> str:
-    """How many times faster than the original, on each machine where both were timed in one run."""
+    """How many times faster than the original outlast is, on each machine where both were timed in one run."""
     found = []
     for machine in machines("original"):
         *rows, mean = (row["times faster"] for row in read("original", machine)[1])

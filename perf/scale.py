@@ -22,13 +22,13 @@ from perf.measure import alternate, micros, stepper
 from perf.rows import scenario
 from perf.table import Table, options
 
-HEAVY = 4096  # b2Worlds of 0.1 MB each
+HEAVY = 4096  # the most b2Worlds, which take 0.1 MB each
 WORLDS = [4**k for k in range(8)]
 AGENTS = [10, 32, 64, 128]
 
 
 def main() -> None:
-    """One of the three."""
+    """Measure one of the three."""
     parser = options(__doc__)
     parser.add_argument("what", choices=("worlds", "agents", "threads"))
     parser.add_argument("--scenarios", nargs="+", default=["ffa_1", "teams_3"])
@@ -69,7 +69,7 @@ def by_agents() -> Table:
 
 
 def crowd(agents: int) -> Scenario:
-    """As many agents and heals, and twice as many boxes, in a room with as much floor for each as 10 agents have."""
+    """So many agents, as many heals and twice as many boxes, in a room with as much floor for each as 10 have."""
     base = scenario("10 agents, 10 heals, 20 boxes")
     wider = math.sqrt(agents / 10)
     numbers = base.numbers()
@@ -85,7 +85,7 @@ def crowd(agents: int) -> Scenario:
 
 
 def by_threads(name: str, worlds: int = 4096) -> Table:
-    """As many threads as there are processors, at most."""
+    """From one thread to as many as there are processors."""
     table = Table("threads", "threads", "world-steps/s", "times one thread")
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= (os.cpu_count() or 1)]
     times = alternate([stepper(scenario(name), worlds, threads=n) for n in counts], rounds=9)

@@ -1,16 +1,16 @@
-"""Every row of the paper's two tables: how long a step takes, and how long one of the original implementation.
+"""Every row of the paper's two tables: how long our step takes, and how long a step of the original implementation.
 
     python -m perf.step [--worlds 1 64 256 1024] [--original PYTHON:CHECKOUT] [--save MACHINE]
 
-A step is the whole of it: actions checked, physics, cameras, observations, rewards, statistics, autoreset. In the rows
-without cameras it is the simulation's alone, which is what the paper's first table timed: no observations, no checks.
-Microseconds of CPU time a world-step, best of five rounds. `outlast` is the best batch size; `paper` was measured by
-the paper's authors, on a laptop: it is not to be divided by ours.
+A step is a whole step: action checks, physics, cameras, observations, rewards, statistics, autoreset. In the rows
+without cameras only the simulation is timed, as in the paper's first table: no observations, no checks. The table has
+microseconds of CPU time a world-step, best of five rounds. `outlast` is the time at the best batch size; `paper` was
+measured by the paper's authors, on a laptop: do not divide it by ours.
 
-With --original (docs/performance.md has how to get it) a second table puts both side by side: in every round the
-original's env.step is timed, then ours, the same 100 first steps of episodes under random actions. Rows without cameras
-are not in it, as the original's env.step needs them. `times faster` is the best of the original's rounds by our best;
-`round by round`: how far apart the ratios of single rounds are.
+With --original (docs/performance.md says how to get it) a second table puts both side by side: in every round, the
+original's env.step is timed and then ours, over the first 100 steps of episodes, under random actions. Rows without
+cameras are not in it, as the original's env.step needs cameras. `times faster` is the best of the original's rounds
+over the best of ours; `round by round` is the range of the ratios of single rounds.
 """
 
 import time
@@ -24,7 +24,7 @@ from perf.original import NotTheOriginal, Original
 from perf.rows import ROWS, Row
 from perf.table import Table, options, positive
 
-STEPS = 3000  # of the original, in a round
+STEPS = 3000  # steps of the original in a round
 
 
 def main() -> None:
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def measured(sizes: list[int], original: Original | None) -> tuple[Table, Table]:
-    """Our steps by batch size, and the original's beside the best of ours; that one is empty where there is none."""
+    """Our steps by batch size, and the original's beside the best of ours; without an original, that table is empty."""
     step = Table("step", "row", "paper", *(f"{n} worlds" for n in sizes), "outlast")
     beside = Table("original", "row", "original", "outlast", "times faster", "round by round")
     gains = []

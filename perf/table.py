@@ -20,7 +20,7 @@ class Table:
         self.name, self.columns, self.rows = name, columns, list[list[str]]()
 
     def add(self, *row: object) -> None:
-        """One row, in the order of the columns."""
+        """Add one row, in the order of the columns."""
         if len(row) != len(self.columns):
             raise ValueError(f"{len(row)} cells for {len(self.columns)} columns")
         self.rows.append([f"{x:.4g}" if isinstance(x, float) else str(x) for x in row])
@@ -31,11 +31,11 @@ class Table:
         return "\n".join(_line(line, widths) for line in lines)
 
     def finish(self, machine: str | None, beside: str = "") -> None:
-        """Print it; for a named machine also write it to perf/results/MACHINE/NAME.csv, whole or not at all.
+        """Print the table; for a named machine also write it to perf/results/MACHINE/NAME.csv, whole or not at all.
 
         Args:
-            machine: the folder, or none.
-            beside: what else ran, besides what `describe` names.
+            machine: the name of the folder, or None.
+            beside: what else was used, beside what `describe` names.
         """
         machine_line = "; ".join(filter(None, (describe(), beside)))
         print(f"{self}\n{machine_line}\n")
@@ -52,7 +52,7 @@ class Table:
 
 
 def machines(name: str) -> list[str]:
-    """Of which that table is kept."""
+    """The machines for which that table is kept."""
     return sorted(path.parent.name for path in FOLDER.glob(f"*/{name}.csv"))
 
 
@@ -90,7 +90,7 @@ def positive(text: str) -> int:
 
 
 def _machine(text: str) -> str:
-    """The name of a folder in which tables can be kept, which is known before anything is measured."""
+    """The name of a folder in which tables can be kept; this is checked before anything is measured."""
     place = FOLDER / text
     if place.exists() and not (place.is_dir() and os.access(place, os.W_OK)):
         raise argparse.ArgumentTypeError(f"{place} is no folder that can be written to: give another name")

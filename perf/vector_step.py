@@ -39,7 +39,7 @@ ENVIRONMENTS: dict[str, Make] = {
 
 
 def drawn_ahead(env: Any, seconds: float) -> float:
-    """Steps a second with actions that were sampled before; steps that only reset a world count, which are few."""
+    """Steps a second with actions that were sampled before; the few steps that only reset a world count, too."""
     env.reset(seed=0)
     actions = [env.action_space.sample() for _ in range(DRAWS)]
     start, steps = time.perf_counter(), 0
@@ -64,7 +64,7 @@ def measured(sizes: list[int], seconds: float) -> Table:
             rounds = [
                 (benchmark_vector_step(env, seconds, seed=0), drawn_ahead(env, seconds))  # type: ignore[arg-type]
                 for _ in range(ROUNDS)
-            ]  # any number of seconds will do, though it says int
+            ]  # its type for seconds is int, but any number will do
             env.close()
             table.add(label, worlds, *(f"{max(rates):,.0f}" for rates in zip(*rounds, strict=True)))
     return table

@@ -1,9 +1,9 @@
 """The whole check in one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs compiled, with the slow tests, and then as plain Python, of which the engine and a few files of the core
-and of the mechanics are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests
-that only the night has time for, then all that has kernels twice: compiled with bounds checks, and as plain Python.
+The suite runs compiled, with the slow tests, and then as plain Python, for which a few files of the engine, the core
+and the mechanics are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that
+take too long by day, and then, twice, all tests that have kernels: compiled with bounds checks, and as plain Python.
 """
 
 import importlib.util
@@ -20,13 +20,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
-WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
+WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process for each core; tests of one file share what they compile
 # Folders of tests without kernels of their own: with bounds checks, or as plain Python, they would repeat themselves.
 # They are ignored as folders, because markers would make those runs import every library first (a minute).
 WITHOUT_KERNELS = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
 KERNELS_ONLY = tuple(f"--ignore=tests/{folder}" for folder in WITHOUT_KERNELS)
-# By day, plain Python runs what has kernels of its own, what compares it with compiled kernels, and digests and naive
-# forms; the rest repeats, a hundred times slower, what they say.
+# By day, plain Python runs the tests with kernels of their own, those that compare it with compiled kernels, and those
+# of digests and naive forms. All others would show the same again, a hundred times slower.
 PLAIN_BY_DAY = (
     *(f"tests/engine/test_{name}.py" for name in ("columns", "event_lists", "per_agent", "random", "varied", "worlds")),
     *(f"tests/core/test_{name}.py" for name in ("determinism", "digests")),

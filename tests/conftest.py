@@ -18,7 +18,7 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
 
-# A shell's background processes, and their children, ignore it.
+# Shells let background processes, and their children, ignore Ctrl-C, which some tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -33,9 +33,9 @@ def if_compiled(mark: Any) -> Any:
 slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pytest.mark.nightly)
 
 
-@pytest.hookimpl(tryfirst=True)  # ahead of pytest's own choice by marks
+@pytest.hookimpl(tryfirst=True)  # before pytest itself chooses by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as nightly what `by_day` leaves out."""
+    """Mark as nightly the cases that the mark `by_day(count)` leaves out; those that stay are spread evenly."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("by_day"):
@@ -58,7 +58,7 @@ def scaled(count: int, least: int = 1) -> int:
 
 
 def digest(worlds: Worlds, where: Any = slice(None), but: tuple[type, ...] = ()) -> str:
-    """A digest of every byte of the worlds `where`: state, events, and buffers of components, but those of `but`."""
+    """A digest of every byte of the worlds `where`: state, events, and buffers of components except `but`."""
     zero_unused(worlds.layout.events, worlds.event_memory)
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
@@ -75,7 +75,7 @@ def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray
 
 
 def interrupted_after(calls: int, number: int = signal.SIGINT) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """A policy for POLICIES that does nothing, and after so many calls gets this process a signal."""
+    """A policy for POLICIES that does nothing and, after `calls` calls, raises a signal in this process."""
 
     def make(env: SurvivalVectorEnv, seed: int) -> Policy:
         remaining, idle = iter(range(calls)), noop_policy(env, seed)
@@ -91,14 +91,14 @@ def interrupted_after(calls: int, number: int = signal.SIGINT) -> Callable[[Surv
 
 
 def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
-    """The status, stdout and stderr of a command of outlast."""
+    """Run a command of outlast; returns its status, stdout and stderr."""
     status = cli.main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
 def call(command: ModuleType, *words: object) -> int:
-    """The status of the command that a module adds, also where its entry point has not been installed."""
+    """Run the command that a module adds, even if its entry point is not installed; returns its status."""
     parser = Parser()
     command.add(parser.add_subparsers())
     options = parser.parse_args([command.__name__.rpartition(".")[2], *map(str, words)])

@@ -1,6 +1,6 @@
 """Coverage of the tests: `python -m tests.covered [--least-lines 95] [--least-branches 90]`.
 
-They run twice: as plain Python, in which kernels are measured line by line, and compiled, for adapters, commands,
+The tests run twice: as plain Python, where kernels are measured line by line, and compiled, for adapters, commands,
 training and the compiler. Child processes count, too. A table lists the files with most left to cover; the exit code is
 1 if a test failed, or if less is covered than required.
 """
@@ -17,7 +17,7 @@ from typing import Any
 from tests.__main__ import KERNELS_ONLY, ROOT, Stage, suite
 
 MEASURED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
-UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # of memory, which coverage itself uses
+UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # it measures memory, which coverage itself uses
 SHOWN = 20  # files of the table
 
 

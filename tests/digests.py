@@ -47,7 +47,7 @@ def numbered_actions(env: SurvivalVectorEnv, tick: int) -> np.ndarray[Any, Any]:
 
 
 def _bytes(stream: str, count: int) -> np.ndarray[Any, Any]:
-    """Always the same random uint8 (count,)."""
+    """Random uint8 (count,), always the same for the same stream."""
     return np.frombuffer(hashlib.shake_128(stream.encode()).digest(count), np.uint8)
 
 
@@ -68,7 +68,7 @@ def behaviour_digests(name: str, ticks: int, worlds: int = WORLDS, **options: An
 def _arrays(outcome: Any) -> list[np.ndarray[Any, Any]]:
     """All arrays in what reset or step returned, those of dicts in order of their names.
 
-    Without the agents that are alive, which earlier versions did not report.
+    Which agents are alive is left out, as earlier versions did not report it.
     """
     if isinstance(outcome, dict):
         return [array for key, value in sorted(outcome.items()) if key != "alive" for array in _arrays(value)]

@@ -2,8 +2,8 @@
 
     python -m tests.memory [CHECKER ...] [--steps N | --tests FILE ...]
 
-Sparse and crowded worlds of teams_4 are played in a process of its own, and their digests must equal those without a
-checker; or the given test files run there instead, and must pass. The checkers:
+For each checker, sparse and crowded worlds of teams_4 are played in a process of its own, and their digests must equal
+those without a checker; or the given test files run there instead, and must pass. The checkers:
 
 ========== =============================================================================================================
 plain      no checker: the digest
@@ -39,7 +39,7 @@ WORK = ("-c", "from tests.memory import work; work({steps})")
 TESTS = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=0")
 RESULTS = re.compile(r"(?m)^[0-9a-f]{32}$|\b\d+ passed")
 FAULTY = ("ERROR: AddressSanitizer", "free(): invalid", "corrupted", "malloc(): ", "double free")
-OUR_FRAMES = re.compile(r"(?m)\bb2[A-Z]\w*::|_Box2D|: \?\?\?$")  # stack frames of Box2D, or of no library, as the tick
+OUR_FRAMES = re.compile(r"(?m)\bb2[A-Z]\w*::|_Box2D|: \?\?\?$")  # stack frames of Box2D, or of no library (the tick)
 ROOT = Path(__file__).parent.parent
 
 
@@ -116,7 +116,7 @@ def library(name: str) -> str | None:
 
 
 def run(checker: Checker, steps: int, files: Sequence[str] = ()) -> Report:
-    """Run the work, or these test files, under a checker; if it is generic, compile without it first."""
+    """Run the work, or these test files, under a checker; if it is generic, compile in a run without it first."""
     environment = os.environ | ({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""} if checker.generic else {})
     command, first = ((sys.executable, *(word.format(steps=n) for word in WORK)) for n in (steps, 1))
     if files:

@@ -1,9 +1,10 @@
 """Soak test: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
 
-Random play of all scenarios with the invariants of tests.helpers.invariants checked after every tick; resets of all
-kinds; environments that are created and closed or dropped: each in a process of its own. File descriptors and threads
-must not grow, and resident memory (/proc/self/statm, after collecting garbage) by less than a megabyte after the
-warm-up. The exit code is 0 if all of that held. Memory is measured on Linux only, which has a /proc.
+It has three parts, each in a process of its own: random play of all scenarios, with the invariants of
+tests.helpers.invariants checked after every tick; resets of all kinds; environments that are made and then closed or
+dropped. After the warm-up, the numbers of file descriptors and threads must not grow, and resident memory
+(/proc/self/statm, after collecting garbage) must grow by less than a megabyte. The exit code is 0 if all of that held.
+Memory is measured on Linux only, which has a /proc.
 """
 
 import gc

@@ -1,9 +1,9 @@
-"""What the games of the benchmark's tasks are, pinned: a task never changes meaning under its name.
+"""Pins what the games of the benchmark's tasks are: a task never changes meaning under its name.
 
     python -m tests.task_digests --write    add what is not in tests/data/benchmark_tasks.json yet
 
-Pinned are the fingerprint of each game, how its worlds begin on every platform, and by platform how they go on. What is
-in the file never changes: another digest is another game, and takes a new version of the task.
+Pinned are the fingerprint of each game, how its worlds begin, which is the same on every platform, and, by platform,
+how they go on. What is in the file never changes: another digest is another game, and takes a new version of the task.
 """
 
 import hashlib
@@ -26,24 +26,24 @@ Pinned = dict[str, dict[str, Any]]
 
 
 def games(task: Task) -> dict[str, Game]:
-    """The games of a task by name, with that of training as it is trained in."""
+    """The games of a task by name, and as "training" the one that agents are trained in."""
     train = Game("training", task.scenario, (), 0)
     return {game.name: game for game in (train, *task.games)}
 
 
 def identity(scenario: Scenario) -> str:
-    """Of the game: its numbers, what varies, and so on, whatever it is called."""
+    """A digest of a game: its numbers, what varies, and so on, but not its name."""
     content = {key: value for key, value in fingerprint(scenario).items() if key not in ("name", "label")}
     return _short(json.dumps(content, sort_keys=True).encode())
 
 
 def begins(game: Game) -> str:
-    """Of the first observations."""
+    """A digest of the first observations."""
     return _play(game, 0)
 
 
 def goes_on(game: Game) -> str:
-    """Of the observations of some ticks of always the same actions."""
+    """A digest of the observations of some ticks, with always the same actions."""
     return _play(game, TICKS)
 
 

@@ -1,11 +1,11 @@
-"""How many CPU seconds training takes to the level of the paper's policies.
+"""How many CPU seconds training takes to reach the level of the paper's policies.
 
     python -m perf.training.race ffa_2 teams_2 teams_3 [--seeds 0 1 2 3 4] [--preset fast] [--ppo NAME=VALUE]
         [--steps 10e6] [--every 15] [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
 
-Each run trains on one thread and is stopped every so many CPU seconds, on a clock that then stands still, to play
-against the policy of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy with a win rate
-of 60 % and, in self-play, episodes as long as its. There it ends, unless --whole asks for all of its steps.
+Each run trains on one thread. Every so many CPU seconds (--every) its clock is stopped, and it plays against the policy
+of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy once it has a win rate of 60 % and,
+in self-play, episodes as long as that policy's. Then the run ends, unless --whole asks for all of its steps.
 """
 
 import contextlib
@@ -30,9 +30,9 @@ from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results" / "original"
-WINS, LENGTH = 0.6, 0.97  # win rate; length of an episode as a share of that of the reference, for its errors are 2 %
+WINS, LENGTH = 0.6, 0.97  # win rate; episode length as a share of the reference's, as lengths have errors of 2 %
 SHOWN = {"train/entropy": "entropy", "rollout/heals_used": "heals", "rollout/deaths_melee": "melee"}
-EPISODES, WORLDS = 300, 100  # of a duel
+EPISODES, WORLDS = 300, 100  # of each duel with the reference
 
 
 def main() -> None:
@@ -74,7 +74,7 @@ def main() -> None:
 def race(
     config: TrainingConfig, every: float, limit: float, folder: Path, long: float, whole: bool
 ) -> list[dict[str, Any]]:
-    """A run; a row for each duel. long: ticks of an episode at the level of the reference."""
+    """Train a run; returns a row for each duel. long: Ticks of an episode at the level of the reference."""
     folder.mkdir(parents=True, exist_ok=True)
     trainer, clock, due, rows = Trainer(config), 0.0, every, list[dict[str, Any]]()
     while trainer.steps < config.steps and clock < limit and (whole or not any(row["reached"] for row in rows)):

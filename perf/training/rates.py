@@ -1,12 +1,12 @@
-"""Where the time of training goes: collecting and updating, and what in them.
+"""Where the time of training goes: collecting and updating, and the parts of both.
 
     python -m perf.training.rates [--variants ffa_2 teams_3] [--preset original] [--worlds 256] [--rollout 32768]
         [--threads 2] [--device cpu] [--save MACHINE]
 
-One rollout as `outlast train` has it and a number of epochs of one update, with random initial weights. Rates are in
-agent-steps a second while collecting, samples a second while updating; shares are of either part. CPU time, the best of
-several rounds. On a GPU it is wall time, and each part is waited for: parts that overlap in a run do not here, so the
-rates are lower; `perf.training.scale` has those of a run.
+What is timed is one rollout as in `outlast train`, and some epochs of one update, with random initial weights. Rates
+are agent-steps a second for collecting and samples a second for updating; shares are of the time of either. Times are
+CPU time, the best of several rounds. On a GPU they are wall time, and each part is waited for: parts that overlap in a
+run do not overlap here, so the rates are lower; `perf.training.scale` has those of a run.
 """
 
 import time
@@ -107,7 +107,7 @@ def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tup
 
 
 def watched_functions(device: torch.device) -> Stopwatch:
-    """A clock on what all trainers share."""
+    """A clock on the functions that all trainers share."""
     clock = Stopwatch(device)
     clock.wrap("minibatches", minibatches.Samples, "select")
     clock.wrap("loss", learner, "ppo_loss")
@@ -126,7 +126,7 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
         clock.wrap("statistics", lane.behaviour, "after_step")
         clock.wrap("statistics", lane.episodes, "add")
     for one in trainer.learners:
-        one.graphs = None  # of CUDA: nobody sees their parts
+        one.graphs = None  # the parts of CUDA graphs cannot be timed
         for policy in {one.policy, one.trained}:
             clock.wrap("networks", policy, "forward")
             clock.wrap("networks", policy.choices, "draw", "of")

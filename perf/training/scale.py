@@ -1,13 +1,13 @@
-"""What more processes give to training, what a GPU does, and what halves of the worlds do.
+"""How much faster training is with more processes, with a GPU, and with halves of the worlds.
 
     python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast] [--processes 1 2] [--devices cpu cuda]
         [--worlds 256 2048] [--batch N] [--threads 1] [--rounds 5] [--halves] [--save MACHINE]
 
-Agent-steps a second of wall time of collecting and updating, each process on some threads, in turn with the first and
-with all others of devices, numbers of processes and of worlds; the best round of each. With more worlds than the preset
-has, minibatches grow as the rollout does, unless their size is given. CPU seconds are those of all processes together:
-they say what sums and waiting cost, also where others use the machine, which the load shows. A wall time of a machine
-that is not idle says little.
+The table has agent-steps a second of wall time, of collecting and updating, for each combination of a device, a number
+of worlds and a number of processes (each on some threads). All combinations are timed in turn, and the best round of
+each counts; `times` is relative to the first one. With more worlds than the preset has, minibatches grow as the rollout
+does, unless their size is given. CPU seconds are those of all processes together: they show what sums and waiting cost,
+even if others use the machine, which the load shows. Wall times say little if the machine is not idle.
 """
 
 import contextlib
@@ -73,7 +73,7 @@ def configured(
 
 
 class Timed:
-    """A trainer that has warmed up, in each of some processes."""
+    """A trainer that has warmed up; there is one in each process of a crew."""
 
     def __init__(self, crew: Crew, config: TrainingConfig, threads: int) -> None:
         torch.set_num_threads(threads)
@@ -83,7 +83,7 @@ class Timed:
 
     def round(self) -> tuple[float, float, float]:
         """Wall seconds of a rollout and of an update, and CPU seconds of all processes."""
-        self.crew.gather_values(0)  # all begin together
+        self.crew.gather_values(0)  # so that all begin together
         cpu, times = time.process_time(), [time.perf_counter()]
         rollout = self.trainer.collect()
         self.trainer.report()
@@ -95,7 +95,7 @@ class Timed:
 
 
 def follow(crew: Crew, config: TrainingConfig, rounds: int, threads: int) -> None:
-    """What the other processes do."""
+    """Do what the other processes do: the same rounds as the first."""
     timed = Timed(crew, config, threads)
     for _ in range(rounds):
         timed.round()
