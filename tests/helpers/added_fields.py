@@ -1,4 +1,4 @@
-"""Two mechanics that add fields to observations of others: stamina to the agent's own row, an age to rows of heals."""
+"""Two mechanics that add fields to observations of others: stamina to the agent's own row, age to rows of heals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def see_stamina(
 
 
 class Freshness(Module):
-    """Heals age, which the rows of heals begin with, ahead of the place."""
+    """Heals age. Their rows begin with the age, before the place."""
 
     def archetypes(self) -> Any:
         return [Archetype("heal", (Age(),))]

@@ -1,4 +1,4 @@
-"""What is too close to call: the naive forms raise Ambiguous there, or list it and go on."""
+"""What is too close to call: there, the naive forms raise Ambiguous, or list it and go on."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ class Ambiguous(Exception):
 
 @contextlib.contextmanager
 def collecting() -> Iterator[list[str]]:
-    """Inside, nothing raises Ambiguous: what was too close to call is in this list, and was decided all the same."""
+    """A context in which nothing raises Ambiguous: what is too close to call is decided all the same, and listed."""
     _notes.append([])
     try:
         yield _notes[-1]
@@ -33,7 +33,7 @@ def ambiguous(what: str) -> None:
 
 
 def unambiguous(ask: Callable[[float], Answer], offset: float = TOLERANCE) -> Answer:
-    """The answer, if it is the same with everything larger and smaller by `offset`."""
+    """The answer, which must be the same if everything is larger or smaller by `offset`; else see `ambiguous`."""
     answer = ask(0.0)
     if ask(offset) != answer or ask(-offset) != answer:
         ambiguous(getattr(ask, "__qualname__", "a test"))
@@ -41,5 +41,5 @@ def unambiguous(ask: Callable[[float], Answer], offset: float = TOLERANCE) -> An
 
 
 def within(a: float, b: float) -> bool:
-    """a <= b; numbers that are equal to the bit are, others must not be too close."""
+    """Whether a <= b: it is if they are equal to the bit; all other numbers must not be too close."""
     return a == b or unambiguous(lambda offset: a < b + offset)

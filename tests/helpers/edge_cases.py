@@ -1,6 +1,6 @@
 """Degenerate worlds for hypothesis: places on a coarse grid, right angles, slivers, full bags, the dead, the void.
 
-On the grid float32 is exact, so that the edge of everything is hit to the bit: rims, corners, equal distances, the very
+On the grid float32 is exact, so that edges of all kinds are hit to the bit: rims, corners, equal distances, the very
 same place. A sketch says what is where in plain numbers; `build` sets it up.
 """
 
@@ -85,13 +85,13 @@ sketches = st.builds(Sketch, ticks, _some(AGENTS, agents), _some(HEALS, heals) |
 
 
 def at(x: float, y: float, acts: str = "", quarters: int = 0, health: int = 100, alive: bool = True) -> Agent:
-    """An agent that does what `acts` says, as in "attack give"."""
+    """An agent at a place that does what `acts` says, as in "attack give"."""
     attack, use, give = (int(act in acts) for act in ("attack", "use", "give"))
     return Agent((x, y), quarters, health, alive, 0, (attack, use, give))
 
 
 def case(*agents: Agent, heals: tuple[Prop, ...] = (), boxes: tuple[Prop, ...] = (), tick: int = 0) -> Sketch:
-    """A sketch of these; all others stand aside or do not exist."""
+    """A sketch with these; all other agents stand aside, all other things do not exist."""
     corners = [at(-9, -9), at(9, -9), at(9, 9), at(-9, 9)]
     nowhere = Prop("gone", (0.0, 0.0))
     return Sketch(
@@ -163,7 +163,7 @@ def _put_agent(game: ScenarioBuilder, k: int, agent: Agent, tick: int) -> None:
     game.put("agent", k, *agent.place, agent.quarters * math.pi / 2)
     body, health = game.column(Body), game.column(Health)
     for column in (body.cosine, body.sine):
-        column[0, k] = np.round(column[0, k])  # or a right angle would be one in the last bit only nearly
+        column[0, k] = np.round(column[0, k])  # else a right angle would be off in the last bit
     game.column(Entity).alive[0, k] = agent.alive
     health.points[0, k] = agent.health if agent.alive else min(agent.health, 0)
     health.damage_type[0, k], health.source[0, k] = 0, -1

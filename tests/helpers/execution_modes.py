@@ -24,12 +24,12 @@ HUNT = "one against three"  # unequal teams, with roles
 COUNTS, ROLES, MAZE, ALL = "other counts", "roles that are drawn", "a maze", "other counts, roles and a maze"
 LEVELS = (COUNTS, ROLES, MAZE, ALL)  # what differs from world to world and from episode to episode
 EACH_LEVEL = few_by_day(LEVELS, (ALL,))  # parameters of tests
-PROBABILITY = 0.03  # per tick, of an intervention
+PROBABILITY = 0.03  # of an intervention, in each tick
 Actions = np.ndarray[Any, Any]
 
 
 def short(name: str) -> Scenario:
-    """A variant, HUNT or one of LEVELS, whose episodes are short; but for variants with four agents, or up to four."""
+    """A variant, HUNT or one of LEVELS with short episodes; all but the variants have four agents, or up to four."""
     if name == HUNT:
         hunter, prey = role(1, melee_damage=8, cameras_depth=14, agents_radius=0.7, agents_health=20), role(3)
         return variant("teams_3").replace(teams_sizes=(1, 3), **SHORT).roles(hunter=hunter, prey=prey, observed=False)
@@ -45,12 +45,15 @@ def short(name: str) -> Scenario:
 
 
 def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """The same arrays by the same names."""
+    """Whether both have the same arrays by the same names."""
     return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
 
 
 def same(one: Any, other: Any, typed: bool = True) -> bool:
-    """Equal dicts of dicts, arrays, and arrays of dicts, and types if `typed`; rows behind a mask must be empty."""
+    """Whether dicts of dicts, arrays and arrays of dicts are equal, and of equal types if `typed`.
+
+    Rows that a mask leaves out are compared, too: they must be empty.
+    """
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[key], other[key], typed) for key in one)
     if isinstance(one, np.ndarray) and one.dtype == object:
@@ -61,10 +64,10 @@ def same(one: Any, other: Any, typed: bool = True) -> bool:
 class ExecutionMode:
     """A way to run some worlds of a batch, which all start from the same seed.
 
-    world_numbers: which worlds; the first `compared` of them are compared. `step` takes the actions of the whole batch.
+    world_numbers: Which worlds; the first `compared` of them are compared. `step` takes the actions of the whole batch.
     """
 
-    compared_from = 0  # tick
+    compared_from = 0  # the first tick that is compared
 
     def __init__(
         self, scenario: Scenario, world_numbers: Sequence[int], compared: int | None = None, **options: Any
@@ -82,7 +85,7 @@ class ExecutionMode:
 
 
 class AfterOtherEpisodes(ExecutionMode):
-    """Another seed was played before. Right after a reset, the dirty flags of observation buffers may differ."""
+    """Another seed was played before. Right after a reset it is not compared, as dirty flags of buffers may differ."""
 
     compared_from = 1
 
@@ -104,7 +107,7 @@ class Reordered(ExecutionMode):
 
 
 class Restored(ExecutionMode):
-    """Now and then it plays other actions and is restored, or another environment continues from its state."""
+    """Now and then it plays other actions and is restored, or another environment goes on from its state."""
 
     def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
         super().__init__(scenario, world_numbers)
@@ -133,25 +136,25 @@ class BesideNaN(ExecutionMode):
             self._harm()
         try:
             *_, terminated, truncated, _ = self.env.step(actions[self.world_numbers])
-            self.may_harm = not (terminated | truncated)[-1]  # or the next step would reset it
+            self.may_harm = not (terminated | truncated)[-1]  # else the next step would reset it
         except FaultError:
             self.env.reset(options={"reset_mask": self.harmed})
 
     def _harm(self) -> None:
-        """Harm an agent that lives, as the dead are not checked."""
+        """Harm a living agent, as dead ones are not checked."""
         alive = self.env.worlds[Entity].alive[-1, self.env.worlds.span("agent")]
         column = getattr(self.env.worlds[Body], self.rng.choice(["x", "vy", "omega"]))
         column[-1, alive.argmax()] = np.nan
 
 
 def shuffled(scenario: Scenario) -> Scenario:
-    """Its modules in another order."""
+    """The scenario with its modules in another order."""
     order = np.random.default_rng(1).permutation(len(scenario.modules))
     return dataclasses.replace(scenario, modules=tuple(scenario.modules[k] for k in order))
 
 
 def execution_modes(scenario: Scenario, specialize: bool) -> dict[str, ExecutionMode]:
-    """All modes by name, on worlds of a batch of BATCH. specialize: also that with machine code of its own."""
+    """All modes by name, on worlds of a batch of BATCH. specialize: Also the mode with machine code of its own."""
     few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
     portable = scenario.replace(physics_backend="portable")
     alone = {"compiled for it alone": ExecutionMode(scenario, few, specialize=True)} if specialize else {}
@@ -173,7 +176,7 @@ def execution_modes(scenario: Scenario, specialize: bool) -> dict[str, Execution
 
 
 def lockstep(scenario: Scenario, ticks: int, specialize: bool = True) -> None:
-    """Run all modes beside one large batch; after each tick they are equal to the bit."""
+    """Run all modes beside one large batch, and check that they are equal to the bit after each tick."""
     batch, runs = ExecutionMode(scenario, range(BATCH)), execution_modes(scenario, specialize)
     for tick in range(ticks):
         if tick:
@@ -189,7 +192,7 @@ def lockstep(scenario: Scenario, ticks: int, specialize: bool = True) -> None:
 
 
 def first_difference(batch: ExecutionMode, mode: ExecutionMode) -> str:
-    """Which column of which component differs, if it is one."""
+    """Say which column of which component differs, if one does."""
     for component in batch.env.worlds.components:
         for column in component.columns:
             whole, own = (getattr(each.env.worlds[component], column) for each in (batch, mode))

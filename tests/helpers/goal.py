@@ -1,4 +1,4 @@
-"""A game that is won in a given tick, which may be the last one that its time limit allows."""
+"""A game that is won in a fixed tick, which may be the last one that its time limit allows."""
 
 from dataclasses import dataclass
 
@@ -22,5 +22,5 @@ def reach(clock: Read[Clock], end: Write[End]) -> None:
 
 
 def won_at_the_limit() -> Scenario:
-    """Terminated and truncated in one tick."""
+    """A game whose episodes are won in the tick in which they would be truncated."""
     return variant("ffa_2").replace(ending_limit=TICK).with_(Goal())

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def interrupt_after(events: int) -> None:
-    """Raise KeyboardInterrupt in this thread after so many returns from calls; sys.setprofile(None) ends that."""
+    """Raise KeyboardInterrupt in this thread after `events` returns from calls; sys.setprofile(None) prevents it."""
     left = events
 
     def profile(frame: FrameType, event: str, argument: Any) -> None:

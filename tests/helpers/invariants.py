@@ -1,4 +1,4 @@
-"""Invariants that hold after every step of every world; and scenarios that try to violate them."""
+"""Invariants that hold after every step of every world, and scenarios that put them to the test."""
 
 from typing import Any
 
@@ -44,7 +44,7 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def scenario(name: str, **numbers: Any) -> outlast.Scenario:
-    """One of SCENARIOS, or a variant; with further numbers."""
+    """One of SCENARIOS, or a variant, with further numbers."""
     variant, own = SCENARIOS.get(name, (name, {}))
     return outlast.variant(variant).replace(**own | numbers)
 
@@ -59,7 +59,7 @@ class InvariantChecker:
         self.everybody_alive = np.zeros((env.num_worlds, env.num_agents), bool)
 
     def check(self, observation: dict[str, Array], ran: Array | None = None) -> None:
-        """Check after a step or reset. ran: the worlds that it changed, bool (worlds,); all if not given."""
+        """Check after a step or reset. ran: The worlds that it changed, bool (worlds,); None: all."""
         ran = np.ones(self.env.num_worlds, bool) if ran is None else ran
         alive = self.env.worlds[Entity].alive.astype(bool)
         self._numbers_are_finite(observation)
@@ -72,7 +72,7 @@ class InvariantChecker:
         self._statistics_fit(alive[:, self.agents])
 
     def memory(self, where: Any) -> tuple[Array, Array]:
-        """What it remembers of the worlds `where`, for `restore` when their state is restored."""
+        """What the checker remembers of the worlds `where`, to be given to `restore` when their state is restored."""
         return self.returns[where].copy(), self.everybody_alive[where].copy()
 
     def restore(self, memory: tuple[Array, Array], where: Any) -> None:
@@ -87,7 +87,7 @@ class InvariantChecker:
             assert np.isfinite(column).all()
 
     def _agents_are_inside(self, alive: Array) -> None:
-        """Their centres are; a body that is pushed hard may sink a little into a wall."""
+        """Only centres are checked: a body that is pushed hard may sink a little into a wall."""
         body, sides = self.env.worlds[Body], self.env.worlds[Floor].size[0]
         for place, side in ((body.x, sides[0]), (body.y, sides[-1])):
             inner = side / 2 * (1 - self.numbers["room_thickness"])
@@ -121,7 +121,7 @@ class InvariantChecker:
             assert (there == 1).all()
 
     def _health_and_life_agree(self, alive: Array, ran: Array) -> None:
-        """The living have health, or lost it after this step's check; the dead have none and stay dead."""
+        """Living agents have health, or lost it after this step's check; dead ones have none and stay dead."""
         health, tick = self.env.worlds[Health], self.env.worlds[Clock].tick
         points, fatal = health.points[:, self.agents], health.fatal_tick[:, self.agents]
         assert ((points > 0) | (fatal == tick.astype(np.int64)) | ~alive).all()

@@ -19,7 +19,7 @@ Array = np.ndarray[Any, Any]
 
 
 class History(NamedTuple):
-    """The inputs that determine a world. acts: numbers of the actions of its episode (see `ModelledEnv.actions`)."""
+    """The inputs that determine a world. acts: The numbers of its episode's actions, see `ModelledEnv.actions`."""
 
     seed: int
     world: int
@@ -34,14 +34,14 @@ class History(NamedTuple):
 
 
 class Outcomes(dict[Any, Any]):
-    """What was seen after each history. Seen again, in any environment, it must be the same."""
+    """What was seen after each history. After an equal history, in any environment, the same must be seen."""
 
     def note(self, history: Any, what: str, value: Any) -> None:
         assert self.setdefault((history, what), value) == value, f"{what} after {history}"
 
 
 class SavedState(NamedTuple):
-    """A state, with the histories and the memory of the invariant checker that belong to it."""
+    """A state, with the histories of its worlds and what the invariant checker remembered of them."""
 
     state: State
     histories: list[History | None]
@@ -50,13 +50,13 @@ class SavedState(NamedTuple):
 
 
 class ModelledEnv:
-    """An environment and the history of each of its worlds; None before its first reset."""
+    """An environment with the history of each of its worlds, which is None before the first reset."""
 
     def __init__(self, memory: Outcomes, scenario: outlast.Scenario, worlds: int, seed: int, **options: Any) -> None:
         self.env = outlast.make_vec(scenario, worlds, seed=seed, **options)
         self.memory, self.scenario, self.checker = memory, scenario, InvariantChecker(self.env)
         self.histories: list[History | None] = [None] * worlds
-        self.keys = [History(seed, self.env.first_world + w, 0) for w in range(worlds)]  # of the next resets
+        self.keys = [History(seed, self.env.first_world + w, 0) for w in range(worlds)]  # for the next reset
         self.moved = np.zeros(worlds, bool)  # since the invariants were checked
 
     @property
@@ -73,7 +73,7 @@ class ModelledEnv:
         return [(self.scenario.name, history) for history in self.histories]
 
     def actions(self, act: int) -> Array:
-        """Actions of all agents: a function of `act` and of the tick of the world's episode."""
+        """Actions of all agents: a function of `act` and of each world's tick."""
         sizes = self.env.single_action_space.nvec
         ticks = [len(history.acts) if history else 0 for history in self.histories]
         drawn = {tick: np.random.default_rng((act, tick)).integers(0, sizes) for tick in set(ticks)}
@@ -94,7 +94,7 @@ class ModelledEnv:
         self._look(observations)
 
     def step(self, act: int, sent: bool = False) -> None:
-        """One step, or one by send and recv. Worlds that cannot be stepped must be refused."""
+        """Make a step, perhaps by send and recv. Worlds that cannot be stepped must be refused."""
         before, actions, mode = self.done, self.actions(act), self.env.autoreset_mode
         if not self.started or (mode is AutoresetMode.DISABLED and before.any()):
             self.refused(lambda: self.env.step(actions), NotResetError)
@@ -134,7 +134,7 @@ class ModelledEnv:
         self._look(observations)
 
     def refused(self, call: Any, *errors: type[Exception]) -> None:
-        """The call raises one of these errors, and changes nothing."""
+        """Check that the call raises one of these errors and changes nothing."""
         before = self.state_digest()
         with pytest.raises(errors):
             call()

@@ -1,4 +1,4 @@
-"""Naive forms of the geometry kernels: float64, one entity at a time, derived in another way."""
+"""Naive forms of the geometry kernels: float64, one entity at a time, derived in different ways."""
 
 import math
 from collections.abc import Sequence

@@ -16,10 +16,10 @@ def directions(world: World, me: NaiveEntity) -> list[float]:
 
 
 def distance(world: World, me: NaiveEntity, angle: float) -> tuple[float, float]:
-    """The shortest and the longest distance that a ray may read, if the sides of bodies are off by what float32 loses.
+    """The shortest and the longest distance that a ray may read if the sides of bodies are off by what float32 loses.
 
-    That grows with the square of the distance to a circle, as Box2D's formula has a difference of fourth powers. A ray
-    that grazes a body has two distances that are far from each other.
+    This loss grows with the square of the distance to a circle, as Box2D's formula has a difference of fourth powers.
+    For a ray that grazes a body, the two distances are far from each other.
     """
     if not me.here:
         return 0.0, 0.0

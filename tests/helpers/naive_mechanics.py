@@ -1,8 +1,8 @@
 """Naive plain-Python forms of the mechanics, from the reference rules: one entity at a time, float64, unoptimized.
 
-Each takes a World and changes it as the tick should. Where float32 rounding may decide, which float32 may see
-otherwise, they raise Ambiguous (or note it: see ambiguity). How bodies move and where items of the dead fall is up to
-two functions that `tick` is given.
+Each takes a World and changes it as the tick should. Where the rounding of float32 might decide otherwise, they raise
+Ambiguous, or list it: see ambiguity. How bodies move, and where items of dead agents fall, is up to two functions that
+`tick` is given.
 """
 
 import math
@@ -14,8 +14,8 @@ from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.helpers.naive_world import TOLERANCE, Loss, NaiveEntity, World
 
 Actions = Sequence[dict[str, int]]
-Move = Callable[[World, Actions], None]  # of all bodies
-Fall = Callable[[World, NaiveEntity, NaiveEntity], tuple[float, float]]  # of an item, from an agent that dies: where to
+Move = Callable[[World, Actions], None]  # moves all bodies
+Fall = Callable[[World, NaiveEntity, NaiveEntity], tuple[float, float]]  # where an item falls from an agent that dies
 
 
 def distance(a: Any, b: Any) -> float:
@@ -23,7 +23,7 @@ def distance(a: Any, b: Any) -> float:
 
 
 def ahead(entity: NaiveEntity, far: float) -> tuple[float, float]:
-    """The way straight ahead; a right angle is one, though float32 has none."""
+    """The vector straight ahead; a right angle is exact, though float32 cannot hold one."""
     return far * _whole(math.cos(entity.angle)), far * _whole(math.sin(entity.angle))
 
 
@@ -32,7 +32,7 @@ def _whole(number: float) -> float:
 
 
 def entry(origin: tuple[float, float], ray: tuple[float, float], entity: NaiveEntity, offset: float = 0.0) -> float:
-    """Fraction at which the ray enters the entity, made larger by `offset`; NO_HIT if it does not, or starts inside."""
+    """Fraction at which the ray enters the entity, enlarged by `offset`; NO_HIT if it does not, or starts inside."""
     if 0 < math.hypot(*ray) < 1e-3:
         ambiguous("a short ray")
     if entity.radius > 0:
@@ -44,7 +44,7 @@ def entry(origin: tuple[float, float], ray: tuple[float, float], entity: NaiveEn
 def first_on_ray(
     origin: tuple[float, float], ray: tuple[float, float], entities: Sequence[NaiveEntity]
 ) -> NaiveEntity | None:
-    """The entity that the ray meets first; of several at the same place, the first in order."""
+    """The entity that the ray meets first; of several that it meets at the same place, the first in order."""
 
     def ask(offset: float) -> int:
         entries = [entry(origin, ray, entity, offset) for entity in entities]
@@ -55,7 +55,7 @@ def first_on_ray(
 
 
 def hurt(world: World, entity: NaiveEntity, amount: int, damage_type: str, side: int) -> None:
-    """Take hit points. The loss that counts is the last of the tick in which they came to 0 or below; else the last."""
+    """Take hit points. To blame is the last loss of the tick in which they fell to 0 or below; else the last of all."""
     if not amount:
         return
     before, entity.health = entity.health, entity.health - amount
@@ -73,7 +73,7 @@ def is_immune(world: World, entity: NaiveEntity, side: int) -> bool:
 
 
 def respawn_items(world: World) -> None:
-    """Boxes broken in the tick before lie where they stood, as items."""
+    """Turn boxes that broke in the tick before into items, where they stood."""
     for box in world.of("box"):
         if box.broken:
             item = world.of("box_item")[box.index]
@@ -82,7 +82,7 @@ def respawn_items(world: World) -> None:
 
 
 def use(world: World, actions: Actions) -> None:
-    """The last item of the bag: a heal heals, a box item sets up its box ahead of the user."""
+    """Let agents use the last item of their bags: a heal heals, a box item sets up its box ahead of the user."""
     for agent in world.live("agent"):
         if not actions[agent.index]["use"] or not agent.bag:
             continue
@@ -105,7 +105,7 @@ def use(world: World, actions: Actions) -> None:
 
 
 def give(world: World, actions: Actions) -> None:
-    """All agents choose takers, then the last items change hands in order; a full taker takes nothing."""
+    """Let all agents choose takers; then the last items change hands, in order. A full taker takes nothing."""
     givers = [
         a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_last_passes_on"])
     ]
@@ -116,14 +116,14 @@ def give(world: World, actions: Actions) -> None:
 
 
 def slots(world: World, agent: NaiveEntity) -> int:
-    """How many items fit into its bag."""
+    """How many items fit into an agent's bag."""
     numbers = world.own(agent)
     found: int = numbers["inventory_capacity"] or numbers["inventory_slots"]
     return found
 
 
 def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
-    """The nearest suitable agent; or the nearest body of any kind, if that is one."""
+    """The nearest suitable agent; or, by the other rule, the nearest body of any kind if that is a suitable agent."""
 
     def suits(entity: NaiveEntity) -> bool:
         return entity.kind == "agent" and (not world.teams or entity.side == giver.side)
@@ -142,7 +142,7 @@ def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
 
 
 def melee(world: World, actions: Actions) -> None:
-    """All look first, then all strike, in order. After a strike that met something the weapon rests."""
+    """Let all agents look first, and then all strike, in order. After a strike that met something, the weapon rests."""
     blows = []
     for agent in world.of("agent"):
         if agent.wait > 0:
@@ -150,7 +150,7 @@ def melee(world: World, actions: Actions) -> None:
         elif agent.here and actions[agent.index]["attack"]:
             strike = ahead(agent, world.own(agent)["melee_reach"])
             target = first_on_ray((agent.x, agent.y), strike, in_the_way(world, agent))
-            if target:  # which a wall inside of the room may hide
+            if target:  # a wall inside of the room may be in the way
                 target = first_on_ray((agent.x, agent.y), strike, [target, *world.live("inner_wall")])
                 agent.wait = world.own(agent)["melee_cooldown"]
                 blows.append((agent, target))
@@ -160,7 +160,7 @@ def melee(world: World, actions: Actions) -> None:
 
 
 def in_the_way(world: World, agent: NaiveEntity) -> list[NaiveEntity]:
-    """What can stop the melee of `agent`: everything, or if it is not blocked, what it can hurt."""
+    """What can stop the melee of `agent`: everything or, if melee is not blocked, only what it can hurt."""
     others = [entity for entity in world.entities if entity.here and entity is not agent]
     if world.numbers["melee_blocked"]:
         return others
@@ -168,7 +168,10 @@ def in_the_way(world: World, agent: NaiveEntity) -> list[NaiveEntity]:
 
 
 def break_boxes(world: World) -> None:
-    """Who breaks a box first owns it. One that was set up in this tick may not be harmed yet."""
+    """Break boxes without health; the side that first breaks a box owns it.
+
+    A box that was set up in this tick is not harmed yet, if boxes settle.
+    """
     used = [world.entities[row] for row in world.used]
     new = [item.index for item in used if item.kind == "box_item"]
     for box in world.live("box"):
@@ -181,7 +184,7 @@ def break_boxes(world: World) -> None:
 
 
 def die(world: World, fall: Fall) -> None:
-    """Agents without health are gone. Their items fall, the last one first."""
+    """Remove agents without health. Their items fall, the last one first."""
     for agent in world.live("agent"):
         if agent.health > 0:
             continue
@@ -195,7 +198,7 @@ def die(world: World, fall: Fall) -> None:
 
 
 def pick_up(world: World) -> None:
-    """All agents take what is in reach, while there is room."""
+    """Let all agents take what is in reach, while their bags have room."""
     fallen = [row for row, _ in world.fallen]
     for agent in world.live("agent"):
         for item in world.live("box_item", "heal"):
@@ -222,7 +225,7 @@ def zone_at(world: World, tick: int) -> list[float]:
 
 
 def zone_damage(world: World) -> None:
-    """Agents outside of the zone as it was a tick ago lose health; in the void phase all are outside."""
+    """Hurt agents outside of the zone as it was a tick ago; in the void phase, all are outside."""
     x, y, radius = zone_at(world, world.tick - 1)[:3]
     for agent in world.live("agent"):
         if radius == 0 or not within(math.dist((agent.x, agent.y), (x, y)), radius):
@@ -230,7 +233,7 @@ def zone_damage(world: World) -> None:
 
 
 def tick(world: World, actions: Actions, move: Move, fall: Fall, see: Callable[[World], list[set[int]]]) -> World:
-    """What comes out of `world` by one step, in the order of section 2 of the rules."""
+    """The world that comes out of `world` by one step, in the order of section 2 of the rules."""
     world = world.copy()
     world.tick += 1
     world.deaths, world.used, world.fallen = [], [], []

@@ -12,7 +12,7 @@ STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
 
 
 def see(world: World) -> list[set[int]]:
-    """By agent: the rows that its camera sees. The dead see nothing."""
+    """For each agent, the rows that its camera sees. Dead agents see nothing."""
     here = [entity for entity in world.entities if entity.here]
     eyes = [me if me.here else None for me in world.of("agent")]
     return [
@@ -21,7 +21,7 @@ def see(world: World) -> list[set[int]]:
 
 
 def sees(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
-    """Whether its centre is in the cone, and nothing is nearer on the ray to it."""
+    """Whether the entity's centre is in the cone, and nothing is nearer on the ray to it."""
     fov, depth = world.own(me)["cameras_fov"], world.own(me)["cameras_depth"]
     cone = in_kite if world.numbers["cameras_cone"] == "kite" else in_sector
     place, eye = (entity.x, entity.y), (me.x, me.y)
@@ -53,7 +53,7 @@ def agent_row(world: World, agent: NaiveEntity) -> list[float]:
 def corners(world: World, index: int, copied: bool) -> list[float]:
     """Vertices of box `index` as if centred at the origin, counter-clockwise from the lower left.
 
-    copied: it is not what stood there at reset; in the paper's runs the first corner then comes last.
+    copied: Whether it is not the box that stood there at reset; in the paper's runs, the first corner then comes last.
     """
     x, y = world.of("box")[index].half_width, world.of("box")[index].half_height
     vertices = [(-x, -y), (x, -y), (x, y), (-x, y)]
@@ -63,7 +63,7 @@ def corners(world: World, index: int, copied: bool) -> list[float]:
 
 
 def entity_row(world: World, entity: NaiveEntity) -> list[float]:
-    """Its row in the observation, as it truly is."""
+    """The row of an entity in observations, whether it is seen or not."""
     if entity.kind == "agent":
         return agent_row(world, entity)
     if entity.kind == "heal":
@@ -96,7 +96,7 @@ def observe(world: World, i: int) -> dict[str, Any]:
 
 
 def is_masked_in(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
-    """The mask: a living agent observes what exists, and what its camera sees if that counts."""
+    """The mask: a living agent observes all that exists if it is omniscient, else only what its camera sees."""
     if not me.here or not entity.here:
         return False
     return world.numbers["cameras_mode"] == "omniscient" or entity.row in world.seen[me.index]
@@ -114,7 +114,7 @@ def killed(world: World, side: int) -> int:
 
 
 def reward(world: World, i: int) -> float:
-    """Of agent `i` for this tick: its side's (paper, section 3.5)."""
+    """The reward of agent `i` for this tick, which is that of its side (paper, section 3.5)."""
     side, own = world.of("agent")[i].side, world.own(world.of("agent")[i])
     pay = {name.removeprefix("rewards_"): value for name, value in own.items() if name.startswith("rewards_")}
     total = pay["alive"] if alive(world, side) else pay["dead"]
@@ -130,14 +130,14 @@ def reward(world: World, i: int) -> float:
 
 
 def end(world: World) -> tuple[bool, bool]:
-    """Terminated, truncated."""
+    """Whether the episode is terminated, and whether it is truncated."""
     standing = sum(alive(world, side) > 0 for side in range(world.sides))
     done = standing <= {"all dead": 0, "last alive": 1}[world.numbers["ending_rule"]]
     return done, not done and 0 < world.numbers["ending_limit"] <= world.tick
 
 
 def statistics(world: World, before: dict[str, Any]) -> dict[str, Any]:
-    """Of the episode so far, `before` being those of the tick before; items count as they are used."""
+    """The statistics of the episode so far. before: Those of the tick before; the use of items is counted in `use`."""
     damage_types = [damage_type for _, damage_type, _ in world.deaths]
     return {
         "length": world.tick,
@@ -150,7 +150,7 @@ def statistics(world: World, before: dict[str, Any]) -> dict[str, Any]:
 
 
 def free_motion(agent: NaiveEntity, push: dict[str, int], numbers: dict[str, Any]) -> list[float]:
-    """x, y, angle, vx, vy, omega after a tick in open space: a push, then substeps of damping and drifting."""
+    """x, y, angle, vx, vy, omega after a tick in open space: the push of the motors, and substeps of damped motion."""
     mass = math.pi * numbers["agents_radius"] ** 2 * numbers["agents_density"]
     inertia = mass * numbers["agents_radius"] ** 2 / 2
     force = complex(numbers["motors_ahead"] * push["ahead"], numbers["motors_left"] * push["left"])

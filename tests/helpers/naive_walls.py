@@ -30,7 +30,7 @@ class Block(NamedTuple):
 
 
 def blocks(worlds: Worlds, w: int, *components: type[Any]) -> list[Block]:
-    """The bodies of a world that are there and have these components: walls, if none are named."""
+    """The bodies that are there in world `w` and have these components; walls, if none are named."""
     body, shape, alive = worlds[Body], worlds[Shape], worlds[Entity].alive[w]
     columns = (body.x, body.y, body.angle, shape.half_width, shape.half_height, shape.radius)
     rows = [e for e in worlds.layout.rows(*(components or (Wall,))) if alive[e]]
@@ -38,7 +38,7 @@ def blocks(worlds: Worlds, w: int, *components: type[Any]) -> list[Block]:
 
 
 def obstacles(worlds: Worlds, w: int) -> list[Block]:
-    """What stands where it is for all of the episode: the room's own walls and those inside."""
+    """What stays in its place for the whole episode: the room's own walls, and those inside."""
     spawned = {*blocks(worlds, w, Spawned)}
     return [block for block in blocks(worlds, w, Solid) if block not in spawned]
 
@@ -65,14 +65,14 @@ def rim(block: Block, step: float = 0.02) -> Array:
 
 
 def overlap(one: Block, two: Block) -> bool:
-    """Whether two bodies do: a point on the rim, or the middle, of one is in the other."""
+    """Whether two bodies overlap: a point on the rim of one, or its middle, is in the other."""
     return any(
         bool((signed_distance(a, (points := rim(b)).real, points.imag) < 0).any()) for a, b in ((one, two), (two, one))
     )
 
 
 def free_parts(worlds: Worlds, w: int, radius: float, step: float = 0.05) -> list[int]:
-    """How many points of a lattice are in each part of the floor that a disc can roam, the largest first."""
+    """How many points of a lattice are in each connected part of the floor that a disc can roam, the largest first."""
     sides = worlds[Floor].size[w]
     xs, ys = (np.arange(-side / 2, side / 2, step) for side in (sides[0], sides[-1]))
     free = np.ones((len(xs), len(ys)), bool)
@@ -92,9 +92,9 @@ def free_parts(worlds: Worlds, w: int, radius: float, step: float = 0.05) -> lis
 
 
 def _swept(part: Array, free: Array) -> Array:
-    """All free points of the lines (rows) of free points in which some belong to the part."""
+    """All points of those runs of free points, along rows, in which some point belongs to the part."""
     starts = np.diff(free, axis=1, prepend=False) & free
-    line = np.cumsum(starts.ravel()).reshape(free.shape)  # by number, from 1 on
+    line = np.cumsum(starts.ravel()).reshape(free.shape)  # the number of each point's run, from 1 on
     chosen = np.zeros(int(line.max()) + 1, bool)
     chosen[line[part]] = True
     swept: Array = chosen[line] & free
@@ -102,9 +102,9 @@ def _swept(part: Array, free: Array) -> Array:
 
 
 def depth_in_walls(worlds: Worlds) -> tuple[Array, Array]:
-    """How deep the centres of moving bodies are in walls, and their rims: metres (worlds,), the most of each world.
+    """How deep the centres of moving bodies, and their rims, are in walls: metres (worlds,), the deepest of each world.
 
-    Without the walls of the room. Of rectangles, the circle inside of them counts as their rim.
+    The walls of the room do not count. The rim of a rectangle is taken to be the circle inside of it.
     """
     body, shape, alive, solid = worlds[Body], worlds[Shape], worlds[Entity].alive, worlds[Solid]
     moving = [e for e in worlds.layout.rows(Solid) if solid.dynamic[0, e]]

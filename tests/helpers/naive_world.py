@@ -11,7 +11,7 @@ from outlast.components import (  # isort: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
-TOLERANCE = 2e-5  # metres, radians, shares: what float32 may lose in a room of 25 metres
+TOLERANCE = 2e-5  # what float32 may lose of metres, radians and shares in a room of 25 metres
 
 
 class Loss(NamedTuple):
@@ -41,7 +41,7 @@ class NaiveEntity:
     radius: float
     half_width: float
     half_height: float
-    health: int | None = None  # None: has none
+    health: int | None = None  # None: it has no health
     damage_type: int = -1
     source: int = -1
     losses: list[Loss] = field(default_factory=list)
@@ -56,7 +56,7 @@ class NaiveEntity:
 
 @dataclass
 class World:
-    """One world. statistics: of the episode so far; deaths: (agent, damage type, side) of this tick."""
+    """One world. statistics: Those of the episode so far. deaths: (agent, damage type, side) of each in this tick."""
 
     entities: list[NaiveEntity]
     tick: int
@@ -154,7 +154,7 @@ def _rows(table: Any, w: int) -> dict[str, list[Any]]:
 
 
 def _past(entity: NaiveEntity, fatal_tick: int) -> list[Loss]:
-    """What must have happened to it: the blow that brought it to 0 or below, or the last one before."""
+    """What must have happened to it: the blow that brought its health to 0 or below, else its last blow."""
     kind, side, points = entity.damage_type, entity.source, entity.health
     if points <= 0:
         return [Loss(fatal_tick, kind, side, 1, points)]

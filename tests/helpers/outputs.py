@@ -1,4 +1,4 @@
-"""What is in the files and summaries that outlast makes."""
+"""Reads the files and summaries that outlast makes."""
 
 import csv
 from pathlib import Path
@@ -11,7 +11,7 @@ from outlast.envs.rollout.summary import Summary
 
 
 def pictures(folder: Path) -> np.ndarray[Any, Any]:
-    """The frames of a film that is a folder, RGB."""
+    """The frames, in RGB, of a film that was written as a folder of pictures."""
     return np.array([cv2.imread(str(file))[..., ::-1] for file in sorted(folder.glob("frame_*.png"))])
 
 

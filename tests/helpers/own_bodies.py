@@ -1,4 +1,4 @@
-"""A mechanic with items and bodies that outlast's own layers do not know."""
+"""A mechanic with items and bodies that outlast's own layers of pictures do not know."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Games with random levels, and what must hold in all of them, for many worlds at once; float64.
 
-Kinds of games differ in mechanics, and so in compiled code; their numbers are functions of a generator's state.
+Kinds of games differ in mechanics, and so in compiled code; their numbers are drawn from a generator.
 """
 
 from typing import Any
@@ -29,13 +29,13 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.helpers.naive_walls import free_parts
 
 Array = np.ndarray[Any, Any]
-SLOP = 0.02  # metres: what Box2D lets bodies overlap, and what it is late by
-NO_ROOM = ("wide, and agents", "do not fit", "must stay", "free place")  # for passages, or for the bodies
+SLOP = 0.02  # metres by which Box2D lets bodies overlap, also as it pushes them apart late
+NO_ROOM = ("wide, and agents", "do not fit", "must stay", "free place")  # in errors about passages or bodies: no room
 BLOCKS = 8  # rectangles of a random floor plan
 
 
 def scenario(kind: str, rng: np.random.Generator) -> Scenario:
-    """A random game of one of KINDS, such that worlds of it can be."""
+    """A random game of one of KINDS of which worlds can be made."""
     while True:
         found = KINDS[kind](rng)
         try:
@@ -57,7 +57,7 @@ def _range(rng: np.random.Generator, low: float, high: float) -> Any:
 
 
 def _game(name: str, rng: np.random.Generator, **numbers: Any) -> Scenario:
-    """In a room of some rectangle, with other counts in each world, and other lengths of episodes."""
+    """A variant in a room of random width and height; counts and lengths of episodes vary from world to world."""
     width, height = _between(rng, 16, 40), _between(rng, 14, 28)
     half = min(width, height) / 2
     return (
@@ -121,7 +121,7 @@ def _pillars(rng: np.random.Generator) -> Scenario:
 
 
 def _plans(rng: np.random.Generator) -> Scenario:
-    """Blocks anywhere, also across each other, and a start area for each team."""
+    """Games with blocks anywhere, even across each other, and a start area for each team."""
     game = _game("teams_4", rng, ending_rule="never", ending_limit=60)
     width, height = game.numbers()["room_width"], game.numbers()["room_height"]
 
@@ -148,7 +148,7 @@ class LevelChecker:
     """What must hold in random levels, checked in all worlds after each reset and step.
 
     Attributes:
-        floors: Of how many more worlds it is to be found out whether all of the floor can be reached.
+        floors: For how many more worlds to find out whether all of the floor can be reached.
         resets: Episodes whose start was checked.
         returns: Agents that came back.
         deep: Ticks of agents that were deeper than SLOP in a block, or in a wall of the room.
@@ -163,7 +163,7 @@ class LevelChecker:
         self.fixed = np.setdiff1d(rows(Solid), self.spawned)
 
     def check(self, rewards: Array | None = None) -> None:
-        """After a step, or after a reset, of which there are no rewards."""
+        """Check after a step, or after a reset, which has no rewards."""
         started = np.flatnonzero(self.env.worlds[Clock].tick[:, 0] == 0)
         if started.size:
             self._starts_are_free(started)
@@ -176,7 +176,7 @@ class LevelChecker:
         self.resets += started.size
         bodies = [e for e in self.spawned if worlds[Entity].alive[started, e].any()]
         gaps = gap(worlds, started, bodies, [*self.fixed, *bodies])
-        gaps[:, np.arange(len(bodies)), len(self.fixed) + np.arange(len(bodies))] = np.inf  # to itself
+        gaps[:, np.arange(len(bodies)), len(self.fixed) + np.arange(len(bodies))] = np.inf  # from each body to itself
         assert gaps.min(initial=np.inf) > 0.02 - 1e-3, np.unravel_index(gaps.argmin(), gaps.shape)
         present = worlds[Entity].identity >= 0
         agents = present[started][:, self.agents]
@@ -192,7 +192,7 @@ class LevelChecker:
         alive = worlds[Entity].alive[:, self.agents].astype(bool)
         radius = worlds[Shape].radius[:, self.agents].astype(float)
         assert np.isfinite(worlds[Body].x[:, self.agents][alive]).all()
-        gaps = gap(worlds, everywhere, self.agents, self.fixed)  # inf: of the dead
+        gaps = gap(worlds, everywhere, self.agents, self.fixed)  # inf for dead agents
         blocks = gaps[..., np.isin(self.fixed, self.blocks)].min(2, initial=np.inf)
         assert (blocks + radius > 0).all(), "the centre of an agent is in a block"
         for place, side in zip((worlds[Body].x, worlds[Body].y), sides_of(worlds), strict=True):
@@ -221,7 +221,7 @@ class LevelChecker:
             assert not rewards[absent[:, self.agents]].any()
 
     def _returned_touch_nothing(self) -> None:
-        """Before anybody moved; boxes that were set up in the same tick came later."""
+        """This must hold before anything moved; boxes that were set up in the same tick came later and do not count."""
         if Return not in self.env.worlds:
             return
         worlds, back, placed = self.env.worlds, self.env.worlds.entries(Respawned), self.env.worlds.entries(BoxPlaced)
@@ -234,7 +234,7 @@ class LevelChecker:
 
 
 def sides_of(worlds: Worlds) -> tuple[float, float]:
-    """Metres, width and height of the room."""
+    """Width and height of the room, in metres."""
     room = next(module for module in worlds.modules if isinstance(module, systems.Room))
     return room.sides()
 
@@ -247,7 +247,7 @@ def gap(worlds: Worlds, where: Array, first: Any, second: Any, before: Any = Non
         where: int (n,), which of them.
         first: Rows of some bodies.
         second: Rows of others.
-        before: The table of Before, for where bodies that can move were before they did.
+        before: The table of Before, to take bodies that can move where they were before they did.
 
     Returns:
         float64 (n, first, second); inf where one of the two is not there.
@@ -264,7 +264,7 @@ def gap(worlds: Worlds, where: Array, first: Any, second: Any, before: Any = Non
 
 
 def _bodies(worlds: Worlds, where: Array, rows: Any, axis: int, before: Any) -> dict[str, Array]:
-    """Columns of bodies, (worlds, rows), with an axis of length 1 for the others."""
+    """Columns of bodies, (worlds, rows), with an axis of length 1 at `axis` for the other bodies."""
     at, body, shape = np.ix_(where, np.asarray(rows, int)), worlds[Body], worlds[Shape]
     x, y = body.x[at], body.y[at]
     if before is not None:
@@ -281,7 +281,7 @@ def _bodies(worlds: Worlds, where: Array, rows: Any, axis: int, before: Any) -> 
 
 
 def _outside(rectangle: dict[str, Array], away: Array) -> Array:
-    """From the rim of rectangles to points, which are `away` from their middles; below 0 inside."""
+    """Metres from the rims of rectangles to points that are `away` from their middles; below 0 inside."""
     local = away * rectangle["turn"].conj()
     beside, above = abs(local.real) - rectangle["wide"], abs(local.imag) - rectangle["high"]
     far = np.hypot(np.maximum(beside, 0), np.maximum(above, 0))

@@ -1,4 +1,4 @@
-"""Random worlds for the naive forms, in states that play could reach, some only just; and ticks played from them."""
+"""Random worlds for the naive forms, in states that play could reach, if only barely; and ticks played from them."""
 
 import functools
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ COUNT = scaled(160, least=40)  # worlds of each kind
 TICKS = 3  # played from each random state
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 
-# As in the paper's runs; and as in its text, which are the defaults of the mechanics. Neither compiles anything anew.
+# Numbers as in the paper's runs, and as in its text, which are the mechanics' defaults. Neither compiles anything anew.
 RUNS = {"agents_count": 5, "boxes_count": 6, "heals_count": 9, "rewards_kill": 100.0, "rewards_death": -100.0}
 TEXT = RUNS | {
     "melee_blocked": False, "melee_damage": 20, "melee_cooldown": 2, "give_last_nearest": "suitable",
@@ -94,7 +94,7 @@ class Played:
 
 @functools.cache
 def play(kind: str) -> tuple[Played, ...]:
-    """Ticks from random worlds of one of KINDS, in which rounding does not decide."""
+    """Play ticks from random worlds of one of KINDS, and keep those in which rounding does not decide."""
     variant, numbers, *others = KINDS[kind]
     scenario = outlast.variant(variant).replace(**numbers).with_(*others)
     if roles := ROLES.get(kind):
@@ -152,7 +152,7 @@ def _ended(env: SurvivalVectorEnv, w: int) -> tuple[bool, bool]:
 
 
 def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
-    """Any time of day; bodies crowded somewhere, some at the very same place; any health; items anywhere."""
+    """Set any tick; crowd bodies somewhere, some at the very same place; give them any health; put items anywhere."""
     tables, agents = env.worlds, range(env.num_agents)
     alive = tables[Entity].alive[w]
     tables[Clock].tick[w] = time = rng.choice(TURNING_POINTS) if rng.random() < 0.5 else rng.integers(1700)
@@ -180,7 +180,7 @@ def _scatter_bodies(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) ->
     if rng.random() < 0.3:  # some at the very same place
         place[rng.integers(count, size=count // 3)] = place[rng.integers(count)]
     walls = blocks(env.worlds, w) if Wall in env.worlds else []
-    for k in range(count):  # nobody is in a wall, nor gets there
+    for k in range(count):  # so that nothing is in a wall, or gets into one
         while any(signed_distance(wall, *place[k]) < 0.6 for wall in walls):
             place[k] = rng.uniform(-11.5, 11.5, 2)
     body.x[w, :count], body.y[w, :count] = place.T
@@ -192,7 +192,7 @@ def _scatter_bodies(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) ->
 
 
 def _scatter_items(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
-    """Each item on the ground, in a bag or gone; each box standing, just broken, or an item."""
+    """Put each item on the ground or into a bag, or remove it; let each box stand, be just broken, or be an item."""
     tables = env.worlds
     alive, bag, slots = tables[Entity].alive[w], tables[Bag], env.scenario.numbers()["inventory_slots"]
     living = [i for i in range(env.num_agents) if alive[i]]

@@ -1,4 +1,4 @@
-"""A policy with a memory, for tests of where it is told that episodes begin."""
+"""A policy with a memory, for tests that it is told where episodes begin."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ Array = np.ndarray[Any, Any]
 
 
 class Remembering:
-    """Counts its calls since the episode of each world began, from 0 on, and acts by that number and its agents' ids.
+    """Counts its calls since each world's episode began, from 0 on, and acts by this count and its agents' ids.
 
-    told: what `reset` got, call by call.
+    told: What `reset` got, call by call.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Updates by Stable-Baselines3's PPO.train, from a rollout of ours."""
+"""Updates by Stable-Baselines3's PPO.train from a rollout of ours, to compare ours with."""
 
 import copy
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from outlast.training.rollout import Rollout
 
 
 class PlainPolicy(torch.nn.Module):
-    """A copy of a policy as Stable-Baselines3 asks for it: a PyTorch distribution of each action's own logits."""
+    """A copy of a policy in Stable-Baselines3's form: a PyTorch distribution of each action's own logits."""
 
     def __init__(self, policy: ActorCritic, sizes: list[int], learning_rate: float) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class PlainPolicy(torch.nn.Module):
 
 
 class SameMinibatches(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
-    """The samples of a rollout, in minibatches as a learner that is about to update makes them."""
+    """The samples of a rollout, in the minibatches that the learner will make in its next update."""
 
     def __init__(self, rollout: Rollout, learner: Learner, sizes: list[int]) -> None:
         steps, agents = rollout.values.shape
@@ -60,7 +60,7 @@ class SameMinibatches(RolloutBuffer):  # type: ignore[misc]  # mypy does not fol
 
 
 def update(learner: Learner, rollout: Rollout, sizes: list[int]) -> tuple[ActorCritic, dict[str, float]]:
-    """What Stable-Baselines3 makes of a learner's policy, and what it logs. The learner stays as it is."""
+    """The learner's policy after an update by Stable-Baselines3, and what that logs. The learner stays as it is."""
     numbers = learner.numbers
     model = PPO(
         ActorCriticPolicy,

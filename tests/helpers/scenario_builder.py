@@ -1,4 +1,4 @@
-"""One world of a variant, emptied, in which tests place agents and items and give agents their actions."""
+"""One emptied world of a variant, in which tests place agents and items and give agents their actions."""
 
 import functools
 import math
@@ -22,7 +22,7 @@ def _environment(variant: str, numbers: frozenset[tuple[str, Any]]) -> SurvivalV
 
 
 class ScenarioBuilder:
-    """Agents idle in the corners; heals and boxes are nowhere until they are put somewhere."""
+    """A world whose agents idle in the corners; heals and boxes are nowhere until they are put somewhere."""
 
     def __init__(self, variant: str = "ffa_4", **numbers: Any) -> None:
         numbers = {"n_heals": 6} | ({"n_boxes": 2} if "boxes" in outlast.variant(variant) else {}) | numbers
@@ -46,7 +46,7 @@ class ScenarioBuilder:
     def put(
         self, kind: str, index: int, x: float, y: float, angle: float = 0.0, size: tuple[float, float] = (1, 1)
     ) -> None:
-        """Set it down there, at rest; `size` is that of a box."""
+        """Put an agent, an item or a box there, at rest; `size` is that of a box."""
         row, body, shape = self.row(kind, index), self.column(Body), self.column(Shape)
         body.x[0, row], body.y[0, row], body.angle[0, row] = x, y, angle
         body.cosine[0, row], body.sine[0, row] = np.cos(np.float32(angle)), np.sin(np.float32(angle))
@@ -57,7 +57,7 @@ class ScenarioBuilder:
         self.column(Entity).alive[0, row] = 1
 
     def hand(self, agent: int, kind: str, index: int) -> None:
-        """Put an item into a bag, last."""
+        """Put an item into an agent's bag, as the last one."""
         bag, row = self.column(Bag), self.row(kind, index)
         bag.items[0, agent, bag.count[0, agent]] = row
         bag.count[0, agent] += 1
@@ -65,11 +65,11 @@ class ScenarioBuilder:
         self.column(Entity).alive[0, row] = 0
 
     def wound(self, agent: int, points: int) -> None:
-        """Leave it with so many hit points."""
+        """Leave an agent with `points` hit points."""
         self.column(Health).points[0, agent] = points
 
     def step(self, acts: dict[int, str] | None = None, times: int = 1) -> "ScenarioBuilder":
-        """So many ticks in which agents do what `acts` says, as in {0: "ahead attack"}, and else idle."""
+        """Step `times` ticks, in which agents do what `acts` says, as in {0: "ahead attack"}, and all others idle."""
         actions = np.tile(np.array(IDLE), (1, self.env.num_agents, 1))
         for agent, words in (acts or {}).items():
             for word in words.split():
@@ -81,7 +81,7 @@ class ScenarioBuilder:
         return self
 
     def state(self, agent: int) -> list[float]:
-        """x, y, angle, vx, vy, omega."""
+        """x, y, angle, vx, vy, omega of an agent."""
         return [float(column[0, agent]) for column in (*self.column(Body)[:3], *self.column(Body)[5:])]
 
     def health(self, agent: int) -> int:
@@ -95,16 +95,16 @@ class ScenarioBuilder:
         return float(self.column(Body).x[0, row]), float(self.column(Body).y[0, row])
 
     def bag(self, agent: int) -> list[int]:
-        """Rows of the items it carries, the last one last."""
+        """Rows of the items that an agent carries, in the order of the bag."""
         return self.column(Bag).items[0, agent, : self.column(Bag).count[0, agent]].tolist()
 
     def death(self, agent: int) -> tuple[str, int]:
-        """What killed it, and which side."""
+        """What killed an agent, and which side did."""
         death = self.column(Died)
         return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:
-        """The mask that it observes."""
+        """The mask of a key that an agent observes."""
         return self.observation[f"{key}_mask"][0, agent].astype(int).tolist()
 
     @property
@@ -121,14 +121,14 @@ class ScenarioBuilder:
 
 
 def duel(game: ScenarioBuilder, far: float = 2.0) -> ScenarioBuilder:
-    """Agent 0 stands at the origin and looks at agent 1, which looks back."""
+    """Put agent 0 at the origin, looking at agent 1, which looks back."""
     game.put("agent", 0, 0, 0)
     game.put("agent", 1, far, 0, math.pi)
     return game
 
 
 def mates(game: ScenarioBuilder) -> ScenarioBuilder:
-    """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
+    """Let two teams face each other: agents 0 and 1 on the left, 2 and 3 on the right."""
     for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
         game.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
     return game

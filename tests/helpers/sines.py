@@ -1,4 +1,4 @@
-"""Sines and cosines of the C library for kernels that run as Python: numpy's own differ in the last bit."""
+"""Sines and cosines of the C library, for kernels that run as Python: numpy's own differ in the last bit."""
 
 import ctypes
 import types
@@ -21,7 +21,7 @@ def _of_c(name: str) -> Callable[[Any], np.float32]:
 
 @contextmanager
 def sines_of_c() -> Iterator[None]:
-    """Within it, systems that run as Python have the sines that compiled ones have. Nothing may be compiled in it."""
+    """A context in which systems that run as Python have the sines of compiled ones. Nothing may be compiled in it."""
     numpy: Any = types.SimpleNamespace(**vars(np) | {"cos": _of_c("cosf"), "sin": _of_c("sinf")})
     try:
         for module in USERS:

@@ -8,7 +8,7 @@ ENTITIES = [("others", 1), ("heals", 15)]
 
 
 class Thinker:
-    """A policy that thinks something definite of each observation."""
+    """A policy whose thoughts are a simple function of each observation."""
 
     entities = ENTITIES
 
@@ -16,7 +16,7 @@ class Thinker:
         self.told: list[list[bool]] = []
 
     def check(self, env: Any) -> None:
-        """Fits everywhere."""
+        """Accept all worlds."""
 
     def explainer(self) -> "Thinker":
         return self

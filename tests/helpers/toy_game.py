@@ -202,7 +202,7 @@ GAME = (Walkers(), Food(), Weather())
 
 
 def system_of(function: Any, **options: Any) -> Module:
-    """A mechanic "local" that has this one system, in phase FEED."""
+    """A mechanic named "local" whose only system is this function, in phase FEED."""
 
     class Local(Toy):
         pass
@@ -214,7 +214,7 @@ def system_of(function: Any, **options: Any) -> Module:
 def make(
     *modules: Module, count: int = 4, threads: int = 1, seed: int = 0, first: int = 0, specialize: bool = False
 ) -> Worlds:
-    """Worlds of `modules` (all of them by default), seeded and reset."""
+    """Worlds of `modules` (those of GAME by default), seeded and reset."""
     worlds = Worlds(modules or GAME, count, threads, specialize=specialize)
     worlds.seed(np.full(count, seed), first + np.arange(count))
     run(worlds, RESET)
@@ -222,14 +222,14 @@ def make(
 
 
 def run(worlds: Worlds, *modes: Any) -> Worlds:
-    """A tick for each mode: SKIP, STEP or RESET for all worlds, or a list with one for each world."""
+    """Run a tick for each mode: SKIP, STEP or RESET for all worlds, or a list with one for each world."""
     for mode in modes:
         worlds.run(np.full(worlds.count, mode, np.int8) if np.ndim(mode) == 0 else np.array(mode, np.int8))
     return worlds
 
 
 def walked(worlds: Worlds, ticks: int, start: int = 0) -> Worlds:
-    """The same after ticks of random paces, that depend on the tick and on each world's number."""
+    """Run ticks with random paces, which depend on the tick and on each world's number."""
     numbers = worlds[Clock].world[:, 0].astype(int)
     for tick in range(start, start + ticks):
         worlds[Pace].pace[:] = np.random.default_rng(tick).integers(-1, 2, (1000, 3))[numbers]

@@ -1,4 +1,4 @@
-"""Small trainers, whose episodes end early in both ways, and what they collect."""
+"""Small trainers whose episodes are soon terminated or truncated, and what they collect."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,7 @@ SETTINGS = {"batch_size": 96, "n_epochs": 3}  # so that an update is quick
 
 
 def make(preset: str = "original", **options: Any) -> Trainer:
-    """A trainer of `SHORT`. options: of TrainingConfig, and other numbers of PPO than SETTINGS."""
+    """A trainer of `SHORT`. options: Those of TrainingConfig, and numbers of PPO to change or add to SETTINGS."""
     known = TrainingConfig.__dataclass_fields__.keys()
     given = {"scenario": SHORT, "worlds": WORLDS, "rollout": WORLDS * STEPS, "seed": 5, "preset": preset}
     given |= {name: value for name, value in options.items() if name in known}
@@ -27,24 +27,24 @@ def make(preset: str = "original", **options: Any) -> Trainer:
 
 
 def doubled(seen: Observed) -> Observed:
-    """The same in float64."""
+    """The same observations in float64."""
     if isinstance(seen, PaddedRows):
         return PaddedRows(seen.packed.double(), seen.layout)
     return Rows(seen.own.double(), seen.entities.double(), seen.count.clone())
 
 
 def in_float64(rollout: Rollout) -> Rollout:
-    """The same, so that what is made from it differs by less than the rounding of float32."""
+    """The same rollout in float64, so that results made from it differ by less than the rounding of float32."""
     names = ("log_probs", "values", "advantages")
     return replace(rollout, seen=doubled(rollout.seen), **{n: getattr(rollout, n).astype(np.float64) for n in names})
 
 
 def weights(policy: torch.nn.Module) -> torch.Tensor:
-    """A copy of all parameters, in a row."""
+    """A copy of all parameters, in one row."""
     return torch.nn.utils.parameters_to_vector(policy.parameters()).detach().clone()
 
 
 def nearly(one: Any, other: Any, tolerance: float = 1e-6) -> None:
-    """Tensors of two lists differ by no more than the tolerance, in their own size or in all."""
+    """Check that the tensors of two lists differ by no more than the tolerance, relative or absolute."""
     for value, expected in zip(one, other, strict=True):
         torch.testing.assert_close(value.detach().cpu(), expected.detach().cpu(), rtol=tolerance, atol=tolerance)
