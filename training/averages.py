@@ -40,10 +40,10 @@ class MovingAverage:
 
 
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
-    """Average the smoothed curves of the runs that have the tag; at least one must. Runs are interpolated.
+    """Average the smoothed curves of the runs that have the tag; at least one must have it.
 
-    common: take only the points from where all of these runs have begun to where the first one ends, so that the
-    average does not jump when a run drops out; there may be no such points.
+    Between its points, a run is interpolated. common: Take only the points from where all of these runs have begun to
+    where the first one ends, so that the average does not jump when a run drops out; there may be no such points.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))

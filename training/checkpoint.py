@@ -69,7 +69,7 @@ def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tup
 
 
 def policies_in(files: dict[str, bytes]) -> list[Any]:
-    """Return the weights of each policy in policy.pt, unchecked; there may be one or several. Raises TrainingError."""
+    """The weights of each policy in policy.pt, which holds those of one or a list; unchecked. Raises TrainingError."""
     found = load_tensors(files, "policy.pt")
     return found if isinstance(found, list) and found else [found]
 

@@ -26,7 +26,7 @@ class Collector:
 
     Attributes:
         lanes: The lanes of this process, in order of their worlds.
-        scale: The scale of rewards, those of all processes.
+        scale: The scale of rewards, computed from those of all processes.
     """
 
     def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:

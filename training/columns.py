@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Column(NamedTuple):
-    """A column: its unit ("" for counts), and what it is."""
+    """A column: its unit ("" for what is counted) and its meaning."""
 
     unit: str
     meaning: str

@@ -171,7 +171,7 @@ class TrainingConfig:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
 
     def check_teacher(self) -> None:
-        """Raise TrainingError if a run cannot begin by imitating the teacher; a resumed one need not ask."""
+        """Raise TrainingError if a run cannot begin by imitating the teacher; it can still go on from a checkpoint."""
         name, imitated = self.teacher
         if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
             raise TrainingError(
@@ -207,7 +207,7 @@ class TrainingConfig:
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        if not self.numbers.anneal_lr:  # then they decide no numbers, and the run may be made longer
+        if not self.numbers.anneal_lr:  # then the steps decide no numbers, and the run may be made longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
 

@@ -237,7 +237,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
     except Exception as error:
         if isinstance(error, TrainingError) and error.lost:
             raise SystemExit(LOST) from None
-        with contextlib.suppress(RuntimeError):  # the first process has ended
+        with contextlib.suppress(RuntimeError):  # if the first process has ended
             store.set(WRONG.format(rank), f"{error}" or type(error).__name__)
         raise SystemExit(1) from None
     finally:

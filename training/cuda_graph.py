@@ -29,7 +29,7 @@ class GraphedGradients:
     """The figures and gradients of minibatches of Rows, with a CUDA graph for each of their shapes.
 
     A minibatch takes about 250 kernels, and a GPU runs them in less time than a CPU needs to launch them. A graph is
-    launched as a whole, but its shapes are fixed. Few graphs are enough, as the lists of rows on a GPU are filled up.
+    launched as a whole, but its shapes are fixed. Few graphs are enough, as lists of rows are filled up to few lengths.
     Shapes that occur for the first time get no graph yet: making one takes longer than computing without it.
     """
 
@@ -42,8 +42,8 @@ class GraphedGradients:
         """Compute the figures and gradients of a minibatch. The next call overwrites the gradients.
 
         Args:
-            compute: The figures of a minibatch and the gradients of all parameters, always the same function; it must
-                not wait for the GPU.
+            compute: Computes the figures of a minibatch and the gradients of all parameters. It is always the same
+                function, and must not wait for the GPU.
             batch: The minibatch.
         """
         tensors = _tensors(batch)

@@ -63,7 +63,7 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
-WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: the share won of late; games in all; Elo
+WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: share of recent games won; games in all; Elo
 OWN = "rating/self"
 
 

@@ -12,12 +12,12 @@ from outlast.envs.cli.main import main
 def end_with_parent() -> None:
     """Interrupt this process, as Ctrl-C does, when the parent ends in whatever way: standard input, its pipe, closes.
 
-    SIGINT is handled again, since shells let background commands and their children ignore it: nobody could stop a run.
+    Shells let background commands and their children ignore SIGINT. It is handled again, or nobody could stop a run.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
-        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin.read would hold a lock, and Python abort at its end
+        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin.read would hold a lock that aborts Python's exit
             pass
         _thread.interrupt_main()
 

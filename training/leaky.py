@@ -39,7 +39,7 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
     width, heads = attention.embed_dim, attention.num_heads
     query, key, value = attention.in_proj_weight.view(3, heads, -1, width)
-    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's changes no attention
+    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's bias changes no attention
     queries = torch.cat([query, query_bias[:, :, None]], 2) * query.shape[1] ** -0.5
     to_keys = torch.bmm(key.transpose(1, 2), queries).view(heads * width, width + 1)  # the last column is the bias
     out = attention.out_proj

@@ -58,7 +58,7 @@ class Learner:
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
         self.parameters = list(self.trained.parameters())
-        graphed = device.type == "cuda" and self.crew.size == 1  # several shares seldom have one size
+        graphed = device.type == "cuda" and self.crew.size == 1  # shares of a minibatch seldom have the same size
         self.graphs = GraphedGradients(device) if graphed else None
         self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
         self.epochs = 0

@@ -150,7 +150,7 @@ class BehaviourMetrics:
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for each in (self._heals, self._reaches):
-            del each[: -len(living)]  # of rollouts whose tallies nobody asked for
+            del each[: -len(living)]  # steps of rollouts whose tallies nobody asked for
         reaches = np.stack(self._reaches) if self._reaches else None
         for name, (values, where) in self.quantities(own, actions, living, reaches).items():
             where = where & learns

@@ -36,7 +36,7 @@ class Extractor(nn.Module):
         widths = [kind.features for kind in layout.kinds]
         self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
         self.bias = nn.Parameter(torch.zeros(len(widths), width))
-        self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True)  # its parameters only
+        self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True)  # only its parameters are used
         self._constant("own_scale", torch.ones(layout.own))
         self._constant("scale", torch.ones(sum(widths), 1))
         self.set_scales(scales)

@@ -37,7 +37,7 @@ class Opponent:
     """An opponent that can be drawn.
 
     Attributes:
-        name: One of OPPONENTS, a path, or for a past self past@STEPS, with its agent-steps.
+        name: One of OPPONENTS, a path, or past@STEPS for a past self that was trained for so many agent-steps.
         weight: How often it is drawn, unless opponents are prioritised.
         policies: Those of a past self, one for each learner, or those of a file.
         packer: Packs observations for these policies; None: the learners' packer does.
@@ -178,7 +178,7 @@ class Opponents:
             ended.setdefault((step, index), []).append(won)
         for step, index in sorted(ended):
             each = ended[step, index]
-            self.record(index, math.fsum(each), len(each))  # an exact sum, the same in whatever order worlds are
+            self.record(index, math.fsum(each), len(each))  # an exact sum: it is the same in any order
 
     def record(self, index: int, won: float, games: int) -> None:
         """Record games against an opponent. won: The sum of how far each was won."""

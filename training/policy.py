@@ -64,7 +64,7 @@ class MultiCategorical(nn.Module):
 
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
         """Sample joint actions, int64 (batch, actions), by one uniform number for each action, (batch, actions)."""
-        below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
+        below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all probabilities below 1
         return (below <= uniform.T).sum(0).T
 
 

@@ -25,7 +25,7 @@ from .errors import TrainingError
 from .learner import Learner
 from .trainer import Trainer
 
-LAST = 2**53  # updates, which are counted in float32
+LAST = 2**53  # the most updates of an optimiser, which counts them in float32
 GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers that it draws at once
 WRONG = "rest.pt of the checkpoint is not what a run goes on with"
 

@@ -326,7 +326,7 @@ class TrainingRun:
 
 
 def _same_teacher(then: str, now: str) -> bool:
-    """Whether two warm starts name one file that was moved, or files of one run: they are over, so either will do."""
+    """Whether two warm starts name one file that was moved, or files of one run: it is over, so either will do."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
     moved = one.endswith(SAVED) and other.endswith(SAVED) and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

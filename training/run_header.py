@@ -16,7 +16,7 @@ from .presets import PRESETS
 
 NAME = "run.json"
 VERSION = 1
-MOST, FEW = 2**16, 256  # limits: of an agent's numbers observed, and of values of its actions; of its actions
+MOST, FEW = 2**16, 256  # at most: numbers that an agent observes, or values of its actions; its actions
 LONGEST = 2**20  # bytes of the file
 ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out if the run may be made longer
 TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files

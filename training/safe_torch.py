@@ -101,7 +101,7 @@ class _Machine:
         self.stack[-1].update(zip(pairs[::2], pairs[1::2], strict=True))
 
     def call(self) -> None:
-        """Call a name with arguments: it makes a tensor, or an empty dict. Attributes that torch keeps with it go."""
+        """Call a name with arguments: it makes a tensor, or an empty dict. A dict's attributes are left out."""
         name, arguments = self.last(2)
         if not isinstance(name, Name) or not isinstance(arguments, tuple) or name not in (TENSOR, DICT):
             raise TypeError("a call that tensors do not need")

@@ -20,7 +20,7 @@ from .errors import TrainingError
 Array = np.ndarray[Any, Any]
 Scores = Mapping[Any, Sequence[float] | Array]  # by task's name: (runs,) each; resampled (resamplings, runs)
 
-LEVEL = 0.95  # of intervals
+LEVEL = 0.95  # level of intervals
 REPS = 10_000  # resamplings: ends of intervals are then known to one or two hundredths of their width
 
 

@@ -151,7 +151,7 @@ class Trainer:
 
     def collect(self) -> Rollout:
         """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
-        self.played = self.steps  # when the numbers of this rollout were set
+        self.played = self.steps  # the agent-steps for which this rollout's numbers are set
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
@@ -257,8 +257,8 @@ class Trainer:
         """Let the policies learn to imitate the teacher, if the config names one, while they play as in the run.
 
         So they learn what the teacher would do in the situations that they get into, which are not the teacher's own
-        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. It leaves only the
-        optimisers as they were; learners and worlds have moved on. Games against opponents do not count.
+        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
+        optimisers are as they were; learners and worlds have moved on. Games against opponents do not count.
 
         Args:
             on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag.

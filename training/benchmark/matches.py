@@ -192,7 +192,7 @@ def _same(one: TickRecord, two: TickRecord) -> bool:
 def _worlds(
     game: Game, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
-    """The worlds of a match, which all policies can play in. recording: Of such worlds, has their cameras_mode."""
+    """The worlds of a match, which all policies can play in. recording: Of such worlds; it tells their cameras_mode."""
     if games % ROLES:
         raise TrainingError(f"games = {games}: an even number is needed, so that each policy plays each side as often")
     scenario = game.scenario if recording is None else recording.scenario

@@ -89,8 +89,8 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
 def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]]:
     """Choose agents and tasks for scores over tasks, so that each of these agents has played each of these tasks.
 
-    Of all such choices with several agents, it is the one with the most results; it has no tasks if no two agents share
-    any.
+    Of all such choices with several agents, the one with the most results is taken. If no two agents share a task,
+    there are no tasks.
 
     Args:
         played: The tasks of each agent.

@@ -21,8 +21,8 @@ from ..errors import TrainingError
 PROTOCOL = 1  # the version of what results hold and how they are made
 BUDGETS = {"10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track
 RESPONSE = 5_000_000  # agent-steps in which a best response is trained
-GAMES = 320  # of a match, each in a world of its own
-SEEDS = range(2**62, 2**62 + 64)  # of worlds in which agents are tested, one for each game of a task
+GAMES = 320  # games of a match, each in a world of its own
+SEEDS = range(2**62, 2**62 + 64)  # seeds of the worlds in which agents are tested, one for each game of a task
 LIDAR = Lidar(rays=16, depth=10.0)
 
 

@@ -56,8 +56,8 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
     """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
 
-    It is the rating under which the expected score of a player against all of its opponents is the score that it had.
-    It depends on nothing but these games, so it can be compared with ratings of other players against the same
+    A rating is the one under which a player's expected score against all of its opponents is the score that it had. It
+    depends on nothing but these games, so it can be compared with ratings of other players against the same
     opponents, whenever they play. As in `elo`, half a game won and half a game lost are added for each pair that has
     met: a player that wins (or loses) everything has a finite rating, a lower (upper) bound, with a large error.
 
@@ -71,7 +71,7 @@ def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Ar
         Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate; see `elo`.
 
     Raises:
-        TrainingError: Shapes do not fit, an entry is negative or not a number, or a player has met no opponent.
+        TrainingError: Shapes do not fit, numbers are negative or not finite, or a player has met no opponent.
     """
     wins, draws, losses, fixed = (np.asarray(each, np.float64) for each in (wins, draws, losses, fixed))
     _check_anchored(wins, draws, losses, fixed)
@@ -84,7 +84,7 @@ def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Ar
     for _ in range(MOST):
         chance = 1 / (1 + np.exp(anchors - odds[:, None]))
         curvature = (games * chance * (1 - chance)).sum(1)
-        step = ((score - games * chance).sum(1) / curvature).clip(-1, 1)  # far from the end it would overshoot
+        step = ((score - games * chance).sum(1) / curvature).clip(-1, 1)  # a longer step might overshoot
         odds = odds + step
         if np.abs(step).max() < SURE:
             break
@@ -105,13 +105,13 @@ def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> N
 
 
 def _fitted(games: Array, score: Array) -> Array:
-    """The log odds, of mean 0, under which all players have the scores that are expected, by Newton's method."""
+    """The log odds, of mean 0, under which all players' expected scores are those that they had: Newton's method."""
     odds: Array = np.zeros(games.shape[:-1])
     for _ in range(MOST):
         curvature = _laplacian(games * _slope(odds))
         rest = (score - games * _expected(odds)).sum(-1)
         step = (np.linalg.pinv(curvature, hermitian=True) @ rest[..., None])[..., 0]
-        step /= np.abs(step).max(-1, keepdims=True).clip(1.0)  # far from the end it would overshoot
+        step /= np.abs(step).max(-1, keepdims=True).clip(1.0)  # a longer step might overshoot
         odds = odds + step
         if np.abs(step).max() < SURE:
             break

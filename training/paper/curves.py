@@ -21,7 +21,7 @@ SEEN = (
     *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
     *(Quantity(name, f"rollout/{name}", sided=True) for name in ("damage_dealt", "strikes_landed", "heals_given")),
     Quantity("wins against scripted", "wins/scripted"),
-)  # of which the paper has no curves: by these, claims about behaviour and mended games are measured
+)  # the paper has no curves of these; claims about behaviour, and mended games, are measured by them
 
 
 def is_kept(tag: str) -> bool:

@@ -15,9 +15,9 @@ PAPER = "the paper"
 
 
 def side_by_side(groups: Sequence[RunGroup]) -> str:
-    """End values of every variant, of all presets beside each other, with 95 % intervals over seeds, in Markdown.
+    """End values of every variant, with all presets beside each other and 95 % intervals over seeds, in Markdown.
 
-    Sides are averaged; their kills are summed.
+    Values of sides are averaged; kills are summed.
     """
     presets = list(dict.fromkeys(group.preset for group in groups))
     cells: dict[tuple[str, str], dict[str, str]] = {}

@@ -93,7 +93,7 @@ def _curves(comparison: Comparison, group: Group) -> Iterator[tuple[Array, dict[
 
 
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
-    """Where the axis ends, what its values are divided by, and its label: so that its numbers are short."""
+    """Where the axis ends, what its values are divided by, so that its numbers are short, and its label."""
     if comparison.x == "steps":
         longest = float(max(run.steps for run in comparison.runs))
         units = STEPS

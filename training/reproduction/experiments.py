@@ -122,7 +122,7 @@ class Experiment:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What SECONDS knows its time by."""
+        """The key of its time in SECONDS."""
         return self.part, self.name, self.preset
 
 
@@ -154,7 +154,7 @@ def _mended() -> Iterator[Experiment]:
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
     """How long a run of each takes, on one core of the machine that SECONDS is from; and whether it was timed there.
 
-    If it was not, the mean over its preset, or over one with the same networks, is the guess.
+    If it was not, its time is guessed to be the mean over its preset, or over one with the same networks.
     """
     known = _timed()
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
