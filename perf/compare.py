@@ -4,12 +4,13 @@
 
 OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each checkout
 runs in a process of its own, with this Python and its libraries. Processes are started four times, because each keeps
-the luck that it has with its memory, and all run on one processor, because two processors of a machine can differ. With
---specialize, checkouts that know this option of make_vec use it; --variants also takes rows of perf.step. In every
-round, each checkout steps all worlds for over half a second, with random actions and copy=False; the order changes from
-round to round. The table has microseconds of CPU time a world-step (of wall time with several threads, which use all
-processors), the best of the rounds; `change` is the median of the ratios in single rounds, and the last column is their
-range: a change that lies within that range is no change. Comparing a checkout with itself shows the noise.
+the luck that it has with its memory; with one thread, all run on one processor, because two processors of a machine can
+differ. With --specialize, checkouts that know this option of make_vec use it; --variants also takes rows of perf.step.
+In every round, each checkout steps all worlds for over half a second, with random actions and copy=False; the order
+changes from round to round. The table has microseconds of CPU time a world-step (of wall time with several threads,
+which use all processors), the best of the rounds; `change` is the median of the ratios in single rounds, and the last
+column is their range: a change that lies within that range is no change. Comparing a checkout with itself shows the
+noise.
 """
 
 import os
