@@ -86,7 +86,7 @@ def side_by_side(
         cure: What is logged after Ctrl-C, as how to continue.
 
     Returns:
-        The exit status: 0 if all went well, 130 if they were stopped, otherwise the highest of the runs'.
+        The exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:

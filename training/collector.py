@@ -43,7 +43,7 @@ class Collector:
 
     @torch.inference_mode()
     def collect(self, policies: Sequence[ActorCritic], steps: int, begun: int) -> Rollout:
-        """Continue to play in the worlds, and keep what happens.
+        """Play on from where the worlds are, and keep what happens.
 
         Args:
             policies: The policies of the learners.

@@ -48,7 +48,7 @@ def parse_warm_start(text: str) -> tuple[str, int]:
         The name or the path, and the agent-steps of imitation; 0: the weights are taken.
 
     Raises:
-        TrainingError: There is no such policy, or the steps are not a whole number of at least 1.
+        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
     whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # as C:/runs is
     name, _, length = (text, "", "") if whole else text.rpartition(":")
@@ -71,8 +71,8 @@ class TrainingConfig:
     """What to train, and how.
 
     Attributes:
-        scenario: The scenario to play.
-        preset: Name of the networks; see PRESETS.
+        scenario: What is played.
+        preset: Name of the networks, see PRESETS.
         steps: Agent-steps to train for.
         seed: The same seed gives the same numbers.
         worlds: How many worlds share a rollout; 0: as the preset has it.

@@ -26,7 +26,7 @@ class Captured:
 
 
 class GraphedGradients:
-    """The figures and gradients of minibatches of Rows, with a CUDA graph for each of their shapes.
+    """The figures and gradients of minibatches of Rows: one CUDA graph for each of the shapes that they have.
 
     A minibatch takes about 250 kernels, and a GPU runs them in less time than a CPU needs to launch them. A graph is
     launched as a whole, but its shapes are fixed. Few graphs are enough, as lists of rows are filled up to few lengths.

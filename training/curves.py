@@ -91,15 +91,15 @@ class Logged:
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
-    """Return the curves in the log of a run.
+    """The curves in the log of a run.
 
     Args:
         path: log.csv of the run.
         known: Whether a tag must have finite numbers only, or the log is broken; other tags may have NaN.
 
     Raises:
-        EmptyRunError: None of the run's episodes has ended yet.
-        TrainingError: The file is not a log, or has numbers that cannot be drawn.
+        EmptyRunError: No episode has ended in it yet.
+        TrainingError: It is no log, or has numbers that cannot be drawn.
     """
     begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
     points = read_log(path) if begun else {}

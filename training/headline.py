@@ -10,7 +10,7 @@ from .columns import combinable
 
 @dataclass(frozen=True)
 class Figure:
-    """A number to watch.
+    """A number to look at.
 
     Attributes:
         group: What it is about, one of GROUPS.

@@ -28,7 +28,7 @@ class Hyperparameters:
         anneal_lr: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
         batch_size: About how many samples a minibatch has; the samples of a rollout are shared out evenly.
         n_epochs: How often every sample is used, at most.
-        gamma: Discount per step.
+        gamma: Discount of a step.
         gae_lambda: How far advantages look ahead, from 0 to 1.
         clip_range: How far the ratio of probabilities may move away from 1 before it is clipped.
         ent_coef: Weight of the entropy in the loss.

@@ -112,7 +112,7 @@ class Lane:
             seed: The seed of the run.
             dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death.
             state: Whether critics learn from the state of the worlds.
-            curriculum: The curriculum from which levels are drawn; None: worlds draw their own.
+            curriculum: What levels are drawn from; None: worlds draw their own.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []

@@ -20,7 +20,7 @@ from .rows import PaddedRows
 def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
     """The outputs of torch.nn.MultiheadAttention for embedded rows, averaged over all rows; hidden ones count as 0.
 
-    Rows are embedded with tanh. The padding row, after all others, is embedded as zeros and visible in every sample.
+    Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
     Args:

@@ -71,7 +71,7 @@ class Learner:
         Args:
             rollout: A rollout; some of its samples are this learner's.
             left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch of this update when it begins.
+            on_epoch: Called with the number of each epoch of this update as it begins.
 
         Returns:
             What is logged, by tag; nothing if fewer than two samples are this learner's.

@@ -14,7 +14,7 @@ TINY = 1e-8  # is added to the spread of advantages, which may be 0
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
-    """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
+    """Generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
 
     Args:
         rewards: float32 (steps, agents); where an episode was cut off, they include the value of what would have come.
@@ -66,7 +66,7 @@ def ppo_loss(
     weights: Tensor,
     numbers: Hyperparameters,
 ) -> Loss:
-    """Return the loss of a minibatch. All tensors are float32 (batch,).
+    """The loss of a minibatch. All tensors are float32 (batch,).
 
     Args:
         log_probs: Log-probabilities of the joint actions under the present policy.

@@ -32,7 +32,7 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """Return the means over the agents of each side, as roles may pay these differently.
+    """The means over the agents of each side, whom roles may pay differently.
 
     Args:
         values: (worlds, agents).
@@ -204,7 +204,7 @@ class BehaviourMetrics:
 
 
 class AgentMetrics:
-    """Sums over the current episode of every world, for each agent; make it when the worlds have been reset.
+    """Sums over the running episode of every world, for each agent; make it when the worlds have been reset.
 
     totals: float64 (worlds, agents) by name: life, the ticks to whose end the agent's side lived; deaths_TYPE;
     heals_given. rates: float64 (worlds, agents, 2) by name, those of BehaviourMetrics.quantities and heals_held: the

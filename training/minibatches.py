@@ -22,7 +22,7 @@ class Minibatch:
         log_probs: float32, log-probabilities of the actions when they were chosen.
         advantages: float32, normalised.
         returns: float32.
-        weights: float32, how much each sample counts; see loss.ppo_loss.
+        weights: float32, how much each sample counts, see loss.ppo_loss.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
         begins: bool (steps, agents), where episodes begin; None for policies without a memory.
     """

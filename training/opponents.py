@@ -84,7 +84,7 @@ class Opponent:
 
 
 class Opponents:
-    """The pool that opponents are drawn from, by index, with their ratings.
+    """The pool that opponents are drawn from, by index, and the ratings of all in it.
 
     Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
     as long as they play in some world.

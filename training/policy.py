@@ -107,13 +107,13 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Process one step of a batch of agents or, with a memory, several steps.
+        """Go through one step of a batch of agents or, with a memory, through several.
 
         Args:
             seen: What is observed: in several steps, what the same agents observe, step after step. It includes the
                 state of worlds if the critic learns from that.
             memory: float32 (agents, width), before the first step; None for a policy without a memory.
-            begins: bool (agents,) or (steps, agents): where episodes begin. There, memory is set to 0.
+            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
 
         Returns:
             Log probabilities of all values of all actions (values, actions, batch), values (batch,), and the memory
@@ -158,7 +158,7 @@ class ActorCritic(nn.Module):
         return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
     def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
-        """Become the same function of observations and state as another policy, whose inputs may have other scales.
+        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
 
         Raises RuntimeError, as load_state_dict does, if its networks differ.
 

@@ -81,7 +81,7 @@ class Preset:
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """Return the number of worlds of a rollout, and the environment steps of all of them together.
+        """How many worlds, and how many environment steps of all of them together a rollout has.
 
         Args:
             agents: How many agents a world has.
@@ -89,7 +89,7 @@ class Preset:
             rollout: Environment steps that are asked for; 0: as the preset has it.
 
         Raises:
-            TrainingError: The steps cannot be divided evenly among the worlds.
+            TrainingError: The worlds cannot share the steps evenly.
         """
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)

@@ -85,7 +85,7 @@ class RewardScale:
 
         Args:
             rewards: float32 (steps, agents).
-            ends: bool (steps, agents), whether the sum starts again after the step.
+            ends: bool (steps, agents), whether the sum begins anew after the step.
         """
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):

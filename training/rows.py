@@ -130,7 +130,7 @@ class Rows:
 
 
 class PaddedRows:
-    """What a batch of agents observes, with a row for each possible entity, seen or not.
+    """What a batch of agents observes, with a row for each entity that there may be, seen or not.
 
     Attributes:
         packed: float32 (batch, layout.size).

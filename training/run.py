@@ -140,13 +140,13 @@ class TrainingRun:
 
     @one_interrupt()
     def train(self, progress: Progress = lambda run: None) -> None:
-        """Train up to the steps of the config. Ctrl-C saves the state after the last update, and is then raised.
+        """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
 
         Args:
             progress: Called after each update, and when each of its epochs begins, as the first updates take minutes.
 
         Raises:
-            TrainingError: The disk is full, or a process is lost; the run in the folder can be resumed.
+            TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
         """
         kept = None
         try:

@@ -1,4 +1,4 @@
-"""A safe reader for files of torch.save: it executes nothing, and makes nothing that is larger than the file.
+"""Safe reader for files of torch.save: nothing is executed, and nothing is made that is larger than the file.
 
 Such a file is a zip file with the bytes of each storage, and a pickle that describes what is made of them. torch.load
 with weights_only executes nothing either, but it trusts lengths, and calls functions to which a file may pass absurd

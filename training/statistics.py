@@ -56,13 +56,13 @@ def iqm(scores: Scores) -> Any:
     task that has fewer weigh more.
 
     Args:
-        scores: Scores by task, (..., runs) each. Leading axes, which all tasks have in common, are kept.
+        scores: By task, (..., runs) each. Leading axes, which all tasks have in common, are kept.
 
     Returns:
         float64 (...): a number if scores have no leading axes.
 
     Raises:
-        TrainingError: There are no scores, or some are not numbers.
+        TrainingError: There are no scores, or not only numbers.
     """
     tasks = _checked(scores)
     runs = [each.shape[-1] for each in tasks]
@@ -78,7 +78,7 @@ def iqm(scores: Scores) -> Any:
 
 
 def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
-    """Return the probability that a run of ours scores more than one of theirs in the same task: the mean over tasks.
+    """How probable it is that a run of ours scores more than one of theirs in the same task: the mean over tasks.
 
     Equal scores count half: it is the Mann-Whitney statistic, divided by the number of pairs.
 
@@ -90,7 +90,7 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
         float64 (...): from 0 to 1; 0.5: neither is better.
 
     Raises:
-        TrainingError: The tasks differ, there are no scores, or some are not numbers.
+        TrainingError: They are of different tasks, or there are no scores, or not only numbers.
     """
     if unmatched := set(ours) ^ set(theirs):
         raise TrainingError(f"only one of two has scores of {', '.join(sorted(map(str, unmatched)))}: compare the same")
@@ -129,7 +129,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
     Args:
         statistic: A function of as many sets of scores as are given, which keeps leading axes: `iqm`, `mean`, `median`,
             `probability_of_improvement`, or one of your own.
-        *scores: Scores by task, (runs,) each; at least two runs of each task.
+        *scores: By task, (runs,) each; at least two runs of each task.
         reps: How often runs are resampled.
         seed: The same seed and the same order of tasks give the same interval.
 
@@ -137,7 +137,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         The statistic of the scores, and the ends of its interval.
 
     Raises:
-        TrainingError: There are no scores, some are not numbers, or a task has only one run.
+        TrainingError: There are no scores, or not only numbers, or a task has a single run.
     """
     if reps < 1:
         raise TrainingError(f"reps = {reps}: expected a number of resamplings from 1 on")
@@ -149,7 +149,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
     """The 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
 
-    Raises TrainingError; see `stratified_bootstrap`.
+    Raises TrainingError, see `stratified_bootstrap`.
     """
     if len(values) == 1:
         return None

@@ -25,7 +25,7 @@ OPTIONS = (*(each.name for each in fields(TrainingConfig)), "folder", "resume", 
 
 @dataclass(frozen=True)
 class TrainedRun:
-    """A complete run.
+    """A run that is complete.
 
     Attributes:
         folder: Holds run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`

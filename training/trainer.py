@@ -209,10 +209,10 @@ class Trainer:
         Args:
             rollout: The newest rollout.
             left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch when it begins.
+            on_epoch: Called with the number of each epoch as it begins.
 
         Returns:
-            What is logged, by tag; with several learners, the mean over them.
+            What is logged, by tag; with several learners, the mean of theirs.
         """
         logged = [learner.update(rollout, left, on_epoch) for learner in self.learners]
         self.updates += 1

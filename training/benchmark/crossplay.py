@@ -60,10 +60,10 @@ def play_all(
         folder: The folder of the task, with its results of one budget.
         entries: All entries in it.
         progress: Called with how many more games are done.
-        at_once: How many processes play at the same time.
+        at_once: How many processes play.
 
     Raises:
-        TrainingError: A policy is missing.
+        TrainingError: A policy is not there.
     """
     known, missing = load(folder), []
     for one, other in pairs(entries):

@@ -31,7 +31,7 @@ def described(path: Path, task: Task) -> Content:
         policy. "met": the members of the suite that it was trained against, or that taught it.
 
     Raises:
-        TrainingError: The file is not a policy, or was trained with a seed that evaluation uses.
+        TrainingError: It is no policy, or was trained from a seed that evaluation uses.
     """
     header, _ = run_header.read_checkpoint(path, (), (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
@@ -71,7 +71,7 @@ def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
         budget: The budget of the entry.
 
     Raises:
-        TrainingError: The file is not a policy.
+        TrainingError: It is no policy.
     """
     header, _ = run_header.read_checkpoint(path, (), ("plan", "preset", "scenario", STEPS))
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]

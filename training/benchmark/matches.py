@@ -108,7 +108,7 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path)
         What the match comes to this time.
 
     Raises:
-        RecordingError: The file is not a recording, or is of another game, or a tick is not what was recorded.
+        RecordingError: It is no recording, or of another game, or a tick is not what was recorded.
     """
     recording = Recording.open(path)
     if recording.cut:

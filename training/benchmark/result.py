@@ -111,7 +111,7 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
         wrong: Says what is wrong with the content; empty if nothing is.
 
     Raises:
-        TrainingError: The file cannot be read, or is not what it should be.
+        TrainingError: It cannot be read, or is not what it should be.
     """
     try:
         with path.open("rb") as file:

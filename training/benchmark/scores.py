@@ -1,4 +1,4 @@
-"""Scores: everything that tables say about agents, from results alone; the same results give the same bytes.
+"""Scores: everything that is said of agents in tables, from results alone; the same results give the same bytes.
 
 The score of an entry is its mean win rate against the suite, where a draw counts half and every opponent counts the
 same; in tasks of generalisation, it is the win rate in the games outside of training. In every task it is from 0 to 1,

@@ -26,9 +26,9 @@ class Finding:
     """What was found out about a match, or about an entry as a whole.
 
     Attributes:
-        what: What was verified: "ffa_2-v1 fast/0, trained against scripted".
-        wrong: What is not as the result says; "" if everything is.
-        missing: What is missing, so that not everything could be verified; "" if nothing is.
+        what: "ffa_2-v1 fast/0, trained against scripted".
+        wrong: What is not as the result says; empty if nothing is.
+        missing: What is not here, so that not all could be verified; empty if everything is.
     """
 
     what: str

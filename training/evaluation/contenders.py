@@ -80,8 +80,8 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
         given: Names, paths, functions; in a mapping they have labels, else labels are made from names and paths.
 
     Raises:
-        TrainingError: There are none, one is given twice, or there is no such file.
-        UsageError: One is not a policy, or is a folder without a checkpoint.
+        TrainingError: There are none, one is named twice, or there is no such file.
+        UsageError: One is no policy, or a folder without a checkpoint.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]

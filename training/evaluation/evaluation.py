@@ -33,7 +33,7 @@ class Evaluation:
     threads make no difference. `str(evaluation)` has all tables.
 
     Attributes:
-        scenario: The scenario, with observations that all policies can play with.
+        scenario: What is played, with observations that all policies can play with.
         chosen: The policies.
         pairings: The pairings that are complete.
         each: Episodes of a pairing that each world plays.
@@ -104,7 +104,7 @@ class Evaluation:
         return elo(wins, draws) if len(self.chosen) > 1 and linked(wins + wins.T + draws) else None
 
     def groups(self) -> Groups | None:
-        """Return ratings and wins of groups of runs that differ only by seeds, with intervals over seeds and games.
+        """Ratings and wins of groups of runs that differ by their seeds only, with intervals over seeds and games.
 
         None if no such group has several runs or there is only one group, and until all pairings are complete.
 

@@ -72,7 +72,7 @@ def _run(contender: Contender) -> Run | None:
 
 
 def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: int, reps: int = REPS) -> Groups:
-    """Return ratings and wins of groups, with 95 % bootstrap intervals over runs and games.
+    """Ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
 
     Each resampling draws, with replacement, as many runs from a group as it has, and draws the games of each pairing
     anew. The wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh

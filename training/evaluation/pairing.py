@@ -29,7 +29,7 @@ class Pairing:
 
 
 def ratio(pairs: Array) -> tuple[float, float]:
-    """Return the sum of all sums divided by the sum of all counts, and its standard error to first order.
+    """The sum of all sums over the sum of all counts, and its standard error to first order.
 
     pairs: float64 (episodes, 2), sums and counts; if all counts are 1, this is a mean and its error. Both are NaN if
     all counts are 0; the error also if all but one are.

@@ -33,7 +33,7 @@ def linked(games: Array) -> bool:
 
 
 def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
-    """Return ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
+    """Ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
     wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two have met, `added`
     games that i won and as many that j won are counted, too, so that ratings stay finite where one always wins. Errors
@@ -54,7 +54,7 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 
 
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
-    """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
+    """Ratings of players against opponents whose ratings are fixed, and their standard errors.
 
     A rating is the one under which a player's expected score against all of its opponents is the score that it had. It
     depends on nothing but these games, so it can be compared with ratings of other players against the same
@@ -68,7 +68,7 @@ def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Ar
         fixed: Elo ratings of the opponents, (opponents,), taken as exact.
 
     Returns:
-        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate; see `elo`.
+        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate, see `elo`.
 
     Raises:
         TrainingError: Shapes do not fit, numbers are negative or not finite, or a player has met no opponent.

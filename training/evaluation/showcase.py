@@ -19,7 +19,7 @@ SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper'
 
 
 def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, folder: Path) -> list[Path]:
-    """Write the typical episode of a pairing to the folder: A-B.webm and A-B.html, each completely or not at all.
+    """Write the typical episode of a pairing into the folder: A-B.webm and A-B.html, each whole or not at all.
 
     recording: The file in which all its episodes are recorded. Raises RecordingError, FilmError, PageError.
     """

@@ -17,7 +17,7 @@ OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs with the same settings, in order of seeds.
+    """Runs of one setting, in order of seeds.
 
     Attributes:
         runs: At least one.
@@ -56,7 +56,7 @@ def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
         by: Names of settings that set groups apart; if there are none, runs of a group differ by seeds only.
 
     Raises:
-        TrainingError: There is no such setting, or two runs are the same.
+        TrainingError: There is no such setting, or two runs are the same one.
     """
     if by:
         _check_names(runs, by)

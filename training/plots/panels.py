@@ -41,7 +41,7 @@ def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
     """The panels of these names or, without names, the usual ones.
 
     Args:
-        runs: The runs, at least one.
+        runs: At least one.
         names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted",
             "rollout/kills0", "train/entropy".
 
@@ -114,7 +114,7 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
 
 
 def hours(run: Run) -> Array | None:
-    """Return the hours of training at each of the run's points, float64 (points,), from the speed that it logged.
+    """Hours of training after each of the run's points, float64 (points,): by the speed that it logged.
 
     The hours of imitation, which comes first, are included.
     """
