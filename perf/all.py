@@ -1,10 +1,13 @@
-"""Measures every table of docs/performance.md on this machine, one after the other.
+"""Measure every table of docs/performance.md on this machine.
 
-    python -m perf.all --save MACHINE [--only step floor] [--original PYTHON:CHECKOUT]
+    python -m perf.all --save MACHINE [--only step floor]
+        [--original PYTHON:CHECKOUT]
 
-Each script runs in a process of its own, and the numbers are kept in perf/results/MACHINE. Scripts whose libraries are
-not installed are left out, and named. First, a checkout is compared with itself, to show how far apart two equal times
-are (table "noise"). Let nothing else run meanwhile.
+The scripts run one after the other, each in a process of its own, and their
+numbers are kept in perf/results/MACHINE. A script is left out, with a message,
+if a library that it needs is not installed. First, a checkout is compared with
+itself: that table, "noise", says how far apart two measurements of the same
+code can be. Let nothing else run on the machine meanwhile.
 """
 
 import subprocess
@@ -49,9 +52,11 @@ def main() -> None:
     """Run all scripts."""
     parser = options(__doc__)
     parser.add_argument(
-        "--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="these scripts (default: all)"
+        "--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="run only these scripts (default: all)"
     )
-    parser.add_argument("--original", metavar="PYTHON:CHECKOUT", help="for the step script, see there")
+    parser.add_argument(
+        "--original", metavar="PYTHON:CHECKOUT", help="for the script step: see python -m perf.step --help"
+    )
     given = parser.parse_args()
     if given.save is None:
         parser.error("say where the numbers are kept: --save MACHINE")

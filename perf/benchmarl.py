@@ -1,11 +1,13 @@
-"""Frames a second of BenchMARL's MAPPO in outlast's worlds, and in VMAS's tasks with as many agents, in turn.
+"""Time BenchMARL's MAPPO in outlast's worlds and in VMAS's tasks.
 
     python -m perf.benchmarl [--save MACHINE]
 
-A frame is a tick of one world; all tasks have 64 worlds, four agents and discrete actions, and run on the CPU. Times
-are BenchMARL's own, from the best iteration of several rounds: of collecting alone, and of collecting and updating.
-Each group of agents has networks of its own: each side of teams_2, the hunters and the prey of simple_tag. It needs
-`pip install -e '.[benchmarl]' vmas`.
+Numbers are frames per second, a frame being a tick of one world. All tasks have
+64 worlds, four agents and discrete actions, run on the CPU, and are measured in
+turn. The times are BenchMARL's own, from the best iteration of several rounds:
+of collecting alone, and with the updates. Each group of agents has networks of
+its own, as have both sides of teams_2, and hunters and prey of simple_tag. It
+needs `pip install -e '.[benchmarl]' vmas`.
 """
 
 import csv

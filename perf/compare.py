@@ -1,16 +1,21 @@
-"""Two checkouts in turn: what a step costs before a change and after it.
+"""Compare what a step costs in two checkouts, before and after a change.
 
-    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--threads 1] [--specialize]
+    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024]
+        [--threads 1] [--specialize] [--save MACHINE]
 
-OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each checkout
-runs in a process of its own, with this Python and its libraries. Processes are started four times, because each keeps
-the luck that it has with its memory; with one thread, all run on one processor, because two processors of a machine can
-differ. With --specialize, checkouts that know this option of make_vec use it; --variants also takes rows of perf.step.
-In every round, each checkout steps all worlds for over half a second, with random actions and copy=False; the order
-changes from round to round. The table has microseconds of CPU time a world-step (of wall time with several threads,
-which use all processors), the best of the rounds; `change` is the median of the ratios in single rounds, and the last
-column is their range: a change that lies within that range is no change. Comparing a checkout with itself shows the
-noise.
+OLD and NEW are folders with a checkout each, such as one that
+`git worktree add ../before HEAD~1` makes. Each runs in a process of its own,
+with this Python and its libraries. Both processes run on the same processor, as
+two processors of a machine can differ, and new ones are started four times, as
+every process keeps its luck with memory. Each pair of processes has four
+rounds; in a round, each process in turn steps all worlds for over half a
+second, in changing order, with random actions and copy=False.
+
+`old` and `new` are microseconds of CPU time per world-step in the best round.
+(With several threads it is wall time, and they use all processors.) `change` is
+the median of the ratios new / old of single rounds, and `round by round` their
+range: a change that is smaller than that range is none. Comparing a checkout
+with itself shows the noise.
 """
 
 import os
@@ -122,12 +127,15 @@ def started(one: Path, other: Path, variant: str, worlds: int, threads: int, spe
 def main() -> None:
     """Compare, and print a table."""
     parser = options(__doc__)
-    parser.add_argument("old", type=checkout, metavar="OLD", help="the checkout before")
-    parser.add_argument("new", type=checkout, metavar="NEW", help="the checkout after")
-    parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help="what is played")
-    parser.add_argument("--worlds", type=positive, default=1024, help="of a batch (default 1024)")
-    parser.add_argument("--threads", type=positive, default=1, help="that share the worlds (default 1)")
-    parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
+    parser.add_argument("old", type=checkout, metavar="OLD", help="folder of the checkout before the change")
+    parser.add_argument("new", type=checkout, metavar="NEW", help="folder of the checkout after the change")
+    text = "variants, or rows of perf.step, to play (default ffa_1 ffa_3 teams_3)"
+    parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help=text)
+    parser.add_argument("--worlds", type=positive, default=1024, help="number of worlds in a batch (default 1024)")
+    parser.add_argument("--threads", type=positive, default=1, help="threads that share the worlds (default 1)")
+    parser.add_argument(
+        "--specialize", action="store_true", help="use make_vec(specialize=True) where a checkout has that"
+    )
     given = parser.parse_args()
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):

@@ -1,14 +1,16 @@
-"""What is paid beside steps: memory, resets, and making environments. The start of a process is in perf.edit.
+"""Measure what is paid beside the step: memory, resets, making environments.
 
     python -m perf.cost memory [--steps 10000000] [--save MACHINE]
     python -m perf.cost reset [--save MACHINE]
     python -m perf.cost make [--save MACHINE]
 
-memory: bytes of state and of buffers (actions, observations, signals) for each world, and how much the process grows
-while it takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch,
-and as one of 1,024. make: milliseconds of CPU time to make an environment of one world, when all of its machine code is
-in memory already: for a game that differs in a number from all before it, and for the same game again; best of five
-rounds.
+memory: the bytes of a world's state and buffers (actions, observations,
+signals), and how much the process grows while it takes that many world-steps.
+reset: what the reset of a world costs, in steps of a world, alone in its batch
+and as one of 1,024. make: milliseconds of CPU time to make an environment of
+one world whose machine code is in memory already, of a game that differs in a
+number from all games before and of the same game again; best of five rounds.
+What the start of a process costs is measured by perf.edit.
 """
 
 import itertools
@@ -34,9 +36,9 @@ CHUNK = 1024  # worlds that the memory test steps together
 def main() -> None:
     """Measure one of the three."""
     parser = options(__doc__)
-    parser.add_argument("what", choices=("memory", "reset", "make"))
+    parser.add_argument("what", choices=("memory", "reset", "make"), help="what to measure")
     parser.add_argument(
-        "--steps", type=positive, default=1_000_000, help="world-steps of the memory test, each variant"
+        "--steps", type=positive, default=1_000_000, help="memory: world-steps of each variant (default 1000000)"
     )
     given = parser.parse_args()
     tables = {"memory": lambda: memory(given.steps), "reset": reset, "make": make}

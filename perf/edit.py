@@ -1,11 +1,13 @@
-"""The edit loop: seconds from the start of a process to the end of its first step, wall time.
+"""Time the edit loop: from the start of a process to the end of its first step.
 
     python -m perf.edit [--repeats 5] [--save MACHINE]
 
-Each row starts new processes, with a cache of compiled code of their own: empty ("cold"), filled by the same game
-("warm"), by the same game with other numbers, by the game before an edit, or by games with its mechanics in other
-combinations. The game is teams_3 with a mechanic from a user's file; that file and a copy of outlast are what is
-edited. In the row of the typo, processes end with the error.
+Times are seconds of wall time. Each row starts new processes. They share a
+cache of compiled code of their own, which is empty ("cold"), or was filled by
+the same game ("warm"), by the same game with other numbers, by the game before
+an edit, or by games that combine its mechanics in other ways. The game is
+teams_3 with a mechanic from a user's file; what is edited is a copy of outlast.
+In the row with the typo, the process ends with the error.
 """
 
 import os
@@ -100,7 +102,9 @@ class Game:
 def main() -> None:
     """Print the seconds of each row: minimum and median."""
     parser = options(__doc__)
-    parser.add_argument("--repeats", type=positive, default=5, help="processes a row")
+    parser.add_argument(
+        "--repeats", type=positive, default=5, help="processes that are started for each row (default 5)"
+    )
     given = parser.parse_args()
     table = Table("edit", "what", "least", "median")
     with tempfile.TemporaryDirectory() as name:

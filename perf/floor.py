@@ -1,12 +1,14 @@
-"""The floor: the same bodies, pushed by the same forces, in plain Box2D worlds stepped by b2World::Step.
+"""Time plain Box2D with the same bodies and forces: the floor of a step.
 
     python -m perf.floor [--worlds 64 256 1024] [--save MACHINE]
 
-A simulator usually cannot be faster than its physics engine. Here this engine is a compiled loop over worlds made with
-Box2D's public interface: agents, boxes and walls with the scenario's numbers, motors and nothing else; no cameras,
-items, melee, zone, observations, rewards or resets. Beside it is our whole step, with all of that. The two are timed in
-turn, on one thread; the table has microseconds a world-step at the best batch size of each, and the median of the
-rounds' ratios.
+A simulator can hardly be faster than its physics engine. Here the engine is a
+compiled loop that calls b2World::Step on worlds made with Box2D's public
+interface: agents, boxes and walls with the scenario's numbers, and motors, but
+no cameras, items, melee, zone, observations, rewards or resets. Beside it is
+our whole step, with all of these. The two are timed in turn, on one thread.
+Times are microseconds per world-step at the best batch size of each; the last
+column is the median of the ratios of the rounds.
 """
 
 from typing import Any
@@ -31,7 +33,8 @@ world_step = external("_ZN7b2World4StepEfii", "void", "intp", "float32", "int32"
 def main() -> None:
     """Measure the paper's variants, and the largest row of its tables with boxes that can be pushed."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=positive, nargs="+", default=[64, 256, 1024], help="batch sizes")
+    text = "numbers of worlds in a batch, each measured (default 64 256 1024)"
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[64, 256, 1024], help=text)
     given = parser.parse_args()
     crowd = scenario("10 agents, 10 heals, 20 boxes").replace(boxes_dynamic=True)
     cases = {**VARIANTS, "10 agents, 10 heals, 20 dynamic boxes": crowd}

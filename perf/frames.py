@@ -1,10 +1,12 @@
-"""Frames a second: drawing, and writing films.
+"""Time drawing and the writing of films, in frames per second.
 
     python -m perf.frames [--save MACHINE]
 
-The worlds are teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual layers,
-on one core, in CPU time. Films are made of frames that were drawn before; they are timed from the first byte to the
-film read back, in wall time, as FFmpeg takes all cores for .mp4 and .gif. Best of several rounds.
+The scripted policy plays worlds of teams_3, in the middle of the game. draw:
+one world with the usual layers, on one core, in CPU time. The other rows write
+films of frames that have been drawn before, and are timed from the first byte
+until the film has been read back, in wall time, as FFmpeg uses all cores for
+.mp4 and .gif. Each number is the best of several rounds.
 """
 
 import tempfile

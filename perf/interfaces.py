@@ -1,11 +1,15 @@
-"""What a step costs in each interface, and what collecting costs in other libraries.
+"""Time a step in each interface, and collecting in other libraries.
 
-    python -m perf.interfaces [--variant teams_3] [--save MACHINE]
+    python -m perf.interfaces [--variant teams_3] [--worlds 256]
+        [--save MACHINE]
 
-Actions are random, and drawn before the clock starts; episodes restart in the interface's own way. Collectors are those
-of the libraries, which store what they collect, with a policy that computes nothing: it always takes the same action,
-in RLlib random ones. Times are CPU time of the process, the best of several rounds, in turn. An interface whose library
-is not installed has no row: `pip install -e '.[ray,sb3,puffer,benchmarl]'` installs all of them.
+Actions are random and drawn before the clock starts; episodes restart as each
+interface does it. Collectors are those of the libraries. They store what they
+collect, and their policy computes nothing: it always takes the same action, in
+RLlib a random one. Times are CPU time of the process, the best of several
+rounds, one interface after the other. An interface whose library is not
+installed has no row; `pip install -e '.[ray,sb3,puffer,benchmarl]'` installs
+all of them.
 """
 
 import time
@@ -238,8 +242,10 @@ def rows(variant: str, worlds: int) -> Iterator[tuple[object, ...]]:
 def main() -> None:
     """Time them one after the other."""
     parser = options(__doc__)
-    parser.add_argument("--variant", default="teams_3")
-    parser.add_argument("--worlds", type=positive, default=256, help="of interfaces that have many (default 256)")
+    parser.add_argument("--variant", default="teams_3", help="variant that is played (default teams_3)")
+    parser.add_argument(
+        "--worlds", type=positive, default=256, help="worlds, where an interface has many (default 256)"
+    )
     given = parser.parse_args()
     table = Table("interfaces", "interface", "us a world-step", "agent-steps a second", "of make_vec")
     for row in rows(given.variant, given.worlds):

@@ -1,12 +1,15 @@
-"""What levels cost: scenarios with varied numbers, roles, walls and lidar, in turn with the same ones without.
+"""Time what levels add to a step: varied numbers, roles, walls and lidar.
 
     python -m perf.levels [--worlds N] [--rounds N]
 
-Numbers vary, and roles differ, in name only: every value is that of the plain scenario, so that the same game is played
-and only the reading of the numbers is timed. Walls make another game.
+Each scenario is timed in turn with the same scenario without the addition.
+Where numbers vary or roles differ, they do so in name only: all values are
+those of the plain scenario, so that the same game is played, and only the
+reading of the numbers is timed. Scenarios with walls are other games.
 
-Actions are random, and worlds are spread over all steps of their episodes; env.step is timed as a whole, on one thread.
-The table has microseconds of CPU time a world-step, best of the rounds, and the median of the rounds' ratios.
+A step is a whole env.step with random actions, on one thread, of worlds that
+are at all steps of their episodes at once. Times are microseconds of CPU time
+per world-step in the best round; `ratio` is the median of the rounds' ratios.
 """
 
 import argparse
@@ -66,9 +69,11 @@ def rows() -> list[tuple[str, Scenario, Scenario]]:
 
 def main() -> None:
     """Measure all rows and print a table."""
-    parser = argparse.ArgumentParser(prog="python -m perf.levels", description=__doc__)
-    parser.add_argument("--worlds", type=positive, default=256, help="in a batch (%(default)s)")
-    parser.add_argument("--rounds", type=positive, default=5, help="(%(default)s)")
+    parser = argparse.ArgumentParser(
+        "python -m perf.levels", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--worlds", type=positive, default=256, help="worlds in a batch (default %(default)s)")
+    parser.add_argument("--rounds", type=positive, default=5, help="rounds of measuring (default %(default)s)")
     given = parser.parse_args()
     print(f"{'scenario':<36} {'plain':>8} {'with':>8} {'ratio':>7}")
     for name, *pair in rows():

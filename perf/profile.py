@@ -1,9 +1,11 @@
-"""Where a tick's time goes: every system timed by itself, over the same worlds and actions.
+"""Time every system of a tick by itself, to see where a tick's time goes.
 
-    python -m perf.profile teams_3 [--worlds 1024] [--steps 500] [--save MACHINE]
+    python -m perf.profile teams_3 [--worlds 1024] [--steps 500]
+        [--save MACHINE]
 
-Here each system goes through all worlds before the next one starts; a real tick takes a few worlds at a time through
-all systems. "clock" begins the tick or the episode. The last line is the whole env.step, with its checks and autoreset.
+Here, each system runs on all worlds before the next system starts; a real tick
+takes a few worlds at a time through all systems. "clock" begins the tick or the
+episode. The last row is the whole env.step, with its checks and autoreset.
 """
 
 from outlast.ecs import Worlds
@@ -15,9 +17,11 @@ from perf.table import Table, options, positive
 def main() -> None:
     """Print microseconds a world-step and share of each system."""
     parser = options(__doc__)
-    parser.add_argument("scenario", type=playable, help="a variant, FILE.py:NAME, or a row of perf.step")
-    parser.add_argument("--worlds", type=positive, default=1024)
-    parser.add_argument("--steps", type=positive, default=500)
+    parser.add_argument(
+        "scenario", type=playable, help="what is played: a variant, FILE.py:NAME, or a row of perf.step"
+    )
+    parser.add_argument("--worlds", type=positive, default=1024, help="number of worlds (default 1024)")
+    parser.add_argument("--steps", type=positive, default=500, help="ticks that are timed (default 500)")
     given = parser.parse_args()
     chosen = given.scenario
     worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True, ordered=chosen.order)

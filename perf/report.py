@@ -1,12 +1,16 @@
-"""Writes the tables of the pages in DOCUMENTS, and a plot, from the results of a machine.
+"""Write the results of a machine into the tables of the docs, and draw a plot.
 
-    python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
+    python -m perf.report MACHINE
 
-A document says where a table goes with a pair of comments, <!-- table NAME of MACHINE: column, ... --> and
-<!-- end -->; what is between them is replaced. NAME is a file of perf/results/MACHINE; only the columns that are named
-are shown, or all if none is. Tables that MACHINE has are replaced by its own; all others stay those of the machine that
-they name. Between <!-- machine of NAME --> and <!-- end --> goes the machine of that table in the document; between
-<!-- ratios --> and <!-- end --> goes how many times faster than the original outlast is on each machine.
+It needs matplotlib: pip install 'outlast[plot]'. The pages are performance.md
+and training.md in docs, and README.md. A table stands between the comments
+<!-- table NAME of MACHINE: column, ... --> and <!-- end -->, and is replaced.
+NAME is a file of perf/results/MACHINE, and the named columns are shown, or all
+of them if none is named. A table that MACHINE has results for becomes that of
+MACHINE; all others stay those of the machine that they name. The line about the
+machine of table NAME is written between <!-- machine of NAME --> and
+<!-- end -->. Between <!-- ratios --> and <!-- end -->, a table says how many
+times faster than the original outlast was on each machine.
 """
 
 import argparse
@@ -29,7 +33,7 @@ FIGURE = ROOT / "docs" / "performance.png"
 def main() -> None:
     """Rewrite the documents and draw the plot."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("machine", help=f"one of {', '.join(sorted(p.name for p in FOLDER.iterdir()))}")
+    options.add_argument("machine", help=f"whose results: {', '.join(sorted(p.name for p in FOLDER.iterdir()))}")
     machine = options.parse_args().machine
     for document in DOCUMENTS:
         document.write_text(filled(document.read_text(), machine))

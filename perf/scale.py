@@ -1,12 +1,14 @@
-"""How the cost of a step grows: with the number of worlds, of agents in a world, and of threads.
+"""Measure how the cost of a step grows with worlds, agents and threads.
 
     python -m perf.scale worlds [--scenarios ffa_1 teams_3] [--save MACHINE]
     python -m perf.scale agents [--save MACHINE]
     python -m perf.scale threads [--save MACHINE]
 
-worlds: microseconds a world-step of one thread, from 1 world to 16,384, and of plain Box2D (perf.floor). agents:
-microseconds an agent-step in rooms of one density, that of the paper's 10 agents, 10 heals and 20 boxes. threads:
-world-steps a second with 1, 2, ... threads at 4,096 worlds, in turn.
+worlds: microseconds per world-step on one thread, for 1 to 16,384 worlds; and
+of plain Box2D (perf.floor), for up to 4,096 worlds. agents: microseconds per
+agent-step with 10 to 128 agents in a world, in rooms that are as crowded as the
+paper's with 10 agents, 10 heals and 20 boxes. threads: world-steps per second
+of 4,096 worlds with 1, 2, 4, ... threads, measured in turn.
 """
 
 import math
@@ -30,8 +32,9 @@ AGENTS = [10, 32, 64, 128]
 def main() -> None:
     """Measure one of the three."""
     parser = options(__doc__)
-    parser.add_argument("what", choices=("worlds", "agents", "threads"))
-    parser.add_argument("--scenarios", nargs="+", default=["ffa_1", "teams_3"])
+    parser.add_argument("what", choices=("worlds", "agents", "threads"), help="what the cost grows with")
+    text = "worlds: variants, or rows of perf.step (default ffa_1 teams_3)"
+    parser.add_argument("--scenarios", nargs="+", default=["ffa_1", "teams_3"], help=text)
     given = parser.parse_args()
     tables: dict[str, Callable[[], Table]] = {
         "worlds": lambda: by_worlds(given.scenarios),

@@ -1,16 +1,21 @@
-"""Every row of the paper's two tables: how long our step takes, and how long a step of the original implementation.
+"""Time a step in every row of the paper's two tables, and in the original.
 
-    python -m perf.step [--worlds 1 64 256 1024] [--original PYTHON:CHECKOUT] [--save MACHINE]
+    python -m perf.step [--worlds 1 64 256 1024] [--original PYTHON:CHECKOUT]
+        [--save MACHINE]
 
-A step is a whole step: action checks, physics, cameras, observations, rewards, statistics, autoreset. In the rows
-without cameras only the simulation is timed, as in the paper's first table: no observations, no checks. The table has
-microseconds of CPU time a world-step, best of five rounds. `outlast` is the time at the best batch size; `paper` was
-measured by the paper's authors, on a laptop: do not divide it by ours.
+A step is a whole step: action checks, physics, cameras, observations, rewards,
+statistics, autoreset. In the rows without cameras it is the simulation alone,
+without observations and checks, as the paper's first table timed it. Times are
+microseconds of CPU time per world-step, in the best of five rounds. `outlast`
+is the best batch size. `paper` was measured by the paper's authors on a laptop,
+so it must not be divided by our times.
 
-With --original (docs/performance.md says how to get it) a second table puts both side by side: in every round, the
-original's env.step is timed and then ours, over the first 100 steps of episodes, under random actions. Rows without
-cameras are not in it, as the original's env.step needs cameras. `times faster` is the best of the original's rounds
-over the best of ours; `round by round` is the range of the ratios of single rounds.
+With --original (docs/performance.md says how to get it), a second table
+compares both implementations. In every round, the original's env.step is timed
+first, then ours, over the first 100 steps of episodes, with random actions.
+Rows without cameras are not in it, as the original's env.step needs cameras.
+`times faster` is the original's best round divided by our best one, and `round
+by round` the range of this ratio over the rounds.
 """
 
 import time
@@ -30,8 +35,13 @@ STEPS = 3000  # steps of the original in a round
 def main() -> None:
     """Measure all rows and print the tables."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 64, 256, 1024], help="batch sizes")
-    parser.add_argument("--original", metavar="PYTHON:CHECKOUT", help="time the original, too, in turn with ours")
+    text = "numbers of worlds in a batch, each measured (default 1 64 256 1024)"
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 64, 256, 1024], help=text)
+    parser.add_argument(
+        "--original",
+        metavar="PYTHON:CHECKOUT",
+        help="also time the original, of the folder CHECKOUT, run by the interpreter PYTHON",
+    )
     given = parser.parse_args()
     try:
         with Original(given.original) if given.original else nullcontext() as original:

@@ -77,7 +77,7 @@ def about(name: str, machine: str) -> str:
 def options(script: str | None) -> argparse.ArgumentParser:
     """The command line of a benchmark: what all have in common."""
     parser = argparse.ArgumentParser(description=script, formatter_class=argparse.RawDescriptionHelpFormatter)
-    text = "also keep the numbers, in perf/results/MACHINE"
+    text = "also keep the numbers, in the folder perf/results/MACHINE"
     parser.add_argument("--save", type=_machine, metavar="MACHINE", help=text)
     return parser
 

@@ -1,11 +1,14 @@
-"""Gymnasium's own measure of a vector environment, on outlast's and on one of Gymnasium's.
+"""Apply Gymnasium's measure of vector environments to outlast and to CartPole.
 
-    python -m perf.vector_step [--worlds 1 256 1024] [--seconds 1] [--save MACHINE]
+    python -m perf.vector_step [--worlds 1 256 1024] [--seconds 1]
+        [--save MACHINE]
 
-Steps of single environments a second, wall clock, one thread, the best of three rounds. `benchmark_vector_step` is that
-of gymnasium.utils.performance, which also samples the actions of every step from the action space; `drawn ahead` is the
-same without that, as in the other tables. CartPole-v1 is Gymnasium's fastest vector environment: four numbers, one
-action, and all of it numpy.
+Numbers are steps of single environments per second of wall time, on one thread,
+the best of three rounds. `benchmark_vector_step` is the measure of
+gymnasium.utils.performance, which includes sampling the actions of every step
+from the action space; `drawn ahead` is without that sampling, as in the other
+tables. CartPole-v1 is the fastest vector environment of Gymnasium: four
+numbers, one action, and all of it in numpy.
 """
 
 import time
@@ -73,8 +76,9 @@ def measured(sizes: list[int], seconds: float) -> Table:
 def main() -> None:
     """Measure and print."""
     parser = options(__doc__)
-    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 256, 1024], help="batch sizes")
-    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement (default 1)")
+    text = "numbers of worlds in a batch, each measured (default 1 256 1024)"
+    parser.add_argument("--worlds", type=positive, nargs="+", default=[1, 256, 1024], help=text)
+    parser.add_argument("--seconds", type=float, default=1.0, help="seconds that each measurement takes (default 1)")
     given = parser.parse_args()
     measured(given.worlds, given.seconds).finish(given.save)
 

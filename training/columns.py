@@ -16,31 +16,35 @@ SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; 
 
 # "Its" refers to the policy of the row, which plays one of two sides, or every other side where there are more.
 COLUMNS = {
-    "wins": Column("share", "of episodes that it wins, as one of its sides outlives all others; a draw counts half"),
-    "wins_first": Column("share", "the same, of the episodes in which it plays the first side"),
-    "wins_second": Column("share", "the same, of those in which its opponent plays the first side"),
-    "length": Column("ticks", "of an episode; the same for both"),
-    "life": Column("ticks", "to whose end its longest-lived side has a living member"),
+    "wins": Column(
+        "share", "of the episodes that it wins, as one of its sides outlives all others; a draw counts half"
+    ),
+    "wins_first": Column("share", "that it wins of the episodes in which it plays the first side"),
+    "wins_second": Column("share", "that it wins of the episodes in which its opponent plays the first side"),
+    "length": Column("ticks", "of an episode; the same for both policies"),
+    "life": Column("ticks", "that its longest-lived side has a living agent"),
     "return": Column(
         "reward",
-        "of one of its agents in an episode; the mean over its agents. Alone it does not say who is better: a long game"
-        " rewards both sides",
+        "that one of its agents gets in an episode, on average over its agents. It does not say by itself who is "
+        "better: a long game rewards both sides",
     ),
-    "kills": Column("", "by its sides in an episode"),
-    "deaths_TYPE": Column("", "of its agents in an episode by that type of damage: melee, zone"),
-    "first_death": Column("ticks", "until the first agent dies, of episodes in which one does; the same for both"),
-    "heals_used": Column("", "by all agents in an episode; the same for both"),
-    "boxes_placed": Column("", "by all agents in an episode; the same for both"),
-    "heals_given": Column("", "from its agents to others in an episode; in logs, in 1000 agent-steps"),
-    "heals_held": Column("", "in the bag of one of its living agents, a mean over ticks"),
-    "zone_distance": Column("m", "from its living agents to the centre of the safe zone, a mean over ticks"),
+    "kills": Column("", "kills by its sides in an episode"),
+    "deaths_TYPE": Column("", "deaths of its agents in an episode by that type of damage: melee, zone"),
+    "first_death": Column(
+        "ticks", "until the first agent dies, in episodes in which one does; the same for both policies"
+    ),
+    "heals_used": Column("", "heals that all agents use in an episode; the same for both policies"),
+    "boxes_placed": Column("", "boxes that all agents set up in an episode; the same for both policies"),
+    "heals_given": Column("", "heals that its agents give to others in an episode; in logs, in 1000 agent-steps"),
+    "heals_held": Column("", "heals in the bag of one of its living agents, on average over ticks"),
+    "zone_distance": Column("m", "from its living agents to the centre of the safe zone, on average over ticks"),
     "near": Column(
         "share",
-        "of ticks of its living agents in which an enemy could be struck: its centre is within"
-        " melee_reach + its agents_radius",
+        "of the ticks of its living agents in which they could strike an enemy: its centre is within melee_reach + its "
+        "agents_radius",
     ),
     "attack_near": Column("share", "of those ticks in which the agent attacks"),
-    "attack_far": Column("share", "of its other ticks in which the agent attacks, with nobody to strike"),
+    "attack_far": Column("share", "of the other ticks in which the agent attacks, with nobody to strike"),
 }
 
 
@@ -53,12 +57,13 @@ def combinable(tags: Sequence[str]) -> Sequence[str]:
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
-def explained(width: int = 100) -> Iterator[str]:
-    """Yield one or more lines of help for each column."""
+def explained(width: int = 78) -> Iterator[str]:
+    """A line or more for each column, for help."""
     indent = max(map(len, COLUMNS)) + 4
     for name, (unit, meaning) in COLUMNS.items():
         text = f"{unit} {meaning}".strip()
         first = f"  {name}".ljust(indent)
         yield textwrap.fill(text, width, initial_indent=first, subsequent_indent=" " * indent)
-    yield "  others: statistics of the scenario's mechanics in an episode: of agents, the mean over its agents; of"
-    yield "  sides, the sum over its sides; of the world, the same for both"
+    yield "  All other columns are statistics of the game's mechanics in an episode:"
+    yield "  those of agents are means over its agents, those of sides sums over its"
+    yield "  sides, and those of the world the same for both policies."

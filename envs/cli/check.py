@@ -13,16 +13,17 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     text = "play a game at random, and look for mistakes in its mechanics"
     description = (
-        "Let random agents play, and compare what comes out with what mechanics declare, with the same worlds played "
-        "again, alone and from a saved state, and with mechanics of your own run as Python. The exit status is 1 if "
-        "something was found."
+        "Let random agents play a game, and look for mistakes in its mechanics that raise no error. The observed "
+        "numbers must be finite and within their declared bounds. A world must come out the same when it is played "
+        "again, without the other worlds, or from a saved state. And your own mechanics must do the same when they run "
+        "as Python. The exit status is 1 if a mistake was found."
     )
     examples = [("check mygame.py:ARENA", "a game of your own, with all its mechanics")]
     command = commands.add_parser("check", help=text, description=description, examples=examples)
     add_scenario(command)
     play = command.group(PLAY)
     add_number(play, "--worlds", 8, "number of worlds")
-    add_number(play, "--steps", 300, "number of ticks")
+    add_number(play, "--steps", 300, "ticks to play in each world")
     add_seed(command)
     command.set_defaults(run=run)
 

@@ -15,22 +15,26 @@ from .overview import summaries
 FILES = {"FILE", "FOLDER", "PATH", "RUN"}  # metavars of what is a file
 HINT = {
     "bash": "outlast completion bash > ~/.local/share/bash-completion/completions/outlast",
-    "zsh": "outlast completion zsh > ~/.zsh/_outlast, with fpath=(~/.zsh $fpath) ahead of compinit in ~/.zshrc",
     "fish": "outlast completion fish > ~/.config/fish/completions/outlast.fish",
+    "zsh": "outlast completion zsh > ~/.zsh/_outlast",
 }
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "print a script with which your shell completes commands and options"
+    text = "print a script that makes your shell complete commands and options"
     examples = [
-        ("completion bash", "the script; for this shell only: source <(outlast completion bash)"),
-        ("completion fish", "the same for fish; zsh is the third"),
+        ("completion bash", "print it; for this shell only: source <(outlast completion bash)"),
+        ("completion fish", "the same for fish"),
     ]
     where = "\n".join(f"  {line}" for line in HINT.values())
-    description = f"Print a script with which your shell completes commands and options. To keep it:\n{where}"
+    description = (
+        "Print a script with which your shell completes commands, options and their values. To install it, write it "
+        f"where your shell looks for it:\n{where}\n"
+        "For zsh, put fpath=(~/.zsh $fpath) ahead of compinit in ~/.zshrc, too."
+    )
     command = commands.add_parser("completion", help=text, description=description, examples=examples)
-    command.add_argument("shell", choices=sorted(SCRIPTS), help="the shell")
+    command.add_argument("shell", choices=sorted(SCRIPTS), help="the shell that the script is for")
     command.set_defaults(run=lambda options: run(options, commands))
 
 

@@ -31,25 +31,28 @@ GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "draw the walls of worlds, or write them down as a floor plan"
+    text = "draw the walls of worlds, or write them to a floor plan"
     description = (
-        "Show what worlds with walls inside of the room begin with, or write the walls of one down as a floor plan, "
-        "which --layout of other commands takes."
+        "Draw worlds with walls inside the room as they begin, or write the walls of one world to a floor plan, a file "
+        "that --layout of other commands takes."
     )
     examples = [
-        ("layout rooms --seed 3 --worlds 9 --out rooms.png", "nine games among rooms with doors"),
-        ("layout maze --set maze_columns=8 --out maze.json", "a maze to keep"),
+        ("layout rooms --seed 3 --worlds 9 --out rooms.png", "a picture of nine worlds among rooms with doors"),
+        ("layout maze --set maze_columns=8 --out maze.json", "a maze as a floor plan, to play in it again"),
     ]
     command = commands.add_parser("layout", help=text, description=description, examples=examples)
     game = command.group(GAME)
-    game.add_argument("layout", type=path, metavar="LAYOUT", help=LAYOUT)
-    game.add_argument("--variant", default="ffa_3", metavar="VARIANT", help=f"{VARIANT} (default: ffa_3)")
+    game.add_argument("layout", type=path, metavar="LAYOUT", help=f"which walls: {LAYOUT}")
+    game.add_argument(
+        "--variant", default="ffa_3", metavar="VARIANT", help=f"where the walls stand: {VARIANT} (default: ffa_3)"
+    )
     add_changes(command)
-    add_number(command.group(PLAY), "--worlds", 1, "number of worlds")
+    add_number(command.group(PLAY), "--worlds", 1, "number of worlds to draw")
     add_seed(command)
     output = command.group(OUTPUT)
-    add_number(output, "--size", str(SIZE), "pixels along a side of one world's picture")
-    text = "where to write: .png for a picture, .html for a page, or .json for the floor plan of the only world"
+    add_number(output, "--size", str(SIZE), "side of each world's picture in pixels, 64 to 4096, for a .png only")
+    text = "what to write: NAME.png for a picture, NAME.html for a web page, or NAME.json for a floor plan, of one "
+    text += "world only"
     output.add_argument("--out", required=True, metavar="FILE", help=text)
     command.set_defaults(run=run)
 

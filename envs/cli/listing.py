@@ -14,12 +14,12 @@ LOGGER = logging.getLogger(__name__)
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "list the paper's variants, installed packages' scenarios, and ablations"
+    text = "list the paper's variants, installed games, and ablations"
     description = (
-        "List the games by name: the paper's variants, scenarios of installed packages, and the ablations that may "
-        "follow a name, as in ffa_2+steering."
+        "List the games by name: the paper's variants, the scenarios of installed packages, and the ablations, changes "
+        "that can be appended to a name, as in ffa_2+steering."
     )
-    examples = [("variants", "every name, and what the game is")]
+    examples = [("variants", "every name, with what the game is")]
     command = commands.add_parser("variants", help=text, description=description, examples=examples)
     command.set_defaults(run=variants)
 

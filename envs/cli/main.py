@@ -125,11 +125,13 @@ def parser() -> Parser:
     commands = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
-    text = "show this, or how a command is used"
-    examples = [("help", "all commands"), ("help rollout", "the options of one")]
-    asked = commands.add_parser("help", help=text, description="Show how a command is used.", examples=examples)
+    text = "show all commands, or how one of them is used"
+    examples = [("help", "all commands"), ("help rollout", "the options of one command")]
+    asked = commands.add_parser(
+        "help", help=text, description="Show all commands, or how one of them is used.", examples=examples
+    )
     known = list(commands.choices)
-    text = "its name (default: all commands in short)"
+    text = "name of the command (default: a short list of all commands)"
     asked.add_argument("command", nargs="?", choices=known, metavar="COMMAND", help=text)
     top.epilog = overview(commands)
     return top

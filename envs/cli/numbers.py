@@ -9,11 +9,14 @@ from .options import add_scenario, scenario
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "list the numbers of a game, with values, ranges, units and meanings"
-    description = "List every number of a game: its value, default, range, unit and meaning. --set changes any of them."
+    text = "list the numbers of a game, with their values and meanings"
+    description = (
+        "List every number of a game, with its value here, the default of its mechanic, the allowed range, the unit "
+        "and the meaning. --set changes any of them."
+    )
     examples = [
-        ("numbers ffa_2", "all that --set takes"),
-        ("numbers teams_3 --set room_size=30", "what they are after a change, and which ones follow it"),
+        ("numbers ffa_2", "all numbers that --set can change"),
+        ("numbers teams_3 --set room_size=30", "the same in a larger room: some numbers grow with it"),
     ]
     command = commands.add_parser("numbers", help=text, description=description, examples=examples)
     add_scenario(command)

@@ -28,13 +28,15 @@ from ..web.announce import announce as announced
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
-VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
+VARIANT = "a game from `outlast variants`, or one of your own: FILE.json, FILE.py:NAME or package.module:NAME"
 MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
 SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
 STDOUT = "-"  # as the name of a file
 STOPPED, TERMINATED = SIGNALLED + signal.SIGINT, SIGNALLED + signal.SIGTERM
 READ = ("file", "beside", "layout")  # options that may name files, and what they are called in errors
 WRITTEN = ("out", "html", "data", "events", "csv", "json", "record", "save_scenario")
+OPPONENTS = "opponents of --policy: it plays one side, another one in each episode, and they play all other sides"
+CLUSTER = "without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or a new one here"
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
@@ -56,33 +58,33 @@ def add_scenario(command: Parser, several: bool = False) -> None:
     """VARIANT, or several, and what changes it; `scenario` reads them."""
     game = command.group(GAME)
     game.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
-    game.add_argument("--layout", type=path, metavar="LAYOUT", help=f"walls inside of the room: {LAYOUT}")
+    game.add_argument("--layout", type=path, metavar="LAYOUT", help=f"add walls inside the room: {LAYOUT}")
     add_changes(command)
 
 
 def add_changes(command: Parser) -> None:
     """What changes a game."""
     command = command.group(GAME)
-    text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
+    text = "change a number of the game, such as n_agents=10 or safe_zone_radii=8,4; `outlast numbers VARIANT` lists "
+    text += "them (can be repeated)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
-    text = "draw a number anew in every world and episode: 'melee_damage=integers(5, 20)', "
-    text += "'motors_turn=uniform(0.01, 0.02)', 'safe_zone_damage=choice(1, 5)' (may be given several times)"
+    text = "draw a number at random for every episode of every world: 'melee_damage=integers(5, 20)' (20 included), "
+    text += "'motors_turn=uniform(0.01, 0.02)' or 'safe_zone_damage=choice(1, 5)' (can be repeated)"
     command.add_argument("--vary", action="append", default=[], metavar="NUMBER=DRAWN", help=text)
-    text = "leave a mechanic out: safe_zone (may be given several times)"
+    text = "leave out a mechanic, such as safe_zone (can be repeated)"
     command.add_argument("--without", action="append", default=[], metavar="MECHANIC", help=text)
-    text = "add a mechanic: 'DropLast(offset=2.0)', FILE.py:NAME (may be given several times)"
+    text = "add a mechanic of outlast, as in 'DropLast(offset=2.0)', or one of your own, FILE.py:NAME (can be repeated)"
     command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
-    add_import(command, "FILE.json or --with names")
-    text = "give agents numbers of their own, as a JSON file says: docs/levels.md"
+    add_import(command, "--with or the FILE.json given as VARIANT uses")
+    text = "divide the agents into roles that have numbers of their own, as this file says (format: docs/levels.md)"
     command.add_argument("--roles", type=path, metavar="FILE.json", help=text)
-    command.add_argument(
-        "--save-scenario", type=path, metavar="FILE.json", help="write the game with these changes, to name later"
-    )
+    text = "write the changed game to this file, which can be given as VARIANT"
+    command.add_argument("--save-scenario", type=path, metavar="FILE.json", help=text)
 
 
 def add_import(command: Any, named: str) -> None:
     """--import, for mechanics that something names; `import_files` imports them."""
-    text = f"import a file or module first, for mechanics that {named} (may be given several times)"
+    text = f"Python file or module to import first, because {named} mechanics in it (can be repeated)"
     command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
 
 
@@ -131,22 +133,22 @@ def _save(asked: Scenario, options: argparse.Namespace) -> None:
 
 def add_policy(command: Parser, default: str) -> None:
     """--policy; what it names is loaded where worlds are made for it."""
-    text = f"{', '.join(POLICIES)}; FILE{SAVED}, or the folder of a run for its newest (default: {default})"
+    text = f"who plays: {', '.join(POLICIES)}, a saved policy FILE{SAVED}, or the folder of a training run, whose "
+    text += f"newest checkpoint is taken (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
 def add_others(command: Parser, default: str | None, text: str) -> None:
     """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
-    text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
+    text += ". Give a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each "
+    text += f"episode of each world (default: {default or '--policy plays all sides'})"
     given = None if default is None else {default: 1.0}
-    command.group(PLAY).add_argument(
-        "--others", type=mixture, default=given, metavar="NAMES", help=f"{text} (default: {default or 'none'})"
-    )
+    command.group(PLAY).add_argument("--others", type=mixture, default=given, metavar="NAMES", help=text)
 
 
 def add_seed(command: Parser) -> None:
     """--seed."""
-    text = "the same seed gives the same episodes (default: 0)"
+    text = "seed of all random numbers: the same seed gives the same episodes (default: 0)"
     command.group(PLAY).add_argument("--seed", type=seed, default=0, metavar="N", help=text)
 
 
@@ -159,9 +161,10 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
 def add_page(command: Parser) -> None:
     """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
     command = command.group("page")
-    text = "port of 127.0.0.1 (default: 0, one that is free)"
+    text = "port of 127.0.0.1 on which the page is served (default: 0, any free port)"
     command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
-    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+    text = "print the address of the page, and do not open a browser"
+    command.add_argument("--no-browser", action="store_true", help=text)
 
 
 def announce(options: argparse.Namespace, text: str, address: str) -> None:
@@ -172,10 +175,10 @@ def announce(options: argparse.Namespace, text: str, address: str) -> None:
 def add_common(command: Parser, *options: str) -> None:
     """Those of --threads, --record and --quiet that are named."""
     if "--threads" in options:
-        add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds")
+        add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
     if "--record" in options:
         command.group(OUTPUT).add_argument(
-            "--record", type=new_file, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+            "--record", type=new_file, metavar="FILE", help="record every tick in a new file, for `outlast replay FILE`"
         )
     if "--quiet" in options:
         command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")

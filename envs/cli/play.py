@@ -12,18 +12,23 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
         ("play ffa_2", "a duel against the scripted policy"),
-        ("play teams_3 --agent 2 --others random --fps 10", "agent 2 of four, at a third of the speed"),
+        (
+            "play teams_3 --agent 2 --others random --fps 10",
+            "you are agent 2 of agents 0 to 3, at a third of the speed",
+        ),
     ]
-    description = "Steer an agent with the keyboard, on a page in the browser that only this machine can open."
+    description = (
+        "Steer an agent with the keyboard, on a web page that opens in your browser. Only this machine can open it. "
+        "Ctrl-C ends the game."
+    )
     text = "steer an agent with the keyboard, in the browser, against policies"
     command = commands.add_parser("play", help=text, description=description, examples=examples)
     add_scenario(command)
-    add_number(command.group(PLAY), "--agent", 0, "number of the agent that you steer", least=0)
-    add_others(command, "scripted", "whom you play against")
+    add_number(command.group(PLAY), "--agent", 0, "number of the agent that you steer, from 0", least=0)
+    add_others(command, "scripted", "who plays all other agents")
     add_seed(command)
-    command.group(PLAY).add_argument(
-        "--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)"
-    )
+    text = f"speed in ticks per second, at most {FASTEST} (default: real time, which is 30 in the paper's variants)"
+    command.group(PLAY).add_argument("--fps", type=_rate, metavar="RATE", help=text)
     add_page(command)
     add_common(command, "--record")
     command.set_defaults(run=run)

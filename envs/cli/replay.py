@@ -27,35 +27,42 @@ LOGGER = logging.getLogger(__name__)
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("replay fights.rec", "run it again, compare every tick, and print its statistics"),
+        ("replay fights.rec", "play it again, compare every tick, and print its statistics"),
         ("replay fights.rec --html fights.html", "a page that plays it"),
-        ("replay fights.rec --worlds 3 --from 100 --to 400 --out fight.webm", "a film of a part"),
+        (
+            "replay fights.rec --worlds 3 --from 100 --to 400 --out fight.webm",
+            "a film of world 3, from tick 100 to tick 400",
+        ),
     ]
     description = (
-        "Run a recording again to the bit, and say whether it is what was recorded. With --out, --html, --data or "
-        "--events, make a film, a page, samples for learners or a table of it meanwhile."
+        "Play a recording again, bit for bit, and check that every tick is what was recorded. Print the statistics of "
+        "its episodes, or make a film of it (--out), a web page (--html), samples for learners (--data) or a table of "
+        "events (--events)."
     )
-    text = "replay a recording: verify it, film it, make a page or data of it"
+    text = "replay a recording: verify it, or make a film, page or data of it"
     command = commands.add_parser("replay", help=text, description=description, examples=examples)
-    command.add_argument("file", type=path, help="a recording, as of `outlast rollout VARIANT --record FILE`")
-    add_import(command, "recordings name, and that are not outlast's own")
-    text = "let its worlds take as much memory as they need (default: 1 GiB, more for a long file)"
+    command.add_argument("file", type=path, help="the recording, made by `outlast rollout VARIANT --record FILE`")
+    add_import(command, "the recording uses")
+    text = "let the recorded worlds take as much memory as they need; otherwise 1 GiB is the limit, and more for a "
+    text += "long file"
     command.add_argument("--trust", action="store_true", help=text)
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
     output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
-    text = "another recording, for --html: the page plays both in step"
+    text = "with --html: another recording, which the page plays side by side with this one"
     output.add_argument("--beside", type=path, metavar="FILE", help=text)
-    text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
+    text = "write samples to learn from: to a folder of .npz files, to NAME.parquet, or to the Minari dataset "
+    text += "minari:NAME-v0"
     output.add_argument("--data", type=path, metavar="PATH", help=text)
-    text = "write what happened into a new table, NAME.csv or NAME.parquet"
+    text = "write a table of what happened to a new file, NAME.csv or NAME.parquet"
     output.add_argument("--events", type=path, metavar="FILE", help=text)
-    text = "numbers of the worlds to write, as in tables of events "
-    text += "(default: the first 16 for --out, the first for --html, else all)"
+    text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
+    text += "room for; for --html the first; otherwise all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
     add_number(part, "--from", 0, "first tick to write", least=0, dest="first")
-    add_number(part, "--to", "the last there is", "last tick to write", least=0, dest="last")
-    part.add_argument("--no-verify", action="store_false", dest="verify", help="do not compare with the digests")
+    add_number(part, "--to", "the last of the recording", "last tick to write", least=0, dest="last")
+    text = "do not compare the ticks with the recorded digests"
+    part.add_argument("--no-verify", action="store_false", dest="verify", help=text)
     add_common(command, "--threads", "--quiet")
     command.set_defaults(run=run)
 

@@ -25,7 +25,9 @@ from ..scenarios.differing import plain, same_for_all
 from ..scenarios.scenario import Scenario
 from ..storage.atomic_write import atomic_write
 from .options import (
+    CLUSTER,
     MACHINE,
+    OPPONENTS,
     OUTPUT,
     PLAY,
     STDOUT,
@@ -49,12 +51,19 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
         ("rollout ffa_2 --policy scripted", "one episode in each of 1024 worlds"),
-        ("rollout teams_3 --worlds 64 --record fights.rec --csv fights.csv", "to be replayed, and a row an episode"),
-        ("rollout ffa_2 --policy scripted --others random,FILE.zip --json -", "who wins against whom, as JSON"),
+        (
+            "rollout teams_3 --worlds 64 --record fights.rec --csv fights.csv",
+            "a recording to replay, and a table with a row for each episode",
+        ),
+        (
+            "rollout ffa_2 --policy scripted --others random,FILE.zip --json -",
+            "how often it wins against each of the others, as JSON",
+        ),
     ]
     description = (
-        "Play whole episodes in many worlds, of every world as many, and print means and standard errors of their "
-        "statistics. With --steps, means lean towards short episodes, as long ones are cut off at the end."
+        "Play whole episodes in many worlds, the same number in each, and print means and standard errors of their "
+        "statistics. With --steps, every world plays a fixed number of steps instead. Episodes that have not ended by "
+        "then do not count, so the means lean towards short episodes."
     )
     text = "run a policy in many worlds and print the episodes' statistics"
     command = commands.add_parser("rollout", help=text, description=description, examples=examples)
@@ -62,26 +71,28 @@ def add(commands: Any) -> None:
     played, output, machine = (command.group(title) for title in (PLAY, OUTPUT, MACHINE))
     add_number(played, "--worlds", WORLDS, "number of worlds")
     length = played.add_mutually_exclusive_group()
-    add_number(length, "--episodes", "1", "whole episodes of each world")
-    add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
+    add_number(length, "--episodes", "1", "whole episodes to play in each world")
+    add_number(length, "--steps", "none", "steps to play in each world, instead of whole episodes")
     add_policy(command, "random")
-    add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
+    add_others(command, None, OPPONENTS)
     add_seed(command)
-    text = "write a row for each episode, with all statistics, into a new file, NAME.csv"
+    text = "write a table with a row for each episode and all its statistics to a new file, NAME.csv"
     output.add_argument("--csv", type=path, metavar="FILE", help=text)
-    text = "write the table and what was asked for into a new file, NAME.json; -: print that instead of the table"
+    text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "
+    text += "of the table"
     output.add_argument("--json", type=path, metavar="FILE", help=text)
-    text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
+    text = "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet"
     output.add_argument("--events", type=path, metavar="FILE", help=text)
-    output.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
+    output.add_argument("--log-deaths", action="store_true", help="print a line for every death, on standard error")
     add_common(command, "--threads", "--record", "--quiet")
-    text = "compile for this scenario alone: faster steps, after some ten seconds the first time"
+    text = "compile for this game alone: steps are faster, but compiling takes some ten seconds the first time"
     machine.add_argument("--specialize", action="store_true", help=text)
-    text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
+    text = "run this system, such as melee.aim, as Python, so that breakpoints and print work in it (can be repeated)"
     machine.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
-    text = "with --record: also record what a saved --policy thinks, for the page of `outlast replay --html`"
+    text = "with --record and a saved --policy: also record its action probabilities, values and attention, which the "
+    text += "page of `outlast replay --html` shows"
     output.add_argument("--record-policy", action="store_true", help=text)
-    text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
+    text = f"play on the Ray cluster at ADDRESS; {CLUSTER} (default: no cluster)"
     machine.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
     command.set_defaults(run=run, steps=0)
 

@@ -34,13 +34,18 @@ def add(commands: Any) -> None:
         ("schedule teams_4 --components", "which systems write and read each component"),
         ("schedule ffa_1 --source", "the generated code"),
     ]
-    description = "Print what happens in a tick: every system with its phase, in order. Nothing is compiled or run."
-    text = "print the tick of a variant as a table"
+    description = (
+        "Print what happens in a tick: the systems, in the order in which they run, with their phases. Nothing is "
+        "compiled or run."
+    )
+    text = "print what happens in a tick of a game, as a table"
     table = commands.add_parser("schedule", help=text, description=description, examples=examples)
     add_scenario(table)
     kind = table.add_mutually_exclusive_group()
-    kind.add_argument("--components", action="store_true", help="print which systems write and read each component")
-    kind.add_argument("--source", action="store_true", help="print the generated code, one function a system")
+    text = "print the components instead, with the systems that write and read each"
+    kind.add_argument("--components", action="store_true", help=text)
+    text = "print the generated code instead, one function for each system"
+    kind.add_argument("--source", action="store_true", help=text)
     table.set_defaults(run=run)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ..films import Looks, Progress
+from ..rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL
 from .grammar import Parser
 from .options import STOPPED, add_number, path, printable
 
@@ -20,15 +21,17 @@ DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 def add(command: Parser, required: bool) -> None:
     """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     command = command.group("pictures")
-    text = "where to write: a folder for pictures, or a film, .mp4, .webm, .gif or .apng"
+    text = "what to write: a film, NAME.mp4, NAME.webm, NAME.gif or NAME.apng; or, by any name without an ending, a "
+    text += "folder of numbered PNG pictures"
     command.add_argument("--out", type=path, required=required, metavar="PATH", help=text)
-    add_number(command, "--size", DEFAULTS["size"], "pixels along a side of one world's picture")
-    text = "rows and columns of worlds in a frame (default: nearly a square)"
+    add_number(command, "--size", DEFAULTS["size"], "side of each world's picture in pixels, 64 to 4096")
+    text = "rows and columns of worlds in a frame, such as 2x3 (default: nearly a square)"
     command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)
-    text = "what else to draw, and what not: +vision,-ids,+FILE.py:LAYER (default: no change)"
+    text = f"layers to add or to leave out, as in +vision,-ids,+FILE.py:LAYER: {', '.join(FILM_LAYERS_BY_NAME)} "
+    text += f"(default: all but {', '.join(FILM_OPTIONAL)})"
     command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
-    add_number(command, "--every", DEFAULTS["every"], "draw every Nth step only")
-    add_number(command, "--fps", DEFAULTS["fps"], "frames a second of a film")
+    add_number(command, "--every", DEFAULTS["every"], "draw only every Nth step, and the ends of episodes")
+    add_number(command, "--fps", DEFAULTS["fps"], "frames per second of a film")
 
 
 def grid(text: str) -> tuple[int, int]:

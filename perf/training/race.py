@@ -1,11 +1,14 @@
-"""How many CPU seconds training takes to reach the level of the paper's policies.
+"""Measure in how many CPU seconds training gets as good as the paper's policies.
 
-    python -m perf.training.race ffa_2 teams_2 teams_3 [--seeds 0 1 2 3 4] [--preset fast] [--ppo NAME=VALUE]
-        [--steps 10e6] [--every 15] [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
+    python -m perf.training.race ffa_2 teams_2 teams_3 [--seeds 0 1 2 3 4]
+        [--preset fast] [--ppo NAME=VALUE] [--steps 10e6] [--every 15]
+        [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
 
-Each run trains on one thread. Every so many CPU seconds (--every) its clock is stopped, and it plays against the policy
-of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy once it has a win rate of 60 % and,
-in self-play, episodes as long as that policy's. Then the run ends, unless --whole asks for all of its steps.
+Each run trains on one thread. Every so many CPU seconds of training it stops,
+and so does its clock, to play against the reference: the policy of
+docs/results/original/VARIANT-original-0.zip. A run is as good as the reference
+when it wins 60 % of these games and its episodes of self-play last as long as
+the reference's. Then it ends, unless --whole asks for all of its steps.
 """
 
 import contextlib
@@ -38,17 +41,24 @@ EPISODES, WORLDS = 300, 100  # of each duel with the reference
 def main() -> None:
     """Train, compare and print a table."""
     parser = options(__doc__)
-    parser.add_argument("variants", nargs="+")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2, 3, 4])
-    parser.add_argument("--preset", choices=PRESETS, default="fast")
-    parser.add_argument("--ppo", action="append", default=[])
-    parser.add_argument("--steps", type=float, default=10e6)
-    parser.add_argument("--worlds", type=int, default=0)
-    parser.add_argument("--rollout", type=int, default=0)
-    parser.add_argument("--every", type=float, default=15, help="CPU seconds between duels")
-    parser.add_argument("--limit", type=float, default=300, help="CPU seconds of a run")
-    parser.add_argument("--whole", action="store_true", help="do not end at the level of the reference")
-    parser.add_argument("--out", type=Path, default=Path("runs/race"))
+    parser.add_argument("variants", nargs="+", help="variants to train in")
+    parser.add_argument(
+        "--seeds", nargs="+", type=int, default=[0, 1, 2, 3, 4], help="a run for each (default 0 1 2 3 4)"
+    )
+    parser.add_argument("--preset", choices=PRESETS, default="fast", help="as in `outlast train` (default fast)")
+    parser.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="change a number of PPO")
+    parser.add_argument("--steps", type=float, default=10e6, help="agent-steps of a run, at most (default 10e6)")
+    parser.add_argument("--worlds", type=int, default=0, help="worlds (default: as the preset has it)")
+    text = "environment steps of a rollout (default: as the preset has it)"
+    parser.add_argument("--rollout", type=int, default=0, help=text)
+    parser.add_argument(
+        "--every", type=float, default=15, help="CPU seconds of training between two duels (default 15)"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=300, help="CPU seconds of training after which a run ends (default 300)"
+    )
+    parser.add_argument("--whole", action="store_true", help="go on when a run is as good as the reference")
+    parser.add_argument("--out", type=Path, default=Path("runs/race"), help="folder of the runs (default runs/race)")
     given = parser.parse_args()
     torch.set_num_threads(1)
     table = Table(

@@ -1,12 +1,16 @@
-"""Where the time of training goes: collecting and updating, and the parts of both.
+"""Measure where the time of training goes, while collecting and while updating.
 
-    python -m perf.training.rates [--variants ffa_2 teams_3] [--preset original] [--worlds 256] [--rollout 32768]
-        [--threads 2] [--device cpu] [--save MACHINE]
+    python -m perf.training.rates [--variants ffa_2 teams_3]
+        [--preset original] [--worlds 256] [--rollout 32768] [--threads 2]
+        [--device cpu] [--save MACHINE]
 
-What is timed is one rollout as in `outlast train`, and some epochs of one update, with random initial weights. Rates
-are agent-steps a second for collecting and samples a second for updating; shares are of the time of either. Times are
-CPU time, the best of several rounds. On a GPU they are wall time, and each part is waited for: parts that overlap in a
-run do not overlap here, so the rates are lower; `perf.training.scale` has those of a run.
+What is timed is a rollout, as `outlast train` collects it, and an update of two
+epochs, with random initial weights. Rates are agent-steps per second while
+collecting and samples per second while updating; shares are of the time of that
+part. Times are CPU time, the best of several rounds. On a GPU they are wall
+time, and the GPU is waited for after each part: parts that overlap in a run do
+not overlap here, so rates are lower than those of a run, which
+perf.training.scale measures.
 """
 
 import time
@@ -72,12 +76,20 @@ class Stopwatch:
 def main() -> None:
     """Measure and print a table."""
     parser = options(__doc__)
-    parser.add_argument("--variants", nargs="+", type=playable, default=[*map(playable, ("ffa_2", "teams_3"))])
-    parser.add_argument("--preset", choices=PRESETS, default="original")
-    parser.add_argument("--worlds", type=positive, default=0)
-    parser.add_argument("--rollout", type=positive, default=0)
-    parser.add_argument("--threads", type=positive, default=torch.get_num_threads())
-    parser.add_argument("--device", default="cpu")
+    text = "variants, FILE.py:NAME, or rows of perf.step (default ffa_2 teams_3)"
+    parser.add_argument(
+        "--variants", nargs="+", type=playable, default=[*map(playable, ("ffa_2", "teams_3"))], help=text
+    )
+    parser.add_argument(
+        "--preset", choices=PRESETS, default="original", help="as in `outlast train` (default original)"
+    )
+    parser.add_argument("--worlds", type=positive, default=0, help="worlds (default: as the preset has it)")
+    text = "environment steps of a rollout (default: as the preset has it)"
+    parser.add_argument("--rollout", type=positive, default=0, help=text)
+    parser.add_argument(
+        "--threads", type=positive, default=torch.get_num_threads(), help="threads (default: as many as PyTorch takes)"
+    )
+    parser.add_argument("--device", default="cpu", help="PyTorch's device for updates (default cpu)")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     table = Table("training", "variant", "part", "a second", *PARTS, "rest")

@@ -1,13 +1,17 @@
-"""How much faster training is with more processes, with a GPU, and with halves of the worlds.
+"""Measure what processes, a GPU and halves of the worlds give to training.
 
-    python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast] [--processes 1 2] [--devices cpu cuda]
-        [--worlds 256 2048] [--batch N] [--threads 1] [--rounds 5] [--halves] [--save MACHINE]
+    python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast]
+        [--processes 1 2] [--devices cpu cuda] [--worlds 256 2048] [--batch N]
+        [--threads 1] [--rounds 5] [--halves] [--save MACHINE]
 
-The table has agent-steps a second of wall time, of collecting and updating, for each combination of a device, a number
-of worlds and a number of processes (each on some threads). All combinations are timed in turn, and the best round of
-each counts; `times` is relative to the first one. With more worlds than the preset has, minibatches grow as the rollout
-does, unless their size is given. CPU seconds are those of all processes together: they show what sums and waiting cost,
-even if others use the machine, which the load shows. Wall times say little if the machine is not idle.
+All combinations of devices, numbers of worlds and numbers of processes are
+measured in turn. Rates are agent-steps per second of wall time, for collecting,
+updating and both together, in the best round of each; `times` compares both
+together with the first combination. If there are more worlds than the preset
+has, minibatches grow as the rollout does, unless --batch gives their size.
+CPU seconds are those of all processes together: they say what summing and
+waiting cost even if others use the machine, which `load` shows. Wall times of a
+machine that is not idle say little.
 """
 
 import contextlib
@@ -29,15 +33,20 @@ from perf.table import Table, options
 def main() -> None:
     """Measure and print a table."""
     parser = options(__doc__)
-    parser.add_argument("--variants", nargs="+", default=["ffa_2", "teams_3"])
-    parser.add_argument("--preset", choices=PRESETS, default="fast")
-    parser.add_argument("--processes", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--devices", nargs="+", default=["cpu"])
-    parser.add_argument("--worlds", nargs="+", type=int, default=[0], help="0: as the preset has it")
-    parser.add_argument("--batch", type=int, default=0, help="samples of a minibatch; 0: as many of a rollout as usual")
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--halves", action="store_true")
+    parser.add_argument(
+        "--variants", nargs="+", default=["ffa_2", "teams_3"], help="what to train in (default ffa_2 teams_3)"
+    )
+    parser.add_argument("--preset", choices=PRESETS, default="fast", help="as in `outlast train` (default fast)")
+    parser.add_argument("--processes", nargs="+", type=int, default=[1, 2], help="numbers of processes (default 1 2)")
+    parser.add_argument("--devices", nargs="+", default=["cpu"], help="PyTorch's devices for updates (default cpu)")
+    parser.add_argument(
+        "--worlds", nargs="+", type=int, default=[0], help="numbers of worlds; 0, the default, is the preset's"
+    )
+    text = "samples of a minibatch (default: the same share of a rollout as in the preset)"
+    parser.add_argument("--batch", type=int, default=0, help=text)
+    parser.add_argument("--threads", type=int, default=1, help="threads of each process (default 1)")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of measuring (default 5)")
+    parser.add_argument("--halves", action="store_true", help="train with --halves, as in `outlast train`")
     given = parser.parse_args()
     measured = "collected/s", "updated/s", "together/s", "times", "CPU s", "load"
     table = Table("training_scale", "variant", "device", "processes", "worlds", "minibatch", *measured)

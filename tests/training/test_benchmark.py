@@ -117,7 +117,7 @@ def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.Cap
     assert main(["benchmark", "verify", str(results), "--quiet", "--jobs=2"]) == 0
     total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last == f"of {total}: {total - 1} as recorded, 0 wrong, 1 without all files here"  # that of the function
+    assert last == f"{total} checks: {total - 1} as recorded, 0 wrong, 1 with missing files"  # that of the function
 
 
 def times(folder: Path) -> dict[Path, tuple[int, str]]:

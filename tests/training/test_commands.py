@@ -123,7 +123,7 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path / "out")
     assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
     printed = capsys.readouterr()
-    assert (caplog.messages, printed.err) == (["stopped; complete are 3 of 6 pairings"], "")
+    assert (caplog.messages, printed.err) == (["stopped; 3 of 6 pairings are complete"], "")
     assert "3 pairings of 2 episodes" in printed.out
     found = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert (found["complete"], len(found["pairings"]), found["ratings"]) == (False, 3, [])

@@ -626,9 +626,9 @@ def test_the_command_trains_resumes_and_counts_both_steps(
     monkeypatch.chdir(tmp_path)
     numbers = ("--preset", "paper", "--threads", "1", "--ppo", "n_epochs=1", "--rollout", "1024", "--quiet")
     assert outlast_train("ffa_2", "--steps", "1.5e3", *numbers) == 0
-    assert "2,048 agent-steps = 1,024 environment steps in runs/ffa_2-paper-0" in capsys.readouterr().out
+    assert "runs/ffa_2-paper-0: 2,048 agent-steps, which are 1,024 environment steps" in capsys.readouterr().out
     assert outlast_train("ffa_2", "--steps", "3e3", "--resume", *numbers) == 0
-    assert "4,096 agent-steps = 2,048" in capsys.readouterr().out
+    assert "4,096 agent-steps, which are 2,048" in capsys.readouterr().out
     assert names(tmp_path / "runs/ffa_2-paper-0") == [CHECKPOINT.format(n * 2048) for n in (1, 2)]
 
 

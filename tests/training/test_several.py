@@ -34,7 +34,7 @@ def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys: pyt
     assert outlast_train("ffa_1", "1v1_heals_mid", "--seed", "0", "3", *options, str(tmp_path)) == 0
     output = capsys.readouterr().out
     for name in ("ffa_1-original-0", "ffa_1-original-3", "ffa_2-original-0", "ffa_2-original-3"):
-        assert f"{name}: 1,024 agent-steps of them in" in output
+        assert f"{name}: trained 1,024 agent-steps in" in output
         assert names(tmp_path / name) == [CHECKPOINT.format(1024)]
     assert outlast_train("ffa_2", "--seed", "3", "--threads", "1", *options, str(tmp_path / "one")) == 0
     assert points(tmp_path / "one") == points(tmp_path / "ffa_2-original-3")
@@ -50,7 +50,7 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys: pytest.
     output = capsys.readouterr().out
     assert "ffa_1-original-0: outlast: " in output
     assert "is not empty: go on with --resume" in output
-    assert "ffa_1-original-1: 2,048 agent-steps of them" in output
+    assert "ffa_1-original-1: trained 2,048 agent-steps" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
     assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
 
@@ -149,5 +149,5 @@ def test_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> N
         out, err = process.communicate(timeout=100)
     assert process.returncode == status
     assert err.strip() == "outlast: stopped: go on with --resume"
-    assert out.count("agent-steps of them in") == 2
+    assert out.count(": trained ") == 2
     assert all(names(log.parent) for log in logs)

@@ -32,55 +32,66 @@ ACTIONS = {
 }  # and the options that have an effect on each
 OWN = ("agent", "seed", "jobs", "quiet")  # that each of several entries has for itself
 RESULTS = Path("benchmark")
-AGAIN = "stopped: the same command goes on"
+AGAIN = "stopped: run the same command again to go on"
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("benchmark tasks", "what there is to be played"),
+        ("benchmark tasks", "list the tasks"),
         (
             "benchmark run ffa_2-v1 teams_2-v1 --agent fast --seed 0 1 2 3 4",
-            "train, and play the games of the protocol",
+            "train preset fast with five seeds, and play the games of the protocol",
         ),
         ("benchmark run ffa_2-v1 --agent mine=agents.py:make --seed 0 1", "enter agents of your own"),
-        ("benchmark score benchmark", "the rest of it: cross-play of all with all"),
+        ("benchmark score benchmark", "play the matches between all agents, and write the scores"),
         ("benchmark verify benchmark", "play every recorded game again, and compare"),
-        ("benchmark table benchmark --out tables", "the table, as Markdown and CSV, with a figure"),
+        ("benchmark table benchmark --out tables", "write the tables, as Markdown and CSV, and a figure"),
     ]
     description = (
-        "Run agents by the benchmark's protocol: versioned tasks, fixed budgets, games in worlds that no training has "
-        "seen; results with recordings of all games, which anybody can verify; scores and tables from results alone."
+        "Compare agents by the protocol of docs/benchmark.md: tasks that never change, fixed budgets of training, and "
+        "games in worlds that no training has seen. All games are recorded, so that anybody can verify the results. "
+        "ACTION is one of: tasks, to list the tasks; run, to train agents and play their games; score, to play all "
+        "agents against each other and compute scores; verify, to play all recorded games again; table, to write "
+        "tables; anchors, to make the rated opponents of a task. The help of an option begins with the actions that "
+        "take it."
     )
-    text = "compare agents by one protocol, with results that anybody can verify"
+    text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
-    command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=", ".join(ACTIONS))
-    text = "of run: tasks, or `all`; of score, verify and table: folders of results; of anchors: a task"
+    command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
+    text = f"run: tasks, or all; score, verify, table: folders of results (default {RESULTS}); anchors: a task"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
-    text = "of run: a preset, or NAME=SOURCE: a preset, the folder of a run, FILE.zip, FILE.py:FUNCTION; {task} and "
-    text += "{seed} in it stand for these"
+    text = "run: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
+    text += "preset, the folder of a run, FILE.zip or FILE.py:FUNCTION, and {task} and {seed} in it stand for those of "
+    text += "the entry (can be repeated)"
     command.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
-    command.add_argument("--seed", type=seed, nargs="+", default=[0], help="of run: seeds of training (default 0)")
+    text = "run: seeds of training; each is an entry of its own (default 0)"
+    command.add_argument("--seed", type=seed, nargs="+", default=[0], help=text)
     steps = " and ".join(f"{steps:,}" for steps in BUDGETS.values())
-    text = f"of run: agent-steps of training; those of the tracks are {steps} (default 10e6)"
+    text = f"run: agent-steps of training; the two tracks have {steps} (default 10e6)"
     command.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
-    text = f"games of each match (default {GAMES}; others are of no track)"
+    text = f"run, anchors: games of each match (default {GAMES}, as in both tracks)"
     command.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
-    command.add_argument("--opponents", metavar="NAME:WEIGHT,...", help="of run: as of `outlast train`")
-    command.add_argument(
-        "--ppo", action="append", default=[], metavar="NAME=VALUE", help="of run: as of `outlast train`"
-    )
-    command.add_argument("--memory", type=positive, metavar="N", help="of run: as of `outlast train`")
-    text = "of anchors: checkpoints, or folders of runs, of which several ages are taken"
+    text = "run: whom a preset plays against in training, as in `outlast train` (default self)"
+    command.add_argument("--opponents", metavar="NAME:WEIGHT,...", help=text)
+    text = "run: change a number of PPO in the training of a preset, as in gamma=0.999 (can be repeated)"
+    command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "run: how many numbers each agent of a preset remembers from step to step (default: no memory)"
+    command.add_argument("--memory", type=positive, metavar="N", help=text)
+    text = "anchors: checkpoints, or folders of runs, of which those at 10, 30 and 100 %% of the run are taken"
     command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
-    text = f"folder of results (run, default {RESULTS}), tables (default: beside the results), or anchors"
-    command.add_argument("--out", type=Path, metavar="FOLDER", help=text)
-    text = "of table: copy results there, with no recordings but those of self-play of each agent's first seed"
+    text = (
+        f"run: folder for results (default {RESULTS}); table: for tables (default: that of the results); anchors: for "
+    )
+    command.add_argument("--out", type=Path, metavar="FOLDER", help=f"{text}the anchors")
+    text = "table: also copy what is small enough to publish to this folder: all results, and the policy and one "
+    text += "recording of each agent's first seed"
     command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
-    text = "of run: entries at a time; of score and verify: matches at a time (default: cores)"
+    text = "run: how many entries run at the same time; score, verify: how many matches (default: cores)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
-    command.add_argument("--threads", type=positive, metavar="N", help="of run: of one entry's training")
-    command.add_argument("--quiet", action="store_true", help="show no progress")
+    text = "run: threads of the training of each entry (default: cores, at most 4; of several entries 1)"
+    command.add_argument("--threads", type=positive, metavar="N", help=text)
+    command.add_argument("--quiet", action="store_true", help="run, score, verify, anchors: show no progress")
     command.arrange(
         {
             "what is entered": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
@@ -264,7 +275,7 @@ def _verify(options: argparse.Namespace) -> int:
     from ..benchmark import scores
     from ..benchmark.verify import checks, cross_checks
 
-    counts = {"as recorded": 0, "wrong": 0, "without all files here": 0}
+    counts = {"as recorded": 0, "wrong": 0, "with missing files": 0}
     for place in _places(options):
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
         jobs = []
@@ -276,7 +287,7 @@ def _verify(options: argparse.Namespace) -> int:
             counts[wrong if found.wrong else partly if found.missing else fine] += 1
             if found.wrong or not options.quiet:
                 print(found, flush=True)
-    print(f"of {sum(counts.values())}:", ", ".join(f"{number} {name}" for name, number in counts.items()))
+    print(f"{sum(counts.values())} checks:", ", ".join(f"{number} {name}" for name, number in counts.items()))
     return int(counts["wrong"] > 0)
 
 

@@ -19,25 +19,36 @@ logger = logging.getLogger("outlast")
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("evaluate ffa_2 runs/ffa_2-fast-0 scripted random", "the newest policy of a run: who wins how often, ratings"),
-        ("evaluate ffa_2 runs --episodes 200 --out evaluation", "the newest policies of all runs there, and tables"),
-        ("evaluate teams_2 runs/teams_2-fast-0/steps_0010000000.zip scripted --out duel --film", "with films"),
+        ("evaluate ffa_2 runs/ffa_2-fast-0 scripted random", "the newest policy of a run, against two others"),
+        (
+            "evaluate ffa_2 runs --episodes 200 --out evaluation",
+            "the newest policies of all runs in a folder; write tables",
+        ),
+        (
+            "evaluate teams_2 runs/teams_2-fast-0/steps_0010000000.zip scripted --out duel --film",
+            "one checkpoint; write films, too",
+        ),
     ]
-    description = "Let every policy play every other one and itself; print win rates, ratings and what agents do."
-    description += " Runs that differ by their seeds only are rated as one group, too, with intervals over seeds."
+    description = (
+        "Let every policy play against every other one and against itself, and print win rates, ratings and what "
+        "agents do. Runs that differ only in their seeds are also rated as one group, with intervals over seeds."
+    )
     text, columns = "let policies play against each other, and rate them", "\n".join(explained())
-    epilog = f"columns, with their standard errors over games:\n{columns}"
+    epilog = f"columns ('it' is the policy of the row), each with its standard error over games:\n{columns}"
     command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
     add_scenario(command)
-    text = f"{', '.join(POLICIES)}, FILE.zip; folder of a run, or around several: the newest checkpoint of each"
-    command.add_argument("policies", nargs="+", metavar="POLICY", help=text)
-    command.add_argument("--episodes", type=positive, default=1000, help="of each pairing, at least (default 1000)")
-    command.add_argument("--worlds", type=positive, default=64, help="at once (default 64)")
-    command.add_argument("--seed", type=seed, default=0, help="same seed, same numbers (default 0)")
-    command.add_argument("--threads", type=positive, default=1, help="of the worlds; the numbers stay the same")
-    command.add_argument("--out", type=Path, metavar="FOLDER", help="write the tables there, as CSV and JSON")
-    command.add_argument("--film", action="store_true", help="and a film and a page of a typical episode each")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    text = f"who plays: {', '.join(POLICIES)}, a saved policy FILE.zip, or the folder of a run, or of several runs, "
+    command.add_argument("policies", nargs="+", metavar="POLICY", help=f"{text}whose newest checkpoints play")
+    text = "episodes of each pairing, rounded up so that all worlds play the same number (default 1000)"
+    command.add_argument("--episodes", type=positive, default=1000, help=text)
+    command.add_argument("--worlds", type=positive, default=64, help="worlds that play at once (default 64)")
+    command.add_argument("--seed", type=seed, default=0, help="the same seed gives the same numbers (default 0)")
+    text = "threads that share the worlds, with the same results (default 1)"
+    command.add_argument("--threads", type=positive, default=1, help=text)
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="write the tables to this folder, as CSV and JSON")
+    text = "with --out: also write a film and a page of a typical episode of each pairing"
+    command.add_argument("--film", action="store_true", help=text)
+    command.add_argument("--quiet", action="store_true", help="show no progress bar")
     command.arrange(
         {
             "what is played": ("policies", "--episodes", "--worlds", "--seed"),
@@ -79,7 +90,7 @@ def _evaluate(evaluation: Any, folder: Path | None, options: argparse.Namespace)
         except KeyboardInterrupt:
             status = STOPPED
             complete, total = len(evaluation.pairings), len(evaluation.pairs)
-            logger.warning("stopped; complete are %d of %d pairings", complete, total)
+            logger.warning("stopped; %d of %d pairings are complete", complete, total)
         finally:
             _report(evaluation, folder, time.perf_counter() - start)
         if hidden is not None and folder is not None and not status:

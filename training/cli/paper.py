@@ -26,30 +26,32 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
         ("paper --plan", "what would be trained, and how long that takes"),
-        ("paper original --out reproduction", "the eight experiments; again, to go on after Ctrl-C"),
+        ("paper original --out reproduction", "the eight experiments; the same command goes on after Ctrl-C"),
         ("paper original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
     ]
-    text = "the paper's experiments, and those past it: train, measure, draw"
+    text = "train, measure and draw the paper's experiments and more"
     description = (
-        "Train everything in docs/paper.md, and write its figures, tables and films. Called again, it goes on."
+        "Train the runs of docs/paper.md, and write its figures, tables and films. Run again, the same command goes on "
+        "where it was stopped."
     )
     parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
     command = commands.add_parser(
         "paper", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
     )
-    command.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)} (default: all)")
-    command.add_argument(
-        "--only", nargs="+", default=[], metavar="GAME", help="these games of them: ffa_2 (default: all)"
-    )
-    text = "runs of each experiment, with seeds from 0 on (default: 3, of mended games 2)"
+    text = f"what to train: {', '.join(PARTS)}, see below (default: all)"
+    command.add_argument("parts", nargs="*", metavar="PART", help=text)
+    text = "only these games of the parts, such as ffa_2 (default: all)"
+    command.add_argument("--only", nargs="+", default=[], metavar="GAME", help=text)
+    text = "runs of each experiment, with one seed after the other (default: 3, of mended games 2)"
     command.add_argument("--seeds", type=positive, metavar="N", help=text)
-    command.add_argument(
-        "--first", type=nonnegative, default=0, metavar="SEED", help="seed of the first run (default 0)"
-    )
-    command.add_argument("--out", type=Path, default=Path("paper"), help="folder for all of it (default paper)")
-    command.add_argument("--jobs", type=positive, help="runs at a time (default: cores)")
-    command.add_argument("--plan", action="store_true", help="say what would be done, and do nothing")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    text = "seed of the first run of each experiment (default 0)"
+    command.add_argument("--first", type=nonnegative, default=0, metavar="SEED", help=text)
+    text = "folder for runs, figures, tables and films (default paper)"
+    command.add_argument("--out", type=Path, default=Path("paper"), help=text)
+    command.add_argument("--jobs", type=positive, help="how many runs train at the same time (default: cores)")
+    text = "only print what would be trained, and about how long that takes"
+    command.add_argument("--plan", action="store_true", help=text)
+    command.add_argument("--quiet", action="store_true", help="show no progress bar")
     command.arrange(
         {
             "what is done": ("parts", "--only", "--seeds", "--first", "--plan"),

@@ -15,30 +15,38 @@ from ..plots.plot import FORMS, plot
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("plot runs", "every run in that folder in one figure, into the folder figures"),
+        ("plot runs", "all runs in a folder in one figure, in the folder figures"),
         (
             "plot runs/weak runs/strong --by melee_damage --curves length,wins/scripted",
-            "by a number of the game",
+            "two curves of each, in groups by a number of the game",
         ),
-        ("plot runs --paper --out figures/paper", "beside the paper's curves"),
+        ("plot runs --paper --out figures/paper", "runs of the paper's variants beside the paper's curves"),
     ]
-    description = "Draw the curves of runs in one figure, and write a table of their end values."
-    text = "curves of runs in one figure, and a table of their end values"
-    command = commands.add_parser("plot", help=text, description=description, examples=examples)
-    command.add_argument(
-        "runs", nargs="+", type=Path, metavar="RUN", help="folder of a run, a kept result, or a folder of such: runs"
+    description = (
+        "Draw the learning curves of runs in one figure, and write a table of their values at the end. Runs that "
+        "differ only in their seeds are one group, drawn as their mean and a band."
     )
-    text = "settings that set groups apart, of the game, of PPO or of the run: melee_damage,seed (default: all)"
+    text = "draw the learning curves of runs, and tabulate their end values"
+    command = commands.add_parser("plot", help=text, description=description, examples=examples)
+    text = "folder of a run, a kept result (.csv), or a folder with several of these, such as runs"
+    command.add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
+    text = (
+        "settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default: "
+    )
+    text += "all but the seed)"
     command.add_argument("--by", type=_names, default=(), metavar="NAME,...", help=text)
-    text = "what to draw: return,length,wins/scripted; tags of log.csv, too (default: up to six)"
+    text = "what to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted "
+    text += "(default: up to six)"
     command.add_argument("--curves", type=_names, default=(), metavar="NAME,...", help=text)
-    text = "what to draw over: agent-steps, or hours of training (default steps)"
+    text = "horizontal axis: agent-steps, or hours of training (default steps)"
     command.add_argument("--x", choices=AXES, default=AXES[0], help=text)
-    command.add_argument("--out", type=Path, default=Path("figures"), help="folder to write into (default figures)")
-    command.add_argument("--format", choices=FORMS, default="png", help="of the figures (default png)")
-    text = "compare runs of the paper's variants with the paper's: a figure for each variant and preset, and its claims"
+    text = "folder for figures and tables (default figures)"
+    command.add_argument("--out", type=Path, default=Path("figures"), help=text)
+    command.add_argument("--format", choices=FORMS, default="png", help="format of the figures (default png)")
+    text = "compare runs of the paper's variants with the paper: draw a figure for each variant and preset, and check "
+    text += "the paper's claims"
     command.add_argument("--paper", action="store_true", help=text)
-    text = "with --paper, also keep there curves and policies, small"
+    text = "with --paper: also write the runs' curves and newest policies, without the rest, to this folder"
     command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
     command.arrange(
         {

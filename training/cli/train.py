@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import STOPPED, add_scenario, nonnegative, positive, scenario, seed
+from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
@@ -20,7 +20,7 @@ from ..annealing import parse_anneal
 from ..children import RESUME, ChildRun, side_by_side
 from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TEACHERS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
-from ..hyperparameters import parse_hyperparameters
+from ..hyperparameters import KINDS, parse_hyperparameters
 from ..live_view import LiveView
 from ..presets import DEAD, PRESETS
 from ..workload import Workload
@@ -35,6 +35,10 @@ GROUPS = {
     "output": ("--out", "--every", "--resume", "--film", "--quiet"),
     "machine": ("--device", "--threads", "--processes", "--jobs", "--ray", "--halves"),
 }  # of help
+PRESET = (
+    "networks, numbers of PPO and size of a rollout: fast (the default); original, what the paper's authors ran; "
+    "paper, what the paper's text says; scaled, which is paper with inputs of about -1 to 1"
+)
 OWN = ("variant", "seed", "out", "resume", "quiet", "jobs", "save_scenario")  # that each of several runs has for itself
 NUMBERS = (
     *("preset", "steps", "worlds", "rollout", "policies", "prioritised", "snapshots", "memory", "critic", "dead"),
@@ -46,59 +50,80 @@ logger = logging.getLogger("outlast")
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("train ffa_2", "ten million agent-steps into runs/ffa_2-fast-0"),
+        ("train ffa_2", "ten million agent-steps, in the folder runs/ffa_2-fast-0"),
         ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
-        ("train ffa_2 --resume", "go on with a run"),
+        ("train ffa_2 --resume", "go on with a run that was stopped"),
     ]
-    text = "train the agents of a variant with PPO"
+    text = "train the agents of a game with PPO"
     description = (
-        "Train with PPO, by self-play unless --opponents names others; a run's folder has log and checkpoints."
+        "Train agents with PPO, by self-play unless --opponents names others. Several variants or seeds are several "
+        "runs, side by side. The folder of a run has its log and checkpoints. A tick of a world of four agents is one "
+        "environment step, and four agent-steps."
     )
     command = commands.add_parser("train", help=text, description=description, examples=examples)
     add_scenario(command, several=True)
-    command.add_argument("--preset", choices=PRESETS, default=FAST, help="networks and numbers of PPO (default fast)")
-    command.add_argument("--steps", type=positive, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
-    command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
-    command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
-    command.add_argument("--worlds", type=positive, default=0, help="that share a rollout (the paper: 1)")
-    command.add_argument("--rollout", type=positive, default=0, help="environment steps of it (the paper: 16384)")
-    command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="of PPO: gamma=0.999")
-    command.add_argument(
-        "--policies", choices=POLICIES, default="shared", help="one for all agents, or one for each side or agent"
+    command.add_argument("--preset", choices=PRESETS, default=FAST, help=PRESET)
+    text = "agent-steps to train for, rounded up to whole rollouts (default 10e6)"
+    command.add_argument("--steps", type=positive, default=10_000_000, help=text)
+    text = "seeds, with a run for each; the same seed gives the same numbers (default 0)"
+    command.add_argument("--seed", type=seed, nargs="+", default=[0], help=text)
+    text = "how many of several runs train at the same time (default: cores / --processes)"
+    command.add_argument("--jobs", type=positive, help=text)
+    text = (
+        "worlds that are stepped together (default: fast has 512 agents in all, other presets 64 worlds; the paper: 1)"
     )
-    text = f"who they play against, with weights: {', '.join(OPPONENTS)}, FILE.zip or a run's folder (default self)"
+    command.add_argument("--worlds", type=positive, default=0, help=text)
+    text = "environment steps of all worlds together between two updates (default: fast 128 for each world, other "
+    text += "presets 16384, as in the paper)"
+    command.add_argument("--rollout", type=positive, default=0, help=text)
+    text = f"change a number of PPO, as in gamma=0.999: {', '.join(KINDS)} (can be repeated)"
+    command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "train one policy for all agents (shared, the default), one for each side, or one for each agent"
+    command.add_argument("--policies", choices=POLICIES, default="shared", help=text)
+    text = (
+        "whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
+    )
+    text += f"its earlier selves; also {', '.join(OPPONENTS[2:])}, FILE.zip or the folder of a run (default self)"
     command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
-    text = "draw opponents the more often, the more they win"
+    text = "draw an opponent the more often, the more games it wins"
     command.add_argument("--prioritised", action="store_true", help=text)
-    command.add_argument(
-        "--snapshots", type=positive, default=SNAPSHOTS, help="updates between past selves (default 10)"
-    )
-    text = "numbers that each agent keeps from step to step (default 0)"
+    text = "with opponent past: number of updates until another earlier self is kept (default 10)"
+    command.add_argument("--snapshots", type=positive, default=SNAPSHOTS, help=text)
+    text = "how many numbers each agent remembers from step to step (default 0: no memory)"
     command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
-    text = "values are learned from what the agent observes (own, the default), or from the whole world, too (state)"
-    command.add_argument("--critic", choices=CRITICS, default="own", help=text)
-    text = f"before: imitate {', '.join(TEACHERS)}, or FILE.zip:STEPS, or begin with the weights of FILE.zip (or a run)"
+    text = "learn values from what the agent observes (own, the default), or from that and the state of the whole world"
+    command.add_argument("--critic", choices=CRITICS, default="own", help=f"{text} (state)")
+    text = f"begin by imitating {', '.join(TEACHERS)} (for STEPS agent-steps, by default 1.5e6) or FILE.zip:STEPS, or "
+    text += (
+        "begin with the weights of FILE.zip; the folder of a run stands for its newest file (default: no such start)"
+    )
     command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
-    text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"
+    text = "change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the first "
+    text += "5 million agent-steps, and without @5e6 in the whole run (can be repeated)"
     command.add_argument("--anneal", action="append", default=[], metavar="NUMBER=FROM:TO[@STEPS]", help=text)
-    command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
-    command.add_argument("--device", default="cpu", help="where policies are updated: cpu (the default), cuda")
-    command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
-    text = "that share the worlds; the numbers are the same, but for rounding (default 1)"
+    text = "learn also from the steps of dead agents (keep, the default), or leave them out (drop)"
+    command.add_argument("--dead", choices=DEAD, default="keep", help=text)
+    text = "PyTorch's device on which policies are updated, such as cuda; they always play on the CPU (default cpu)"
+    command.add_argument("--device", default="cpu", help=text)
+    text = (
+        "threads of each process, for networks and worlds (default: cores / --processes, at most 4; of several runs 1)"
+    )
+    command.add_argument("--threads", type=positive, help=text)
+    text = "processes that share the worlds of a run, with the same results up to rounding (default 1)"
     command.add_argument("--processes", type=positive, default=1, metavar="N", help=text)
-    text = "run all of them but one on the Ray cluster at ADDRESS, or the one on this machine (default: none)"
+    text = f"have all --processes but the first on the Ray cluster at ADDRESS; {CLUSTER} (default: no cluster)"
     command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
-    text = "step half of the worlds while the networks are busy with the other half"
-    command.add_argument("--halves", action="store_true", help=text)
-    command.add_argument(
-        "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
-    )
-    command.add_argument(
-        "--every", type=positive, default=1_000_000, help="agent-steps between checkpoints (default 1e6)"
-    )
-    command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
-    command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    text = "step one half of the worlds while the networks choose actions for the other half, with the same results up "
+    command.add_argument("--halves", action="store_true", help=f"{text}to rounding")
+    text = "folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED)"
+    command.add_argument("--out", type=Path, help=text)
+    text = "agent-steps between two checkpoints (default 1e6)"
+    command.add_argument("--every", type=positive, default=1_000_000, help=text)
+    text = "go on from the newest checkpoint in the folder of the run"
+    command.add_argument("--resume", action="store_true", help=text)
+    text = "make a short film of each checkpoint, a .webm file beside it"
+    command.add_argument("--film", action="store_true", help=text)
+    command.add_argument("--quiet", action="store_true", help="show no progress bar")
     command.arrange(GROUPS)
     command.set_defaults(run=functools.partial(run, command))
 
@@ -131,8 +156,8 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
         status = STOPPED
         logger.warning(RESUME)
     seconds, done = time.perf_counter() - start, training.saved
-    print(f"{done:,} agent-steps = {done // training.trainer.env.num_agents:,} environment steps in {folder}")
-    print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
+    print(f"{folder}: {done:,} agent-steps, which are {done // training.trainer.env.num_agents:,} environment steps")
+    print(f"trained {done - begun:,} agent-steps in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
     return status
 
 

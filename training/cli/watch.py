@@ -17,12 +17,16 @@ LISTED = 5  # runs that a message names
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [("watch runs/ffa_2-fast-0", "the run's newest policy plays, beside its numbers")]
-    description = "Serve a page on which the newest policy of a run plays; it goes on to newer ones while the run does."
-    text = "see the newest policy of a run play, and its numbers, in the browser"
+    examples = [("watch runs/ffa_2-fast-0", "the newest policy of this run plays, beside its numbers")]
+    description = (
+        "Serve a web page on which the newest policy of a run plays, beside the numbers of the run. While the run goes "
+        "on, newer policies take its place. Ctrl-C ends it."
+    )
+    text = "see the newest policy of a run play in the browser"
     command = commands.add_parser("watch", help=text, description=description, examples=examples)
-    command.add_argument("run_folder", type=Path, metavar="RUN", help="folder of a run of `outlast train`")
-    add_import(command, "the run names, and that are not outlast's own")
+    text = "folder of a run of `outlast train`, which may still be training"
+    command.add_argument("run_folder", type=Path, metavar="RUN", help=text)
+    add_import(command, "the run uses")
     add_page(command)
     command.set_defaults(run=run)
 

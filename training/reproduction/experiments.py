@@ -24,9 +24,9 @@ from ..plots.panels import hours
 from ..plots.runs import load
 
 PARTS = {
-    "original": "the eight variants with the authors' networks and numbers",
-    "text": "the same as the paper's text describes it: what is hidden is left out (presets paper and scaled)",
-    "mended": "games without the flaws that the paper names, against a pool of opponents",
+    "original": "the eight variants, with the authors' networks and numbers",
+    "text": "the same as the paper's text says (presets paper and scaled)",
+    "mended": "games without the paper's flaws, against a pool of opponents",
 }
 SECONDS = "seconds.csv"  # how long runs took; one such file is beside this module
 GUESS = 20_000  # agent-steps a second of runs whose preset was never timed
