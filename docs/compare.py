@@ -1,6 +1,6 @@
-"""Our episodes under random actions beside the original's, for docs/paper.md: python docs/compare.py (half a minute).
+"""Compare our episodes under random actions with the original's, for docs/paper.md: python docs/compare.py.
 
-Writes docs/statistics.csv from what tests/mechanics/test_statistics.py plays and compares.
+It writes docs/statistics.csv, from the episodes that tests/mechanics/test_statistics.py plays, and takes half a minute.
 """
 
 import csv

@@ -1,7 +1,7 @@
 """Execute the notebooks of the site and keep their outputs in them: `python docs/notebooks.py`.
 
-They are written by hand, without outputs; this runs every cell in a new kernel and stores what came out, which is what
-the site shows. `--steps` is how long the second one trains; what is stored was made without it.
+They are written by hand, without outputs. This runs every cell in a new kernel and stores the outputs, which the site
+shows. `--steps` shortens the training in the second notebook; the stored outputs were made without it.
 """
 
 import argparse
@@ -29,8 +29,10 @@ def executed(path: Path, steps: int | None = None) -> nbformat.NotebookNode:
 
 def main() -> None:
     parser = argparse.ArgumentParser("python docs/notebooks.py", description=__doc__)
-    parser.add_argument("--steps", type=int, help="agent-steps of training instead of those that the notebook says")
-    parser.add_argument("--out", type=Path, default=FOLDER, help="folder for what was executed (default: their own)")
+    parser.add_argument("--steps", type=int, help="agent-steps to train for (default: as the notebook says)")
+    parser.add_argument(
+        "--out", type=Path, default=FOLDER, help="folder for the executed notebooks (default: docs/notebooks)"
+    )
     options = parser.parse_args()
     for path in sorted(FOLDER.glob("*.ipynb")):
         nbformat.write(executed(path, options.steps), options.out / path.name)

@@ -1,4 +1,4 @@
-"""The pictures of the pages, from seeds: python docs/pictures.py writes them into docs/pictures.
+"""Make the pictures of the pages again, from seeds, and write them into docs/pictures.
 
     python docs/pictures.py [NAME ...]      (all, if none is named)
 

@@ -51,9 +51,8 @@ NEEDS = {  # libraries beside those of the core
 def main() -> None:
     """Run all scripts."""
     parser = options(__doc__)
-    parser.add_argument(
-        "--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="run only these scripts (default: all)"
-    )
+    text = f"run only these scripts: {', '.join(SCRIPTS)} (default: all)"
+    parser.add_argument("--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), metavar="SCRIPT", help=text)
     parser.add_argument(
         "--original", metavar="PYTHON:CHECKOUT", help="for the script step: see python -m perf.step --help"
     )

@@ -52,17 +52,19 @@ from .observation_rows import write_rows
 class Agents(Module):
     """The agents: their number, size and health (paper, section 3.1)."""
 
-    count: int = number(2, low=1, high=MANY, about="how many there are")
-    radius: float = number(0.5, low=0.002, high=FAR, per_agent=True, unit="metres", about="of an agent")
+    count: int = number(2, low=1, high=MANY, about="number of agents")
+    radius: float = number(0.5, low=0.002, high=FAR, per_agent=True, unit="metres", about="radius of an agent")
     density: float = number(
         1.0,
         low=LIGHT,
         high=HEAVY,
         per_agent=True,
         unit="kilograms per square metre",
-        about="of an agent, which gives its mass",
+        about="density of an agent, which with its radius gives its mass",
     )
-    health: int = number(100, low=1, high=MOST, per_agent=True, unit="hit points", about="at the start")
+    health: int = number(
+        100, low=1, high=MOST, per_agent=True, unit="hit points", about="hit points of an agent at the start"
+    )
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)

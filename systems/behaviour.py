@@ -49,9 +49,11 @@ class Behaviour(Module):
     need: an agent needs a heal if it had fewer hit points at the end of the previous tick.
     """
 
-    cells: int = number(8, low=1, high=MOST_CELLS, about="of the grid of which agents visit cells, each way")
+    cells: int = number(
+        8, low=1, high=MOST_CELLS, about="cells on a side of the grid that counts where agents have been"
+    )
     need: float = number(
-        0.5, low=0, high=1, unit="of the hit points at the start", about="with fewer, a heal is needed"
+        0.5, low=0, high=1, unit="of the hit points at the start", about="an agent with less than this needs a heal"
     )
 
     def singletons(self) -> Iterable[Singleton]:

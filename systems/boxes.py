@@ -73,31 +73,38 @@ class Boxes(Module):
     corner later for items, and for boxes that were set up from items.
     """
 
-    count: int = number(8, low=1, high=MANY, about="how many there are")
-    width: float = number(1.0, above=0, high=FAR, unit="metres", about="mean width")
+    count: int = number(8, low=1, high=MANY, about="number of boxes")
+    width: float = number(1.0, above=0, high=FAR, unit="metres", about="mean width of a box")
     width_deviation: float = number(
-        1.0, low=0, high=FAR, unit="metres", about="standard deviation of widths; 0: all alike"
+        1.0, low=0, high=FAR, unit="metres", about="standard deviation of widths; 0: all boxes are alike"
     )
-    height: float = number(1.5, above=0, high=FAR, unit="metres", about="mean height")
+    height: float = number(1.5, above=0, high=FAR, unit="metres", about="mean height of a box")
     height_deviation: float = number(
-        1.5, low=0, high=FAR, unit="metres", about="standard deviation of heights; 0: all alike"
+        1.5, low=0, high=FAR, unit="metres", about="standard deviation of heights; 0: all boxes are alike"
     )
-    least: float = number(0.1, low=0.003, high=FAR, unit="metres", about="the shortest side that a box can have")
-    toughness: int = number(5, low=1, high=MOST, unit="hit points", about="that break a box")
-    owned: bool = number(True, about="who breaks a box first owns it, and only that side can break it from then on")
+    least: float = number(0.1, low=0.003, high=FAR, unit="metres", about="shortest side that a box can have")
+    toughness: int = number(5, low=1, high=MOST, unit="hit points", about="damage that breaks a box")
+    owned: bool = number(
+        True, about="the side that first breaks a box owns it, and only that side can break it from then on"
+    )
     dynamic: bool = number(False, about="boxes can be pushed")
     density: float = number(
-        1.0, low=LIGHT, high=HEAVY, unit="kilograms per square metre", about="of a box that can be pushed"
+        1.0, low=LIGHT, high=HEAVY, unit="kilograms per square metre", about="density of a box that can be pushed"
     )
     offset: float = number(
-        0.0, low=0, high=FAR, per_agent=True, unit="metres", about="from the user's centre to where a box is set up"
+        0.0,
+        low=0,
+        high=FAR,
+        per_agent=True,
+        unit="metres",
+        about="distance from the user's centre to the place where a box is set up",
     )
-    item_radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a broken box on the ground")
+    item_radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="radius of a broken box on the ground")
     settles: bool = number(False, about="a box cannot be damaged in the tick in which it is set up")
     corners: str = number(
         "lower left",
         choices=("lower left", "rolled"),
-        about="where observed vertices begin: lower left, or one corner later for items and what was one",
+        about="first observed vertex: lower left, or for items and boxes set up from them one corner later (rolled)",
     )
 
     def archetypes(self) -> Iterable[Archetype]:

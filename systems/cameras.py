@@ -34,19 +34,19 @@ class Cameras(Module):
     """
 
     fov: float = number(
-        0.4 * math.pi, above=0, high=math.pi, per_agent=True, unit="radians", about="whole opening angle"
+        0.4 * math.pi, above=0, high=math.pi, per_agent=True, unit="radians", about="opening angle of the vision cone"
     )
     depth: float = number(10.0, above=0, high=FAR, per_agent=True, unit="metres", about="how far an agent sees")
     cone: str = number(
         "sector",
         choices=("sector", "kite"),
-        about="depth is measured along an arc (sector) or along chords, as in the paper's runs (kite)",
+        about="depth is measured along an arc (sector), or along chords, as in the paper's runs (kite)",
     )
     items_occlude: bool = number(True, about="items hide what is behind them")
     mode: str = number(
         "masked",
         choices=MODES,
-        about="what observations hold of hidden entities: zeros (masked), all (revealed); omniscient: none is hidden",
+        about="rows of hidden entities are zeros (masked) or filled in (revealed), or no entity is hidden (omniscient)",
     )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:

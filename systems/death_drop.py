@@ -25,7 +25,9 @@ class DeathDrop(Module):
 
     stream = "drop"
 
-    radius: float = number(0.5, low=0, high=FAR, per_agent=True, unit="metres", about="from where the agent died")
+    radius: float = number(
+        0.5, low=0, high=FAR, per_agent=True, unit="metres", about="radius of a circle around the place of death"
+    )
     scatter: str = number(
         "disc", choices=("disc", "rim"), about="items fall anywhere in that circle (disc), or exactly on it (rim)"
     )

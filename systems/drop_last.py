@@ -18,7 +18,14 @@ class DropLast(Module):
     The item lands ahead of the agent; if `offset` is less than the reach of pickup, it is back in the bag at once.
     """
 
-    offset: float = number(1.0, low=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre, ahead")
+    offset: float = number(
+        1.0,
+        low=0,
+        high=FAR,
+        per_agent=True,
+        unit="metres",
+        about="distance ahead of the agent's centre at which it drops an item",
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drop(), ItemDropped()]

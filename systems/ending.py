@@ -35,9 +35,9 @@ class Ending(Module):
     rule: str = number(
         "all dead",
         choices=("all dead", "last alive", "never"),
-        about="episodes end when no side is alive (all dead), one or none (last alive), or at the limit alone (never)",
+        about="episodes end when no side lives (all dead), at most one does (last alive), or only at the limit (never)",
     )
-    limit: int = number(0, low=0, high=TICKS, unit="ticks", about="until an episode is cut off; 0: never")
+    limit: int = number(0, low=0, high=TICKS, unit="ticks", about="length after which an episode is cut off; 0: never")
 
     def check(self, layout: Layout) -> None:
         if self.rule == "never" and not self.limit:

@@ -45,13 +45,22 @@ class GiveLast(Module):
     lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
 
-    reach: float = number(2.0, above=0, high=FAR, per_agent=True, unit="metres", about="centre to centre")
+    reach: float = number(
+        2.0,
+        above=0,
+        high=FAR,
+        per_agent=True,
+        unit="metres",
+        about="greatest distance to the taker, from centre to centre",
+    )
     nearest: str = number(
         "suitable",
         choices=("suitable", "any"),
-        about="who gets it: the nearest suitable agent, or the nearest body if it is one (any)",
+        about="the taker is the nearest suitable agent (suitable), or the nearest body, if it is such an agent (any)",
     )
-    passes_on: bool = number(False, about="an agent with an empty bag gives away what it is given in the same tick")
+    passes_on: bool = number(
+        False, about="an agent with an empty bag can give away an item in the tick in which it is given it"
+    )
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Gift(),))]

@@ -49,9 +49,9 @@ from .observation_rows import write_rows
 class Heals(Module):
     """Heals lie around from the start, and do not come back once used (paper, section 3.2)."""
 
-    count: int = number(15, low=1, high=MANY, about="how many there are")
-    radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a heal")
-    amount: int = number(75, low=0, high=MOST, unit="hit points", about="that using one gives")
+    count: int = number(15, low=1, high=MANY, about="number of heals")
+    radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="radius of a heal")
+    amount: int = number(75, low=0, high=MOST, unit="hit points", about="what an agent gets by using a heal")
 
     def archetypes(self) -> Iterable[Archetype]:
         parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))

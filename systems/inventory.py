@@ -30,7 +30,7 @@ from outlast.ecs import (
 class Inventory(Module):
     """Bags of agents (paper, section 3.1): a stack of items, of which the last one can be used."""
 
-    slots: int = number(4, low=1, high=MANY, about="items that a bag holds")
+    slots: int = number(4, low=1, high=MANY, about="items that a bag can hold")
     capacity: int = number(
         0, low=0, high=MANY, per_agent=True, about="slots that an agent can fill, at most inventory_slots; 0: all"
     )

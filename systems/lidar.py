@@ -49,15 +49,15 @@ class Lidar(Module):
     agents that are dead, absent or blind (Preparation) read 0.
     """
 
-    rays: int = number(16, low=1, high=MOST_RAYS, about="how many there are")
+    rays: int = number(16, low=1, high=MOST_RAYS, about="number of rays")
     angle: float = number(
         2 * math.pi, above=0, high=2 * math.pi, per_agent=True, unit="radians", about="width of the fan of rays"
     )
-    depth: float = number(10.0, low=0.01, high=FAR, per_agent=True, unit="metres", about="how long rays are")
+    depth: float = number(10.0, low=0.01, high=FAR, per_agent=True, unit="metres", about="length of a ray")
     targets: str = number(
         "walls",
         choices=TARGETS,
-        about="what rays end at: walls, of the room and inside; also boxes and agents (solids); also items (bodies)",
+        about="rays end at walls (walls), also at boxes and agents (solids), also at items (bodies)",
     )
 
     def archetypes(self) -> Iterable[Archetype]:

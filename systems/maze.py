@@ -20,11 +20,13 @@ class Maze(InnerWalls):
 
     draws_level: ClassVar[bool] = True
 
-    columns: int = number(6, low=1, high=MOST, unit="cells", about="from left to right")
-    rows: int = number(6, low=1, high=MOST, unit="cells", about="from bottom to top")
-    loops: float = number(0.1, low=0, high=1, about="probability that a wall that need not be is left out")
-    thickness: float = number(0.4, low=0.004, high=FAR, unit="metres", about="of a wall")
-    blocks: int = number(0, low=0, high=450, about="room for so many, to vary the cells; 0: what these cells need")
+    columns: int = number(6, low=1, high=MOST, unit="cells", about="cells from left to right")
+    rows: int = number(6, low=1, high=MOST, unit="cells", about="cells from bottom to top")
+    loops: float = number(0.1, low=0, high=1, about="probability of leaving out a wall that the maze can do without")
+    thickness: float = number(0.4, low=0.004, high=FAR, unit="metres", about="thickness of a wall")
+    blocks: int = number(
+        0, low=0, high=450, about="room for this many walls, where the cells vary; 0: as many as these cells need"
+    )
 
     def most_blocks(self) -> int:
         return self.blocks or max(1, self.needed())

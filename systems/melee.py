@@ -44,17 +44,24 @@ class Melee(Module):
 
     damage_type: ClassVar[str] = "melee"
 
-    reach: float = number(2.0, above=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre, ahead")
-    damage: int = number(5, low=0, high=MOST, per_agent=True, unit="hit points", about="that a strike takes")
+    reach: float = number(
+        2.0,
+        above=0,
+        high=FAR,
+        per_agent=True,
+        unit="metres",
+        about="how far a strike goes, ahead from the agent's centre",
+    )
+    damage: int = number(5, low=0, high=MOST, per_agent=True, unit="hit points", about="damage of a strike")
     cooldown: int = number(
         0,
         low=0,
         high=TICKS,
         per_agent=True,
         unit="ticks",
-        about="without attack after a strike that hit something; 0: every tick",
+        about="how long an agent cannot attack after a strike that hit something; 0: it can in every tick",
     )
-    blocked: bool = number(False, about="a strike ends at the first body of any kind")
+    blocked: bool = number(False, about="a strike ends at the first body of any kind, not only at one that it can hurt")
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Weapon(),))]

@@ -19,7 +19,7 @@ class Mortality(Module):
     """
 
     limit: int = number(
-        0, low=0, high=MOST, per_agent=True, unit="hit points", about="the most that an agent keeps; 0: no maximum"
+        0, low=0, high=MOST, per_agent=True, unit="hit points", about="the most that an agent can have; 0: no maximum"
     )
 
     def singletons(self) -> Iterable[Singleton]:

@@ -21,18 +21,23 @@ class Motors(Module):
     """
 
     ahead: float = number(
-        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds a tick", about="of full thrust ahead or back"
+        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds per tick", about="full thrust ahead or back"
     )
     left: float = number(
-        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds a tick", about="of full thrust to a side"
+        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds per tick", about="full thrust to a side"
     )
     turn: float = number(
-        0.0125, low=0, high=STRONG, per_agent=True, unit="newton-metre-seconds a tick", about="of full thrust around"
+        0.0125,
+        low=0,
+        high=STRONG,
+        per_agent=True,
+        unit="newton-metre-seconds per tick",
+        about="full thrust around the centre",
     )
     give: str = number(
         "evenly",
         choices=("evenly", "at once"),
-        about="thrust is a force during the tick (evenly), or an impulse ahead of it (at once)",
+        about="thrust is a force throughout the tick (evenly), or an impulse before it (at once)",
     )
 
     @classmethod

@@ -12,7 +12,7 @@ from outlast.ecs import AgentRoles, Field, Layout, Module, NumberError, Offset, 
 class ObserveRoles(Module):
     """Adds the field "role" to rows of agents: a one-hot vector of `count` numbers. Added by Scenario.roles."""
 
-    count: int = number(2, low=1, high=MANY, about="how many roles there are")
+    count: int = number(2, low=1, high=MANY, about="number of roles")
 
     def fields(self) -> Mapping[str, tuple[Field, ...]]:
         return {"own": (Field("role", low=0, high=1, size=self.count),)}

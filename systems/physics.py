@@ -58,20 +58,24 @@ class Physics(Module):
 
     # More substeps and iterations than these would go on for very long, and could not be stopped.
     rate: float = number(
-        60.0, low=1, high=1e6, unit="substeps a second", about="how often bodies are moved, and collide"
+        60.0, low=1, high=1e6, unit="substeps per second", about="how often bodies are moved and collide"
     )
-    substeps: int = number(2, low=1, high=1000, unit="substeps a tick", about="a tick lasts so many of them")
-    velocity_iterations: int = number(10, low=1, high=10_000, about="of Box2D's solver")
-    position_iterations: int = number(10, low=1, high=10_000, about="of Box2D's solver")
-    friction: float = number(0.2, low=0, high=STRONG, about="between bodies")
-    restitution: float = number(0.0, low=0, high=1, about="0: bodies stop at each other, 1: they bounce")
-    linear_damping: float = number(0.8, low=0, high=STRONG, unit="per second", about="of speed")
-    angular_damping: float = number(0.8, low=0, high=STRONG, unit="per second", about="of spin")
-    continuous: bool = number(True, about="fast bodies do not tunnel through standing ones")
+    substeps: int = number(2, low=1, high=1000, unit="substeps per tick", about="length of a tick")
+    velocity_iterations: int = number(10, low=1, high=10_000, about="iterations of Box2D's solver for velocities")
+    position_iterations: int = number(10, low=1, high=10_000, about="iterations of Box2D's solver for positions")
+    friction: float = number(0.2, low=0, high=STRONG, about="coefficient of friction between bodies")
+    restitution: float = number(0.0, low=0, high=1, about="0: bodies stop at each other, 1: they bounce off")
+    linear_damping: float = number(
+        0.8, low=0, high=STRONG, unit="per second", about="how fast moving bodies lose speed"
+    )
+    angular_damping: float = number(
+        0.8, low=0, high=STRONG, unit="per second", about="how fast turning bodies lose spin"
+    )
+    continuous: bool = number(True, about="fast bodies cannot pass through standing ones")
     backend: str = number(
         "auto",
         choices=("auto", "native", "portable"),
-        about="how Box2D is called: from machine code (native), from Python (portable)",
+        about="Box2D is called from machine code (native) or from Python (portable); auto: native where possible",
     )
 
     def systems(self) -> Iterable[System]:

@@ -23,8 +23,17 @@ class Pickup(Module):
     centre must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
-    reach: float = number(0.5, above=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre")
-    touch: bool = number(True, about="the item's disc must touch that circle; else its centre must lie inside")
+    reach: float = number(
+        0.5,
+        above=0,
+        high=FAR,
+        per_agent=True,
+        unit="metres",
+        about="radius around the agent's centre in which it picks up items",
+    )
+    touch: bool = number(
+        True, about="it is enough that the disc of the item touches that circle; otherwise its centre must be inside"
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [ItemPicked()]

@@ -44,11 +44,15 @@ class Pillars(InnerWalls):
 
     draws_level: ClassVar[bool] = True
 
-    count: int = number(12, low=1, high=450, about="how many there are")
-    least: float = number(0.8, low=0.004, high=FAR, unit="metres", about="the shortest side that one can have")
-    most: float = number(1.6, low=0.004, high=FAR, unit="metres", about="the longest side that one can have")
+    count: int = number(12, low=1, high=450, about="number of pillars")
+    least: float = number(0.8, low=0.004, high=FAR, unit="metres", about="shortest side that a pillar can have")
+    most: float = number(1.6, low=0.004, high=FAR, unit="metres", about="longest side that a pillar can have")
     gap: float = number(
-        1.2, above=0, high=FAR, unit="metres", about="between the circles around two pillars, and to walls, at least"
+        1.2,
+        above=0,
+        high=FAR,
+        unit="metres",
+        about="least distance between the circles around two pillars, and to walls",
     )
 
     def most_blocks(self) -> int:

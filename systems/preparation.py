@@ -38,10 +38,10 @@ class Preparation(Module):
     "preparation" of its row.
     """
 
-    ticks: int = number(100, low=0, high=TICKS, per_agent=True, unit="ticks", about="that agents wait")
-    sides: tuple[float, ...] = number((), low=0, high=MANY, about="numbers of the sides that wait; (): all")
-    frozen: bool = number(True, about="who waits stands still, and does not attack")
-    blind: bool = number(False, about="who waits sees nothing")
+    ticks: int = number(100, low=0, high=TICKS, per_agent=True, unit="ticks", about="how long agents wait")
+    sides: tuple[float, ...] = number((), low=0, high=MANY, about="numbers of the sides that wait; (): all sides")
+    frozen: bool = number(True, about="waiting agents stand still and do not attack")
+    blind: bool = number(False, about="waiting agents see nothing")
 
     def systems(self) -> Iterable[System]:
         left_out = {"see_nothing", "measure_nothing"} if not self.blind else set[str]()

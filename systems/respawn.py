@@ -45,7 +45,7 @@ class Respawn(Module):
     ending_rule = "never".
     """
 
-    ticks: int = number(100, low=1, high=TICKS, per_agent=True, unit="ticks", about="from death to return")
+    ticks: int = number(100, low=1, high=TICKS, per_agent=True, unit="ticks", about="time from death to return")
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Return(),))]

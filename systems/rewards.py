@@ -27,20 +27,25 @@ class Rewards(Module):
     """
 
     alive: float = number(
-        1.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward a tick", about="of a side that is alive"
+        1.0,
+        low=-MUCH,
+        high=MUCH,
+        per_agent=True,
+        unit="reward per tick",
+        about="for each agent of a side that is alive",
     )
     dead: float = number(
-        0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward a tick", about="of a side that is dead"
+        0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward per tick", about="for each agent of a side that is dead"
     )
     kill: float = number(0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward", about="for each kill of the side")
     death: float = number(
         0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward", about="for each death of a member of the side"
     )
-    posthumous: bool = number(True, about="a side that is dead after the tick is paid for its kills in it")
+    posthumous: bool = number(True, about="a side that is dead after the tick is paid for its kills in that tick")
     basis: str = number(
         "side",
         choices=("side", "members"),
-        about="a side is alive while one member is (side), or by the share of its members (members)",
+        about="alive and dead are paid by whether any member lives (side), or by the share that does (members)",
     )
     outlive: float = number(
         0.0,
@@ -48,7 +53,7 @@ class Rewards(Module):
         high=MUCH,
         per_agent=True,
         unit="reward",
-        about="to a living side for each other one that dies out",
+        about="for a living side, for each other side that dies out",
     )
 
     def singletons(self) -> Iterable[Singleton]:

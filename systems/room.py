@@ -38,10 +38,12 @@ class Room(Module):
     """
 
     size: float = number(25.0, low=1, high=FAR, unit="metres", about="side of the square")
-    walls: bool = number(True, about="there are walls around it")
-    thickness: float = number(0.01, low=0.003, high=0.5, unit="of the way to the wall opposite", about="of a wall")
-    width: float = number(0.0, low=0, high=FAR, unit="metres", about="along x; 0: room_size")
-    height: float = number(0.0, low=0, high=FAR, unit="metres", about="along y; 0: room_size")
+    walls: bool = number(True, about="there are walls around the room")
+    thickness: float = number(
+        0.01, low=0.003, high=0.5, unit="of the distance to the opposite wall", about="thickness of a wall"
+    )
+    width: float = number(0.0, low=0, high=FAR, unit="metres", about="size along x; 0: room_size")
+    height: float = number(0.0, low=0, high=FAR, unit="metres", about="size along y; 0: room_size")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -21,12 +21,14 @@ class Rooms(InnerWalls):
 
     draws_level: ClassVar[bool] = True
 
-    columns: int = number(3, low=1, high=MOST, unit="rooms", about="from left to right")
-    rows: int = number(3, low=1, high=MOST, unit="rooms", about="from bottom to top")
-    doors: float = number(0.5, low=0, high=1, about="probability of a door where rooms are connected without it")
+    columns: int = number(3, low=1, high=MOST, unit="rooms", about="rooms from left to right")
+    rows: int = number(3, low=1, high=MOST, unit="rooms", about="rooms from bottom to top")
+    doors: float = number(0.5, low=0, high=1, about="probability of a door between two rooms that are connected anyway")
     door: float = number(1.6, above=0, high=FAR, unit="metres", about="width of a door")
-    thickness: float = number(0.4, low=0.004, high=FAR, unit="metres", about="of a wall")
-    blocks: int = number(0, low=0, high=450, about="space for so many, to vary the rooms; 0: what these rooms need")
+    thickness: float = number(0.4, low=0.004, high=FAR, unit="metres", about="thickness of a wall")
+    blocks: int = number(
+        0, low=0, high=450, about="room for this many walls, where the rooms vary; 0: as many as these rooms need"
+    )
 
     def most_blocks(self) -> int:
         return self.blocks or max(1, self.needed())

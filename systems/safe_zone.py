@@ -51,15 +51,19 @@ class SafeZone(Module):
         above=0,
         scales_with="room_size",
         unit="metres",
-        about="of the phases; after the last one there is no zone",
+        about="radius of the zone in each phase; after the last phase there is no zone",
     )
-    stand: int = number(100, low=0, high=TICKS, unit="ticks", about="that the zone rests in a phase")
-    shrink: int = number(100, low=1, high=TICKS, unit="ticks", about="that it takes to become the next one")
-    damage: int = number(1, low=0, high=MOST, per_agent=True, unit="hit points a tick", about="outside of the zone")
+    stand: int = number(100, low=0, high=TICKS, unit="ticks", about="how long the zone rests in a phase")
+    shrink: int = number(
+        100, low=1, high=TICKS, unit="ticks", about="how long it takes to move and shrink to the next phase"
+    )
+    damage: int = number(
+        1, low=0, high=MOST, per_agent=True, unit="hit points per tick", about="what agents outside of the zone lose"
+    )
     centres: str = number(
         "random",
         choices=("random", "middle"),
-        about="anywhere where the zone fits into the room (random), or the origin (middle)",
+        about="the zone is wherever it fits into the room (random), or always at the origin (middle)",
     )
 
     def singletons(self) -> Iterable[Singleton]:

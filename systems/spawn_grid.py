@@ -22,7 +22,7 @@ class SpawnGrid(Module):
 
     stream = "spawn"
 
-    cells: int = number(8, low=1, high=SIDE, about="on a side; at most one body starts in a cell")
+    cells: int = number(8, low=1, high=SIDE, about="cells on a side of the grid; at most one body starts in a cell")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Cells()]

@@ -29,11 +29,16 @@ class Steering(Module):
         low=0,
         high=FAST,
         per_agent=True,
-        unit="metres a second",
-        about="of the highest level, ahead or to the left",
+        unit="metres per second",
+        about="speed at the highest level, ahead, back or to a side",
     )
     spin: float = number(
-        math.pi, low=0, high=FAST, per_agent=True, unit="radians a second", about="of the highest level"
+        math.pi,
+        low=0,
+        high=FAST,
+        per_agent=True,
+        unit="radians per second",
+        about="speed of turning at the highest level",
     )
 
     @classmethod

@@ -22,8 +22,10 @@ class Teams(Module):
     fewer agents (Scenario.vary), the last teams lack members.
     """
 
-    count: int = number(2, low=1, high=MANY, about="how many there are")
-    sizes: tuple[float, ...] = number((), low=1, high=MANY, unit="agents", about="of each of the teams; (): even teams")
+    count: int = number(2, low=1, high=MANY, about="number of teams")
+    sizes: tuple[float, ...] = number(
+        (), low=1, high=MANY, unit="agents", about="size of each team; (): as even as possible"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,7 +31,7 @@ class Walls(InnerWalls):
     """
 
     layout: tuple[float, ...] = number(
-        (), low=-1e4, high=1e4, free=True, about="of a floor plan, as outlast.FloorPlan makes it"
+        (), low=-1e4, high=1e4, free=True, about="rectangles of a floor plan, as outlast.FloorPlan makes them"
     )
 
     def most_blocks(self) -> int:

@@ -1,9 +1,14 @@
-"""The whole check in one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
+"""Run the whole check in one command: the linters, mypy and the tests.
 
-Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs compiled, with the slow tests, and then as plain Python, for which a few files of the engine, the core
-and the mechanics are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that
-take too long by day, and then, twice, all tests that have kernels: compiled with bounds checks, and as plain Python.
+    python -m tests [--quick] [--nightly] [-- PYTEST ARGUMENTS]
+
+Every stage runs, even after a failure, and the summary comes last. The exit
+status is 0 only if all stages passed. The tests run compiled, with the slow
+ones, and then as plain Python; by day, the second run needs only those of the
+engine and a few files of the core and of the mechanics. `--quick` skips the
+slow tests and the second run. `--nightly` runs the tests that only the night
+has time for, and then all tests of kernels twice: compiled with bounds checks,
+and as plain Python.
 """
 
 import importlib.util
@@ -170,8 +175,8 @@ def summary(results: list[Result]) -> int:
 def main() -> int:
     own, for_pytest = split_arguments(sys.argv[1:])
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
-    parser.add_argument("--nightly", action="store_true", help="only what is left out by day")
+    parser.add_argument("--quick", action="store_true", help="run the linters, mypy and the fast tests, compiled")
+    parser.add_argument("--nightly", action="store_true", help="run only what is left out by day")
     options = parser.parse_args(own)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")

@@ -1,8 +1,11 @@
-"""Coverage of the tests: `python -m tests.covered [--least-lines 95] [--least-branches 90]`.
+"""Measure the coverage of the tests.
 
-The tests run twice: as plain Python, where kernels are measured line by line, and compiled, for adapters, commands,
-training and the compiler. Child processes count, too. A table lists the files with most left to cover; the exit code is
-1 if a test failed, or if less is covered than required.
+    python -m tests.covered [--least-lines 95] [--least-branches 90]
+
+The tests run twice: as plain Python, where kernels are measured line by line,
+and compiled, for adapters, commands, training and the compiler. Child processes
+are measured, too. A table lists the files with the most lines left to cover.
+The exit status is 1 if a test failed, or if less is covered than required.
 """
 
 import json
@@ -59,8 +62,8 @@ def table(files: dict[str, Any]) -> str:
 def main() -> int:
     """The command."""
     parser = ArgumentParser("python -m tests.covered", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--least-lines", type=float, default=95, help="percent (default 95)")
-    parser.add_argument("--least-branches", type=float, default=90, help="percent (default 90)")
+    parser.add_argument("--least-lines", type=float, default=95, help="percentage of lines required (default 95)")
+    parser.add_argument("--least-branches", type=float, default=90, help="percentage of branches required (default 90)")
     options = parser.parse_args()
     passed, report = measured()
     lines, branches = shares(report["totals"])

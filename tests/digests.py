@@ -1,10 +1,13 @@
-"""Golden digests of 2000 ticks of each variant, by platform and version of the environment.
+"""Golden digests of 2000 ticks of each variant, by platform and version.
 
-    python -m tests.digests [VARIANT ...] [--ticks N] [--threads N]    print them
-    python -m tests.digests --write                                    add this platform's to tests/golden/digests.json
+    python -m tests.digests [VARIANT ...] [--ticks N] [--threads N]
+    python -m tests.digests --write
 
-A digest covers all observations, rewards, ends and statistics up to a tick, but not the layout of the state. Digests in
-the file never change: another digest is another behaviour, which needs a new version of the environment.
+The first form prints digests, the second adds those of this platform to
+tests/golden/digests.json. A digest covers all observations, rewards, ends and
+statistics up to a tick, but not the layout of the state. Digests in the file
+never change: another digest is another behaviour, which needs a new version of
+the environment.
 """
 
 import argparse
@@ -124,11 +127,15 @@ def write(found: dict[str, dict[str, str]]) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser("python -m tests.digests", description=__doc__)
-    parser.add_argument("variants", nargs="*", metavar="VARIANT", help="all if none is named")
-    parser.add_argument("--ticks", type=int, default=MARKS[-1], help="how many (%(default)s)")
-    parser.add_argument("--threads", type=int, default=1, help="that step the worlds (%(default)s)")
-    parser.add_argument("--write", action="store_true", help="add them to the file; refuses to change what is there")
+    parser = argparse.ArgumentParser(
+        "python -m tests.digests", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("variants", nargs="*", metavar="VARIANT", help="variants to play (default: all)")
+    parser.add_argument("--ticks", type=int, default=MARKS[-1], help="ticks to play (default %(default)s)")
+    parser.add_argument("--threads", type=int, default=1, help="threads that share the worlds (default %(default)s)")
+    parser.add_argument(
+        "--write", action="store_true", help="add the digests to the file; none that is there is changed"
+    )
     options = parser.parse_args(arguments)
     found = {
         name: behaviour_digests(name, options.ticks, threads=options.threads) for name in options.variants or VARIANTS

@@ -1,18 +1,23 @@
-"""Memory safety: run compiled ticks and Box2D under the memory checkers that this machine has.
+"""Memory safety: run compiled ticks and Box2D under memory checkers.
 
     python -m tests.memory [CHECKER ...] [--steps N | --tests FILE ...]
 
-For each checker, sparse and crowded worlds of teams_4 are played in a process of its own, and their digests must equal
-those without a checker; or the given test files run there instead, and must pass. The checkers:
+Sparse and crowded worlds of teams_4 are played in a process of its own, and
+their digests must equal those without a checker; or the given test files run
+there instead, and must pass. The checkers:
 
-========== =============================================================================================================
-plain      no checker: the digest
-perturbed  glibc fills fresh memory with 0x5A and freed memory with 0xA5, and checks its heap at each call
-asan       AddressSanitizer's allocator: red zones around blocks, freed ones are kept; an error ends the process
-valgrind   Memcheck: every load and store; slow (some minutes), for a generic processor
-========== =============================================================================================================
+========== ===================================================================
+plain      no checker: makes the digest
+perturbed  glibc fills fresh memory with 0x5A and freed memory with 0xA5, and
+           checks its heap at each call
+asan       AddressSanitizer's allocator: it puts red zones around blocks and
+           keeps freed ones; an error ends the process
+valgrind   Memcheck: checks every load and store; takes some minutes, and runs
+           as on a generic processor
+========== ===================================================================
 
-Checkers that are not installed are reported and skipped. The exit status is 1 if one found an error.
+Checkers that are not installed are reported and skipped. The exit status is 1
+if one found an error.
 """
 
 import argparse
@@ -154,9 +159,9 @@ def main(arguments: list[str]) -> int:
         "python -m tests.memory", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     known = checkers()
-    parser.add_argument("checkers", nargs="*", metavar="CHECKER", help="all if none is named")
-    parser.add_argument("--steps", type=int, default=STEPS, help="of each world (%(default)s)")
-    parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="run these in place of worlds")
+    parser.add_argument("checkers", nargs="*", metavar="CHECKER", help="checkers to run (default: all)")
+    parser.add_argument("--steps", type=int, default=STEPS, help="steps of each world (default %(default)s)")
+    parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="run these test files instead of worlds")
     options = parser.parse_args(arguments)
     if strange := set(options.checkers) - {checker.name for checker in known}:
         parser.error(f"{', '.join(strange)}: choose among {', '.join(checker.name for checker in known)}")

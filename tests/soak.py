@@ -1,10 +1,14 @@
-"""Soak test: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
+"""Soak test: play, reset and make environments for long, and look for leaks.
 
-It has three parts, each in a process of its own: random play of all scenarios, with the invariants of
-tests.helpers.invariants checked after every tick; resets of all kinds; environments that are made and then closed or
-dropped. After the warm-up, the numbers of file descriptors and threads must not grow, and resident memory
-(/proc/self/statm, after collecting garbage) must grow by less than a megabyte. The exit code is 0 if all of that held.
-Memory is measured on Linux only, which has a /proc.
+    python -m tests.soak [--world-steps 10e6] [--resets 100000]
+        [--environments 1000]
+
+There are three parts, each in a process of its own: random play of all
+scenarios, with the invariants of tests.helpers.invariants checked after every
+tick; resets of all kinds; and environments that are created, and closed or
+dropped. The number of file descriptors and threads must not grow, and after the
+warm-up resident memory must grow by less than a megabyte (/proc/self/statm,
+after garbage collection; only Linux has it). The exit status is 0 if all held.
 """
 
 import gc
@@ -144,8 +148,9 @@ PARTS: dict[str, Callable[[], Iterator[int]]] = {
 def parse_options(arguments: list[str] | None) -> Namespace:
     parser = ArgumentParser("python -m tests.soak", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     for name, default in zip(PARTS, ("10e6", "100000", "1000"), strict=True):
-        parser.add_argument(f"--{name}", type=_count, metavar="N", default=default, help="(default %(default)s)")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+        text = f"number of {name}, 0 to leave this part out (default %(default)s)"
+        parser.add_argument(f"--{name}", type=_count, metavar="N", default=default, help=text)
+    parser.add_argument("--quiet", action="store_true", help="show no progress bar")
     return parser.parse_args(arguments)
 
 

@@ -1,9 +1,11 @@
-"""Pins what the games of the benchmark's tasks are: a task never changes meaning under its name.
+"""Pin the games of the benchmark's tasks: under its name, a task never changes.
 
-    python -m tests.task_digests --write    add what is not in tests/data/benchmark_tasks.json yet
+    python -m tests.task_digests --write
 
-Pinned are the fingerprint of each game, how its worlds begin, which is the same on every platform, and, by platform,
-how they go on. What is in the file never changes: another digest is another game, and takes a new version of the task.
+adds the tasks that tests/data/benchmark_tasks.json does not have yet. The file
+has the fingerprint of each game, how its worlds begin on every platform, and
+for each platform how they go on. Entries never change: another digest is
+another game, and needs a new version of the task.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""MAPPO of BenchMARL in outlast's worlds: train, and say by how many standard errors the returns have risen.
+"""MAPPO of BenchMARL in outlast's worlds: train, and print by how many standard errors returns have risen.
 
 python benchmarl_mappo.py --frames 2000000 --out runs/mappo
 """
@@ -86,14 +86,16 @@ def draw(frames: np.ndarray[Any, Any], values: list[list[float]], path: Path) ->
 
 def main() -> None:
     """Train, and print."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--scenario", default="teams_2")
-    parser.add_argument("--algorithm", default="mappo", choices=ALGORITHMS)
-    parser.add_argument("--frames", type=int, default=2_000_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs/mappo"))
-    parser.add_argument("--show", action="store_true", help="train nothing: what is in --out")
-    parser.add_argument("--figure", type=Path, help="a PNG of the returns")
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--scenario", default="teams_2", help="what is played (default teams_2)")
+    parser.add_argument("--algorithm", default="mappo", choices=ALGORITHMS, help="default mappo")
+    parser.add_argument("--frames", type=int, default=2_000_000, help="ticks of a world, over all worlds (default 2e6)")
+    parser.add_argument("--seed", type=int, default=0, help="of training (default 0)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/mappo"), help="new folder of the run (default runs/mappo)"
+    )
+    parser.add_argument("--show", action="store_true", help="train nothing, and print the results of the run in --out")
+    parser.add_argument("--figure", type=Path, help="also draw the returns into this PNG")
     options = parser.parse_args()
     if not options.show:
         options.out.mkdir(parents=True)

@@ -2,7 +2,7 @@
 
 python docs/examples/cleanrl_ppo.py --variant teams_3 --total-timesteps 10000000
 
-Without a variant it is a duel over a place in the safe zone, learned in half a minute on two cores.
+Without --variant, two agents learn to fight for a place in the safe zone, in half a minute on two cores.
 """
 
 import argparse
@@ -17,6 +17,24 @@ import outlast
 
 ZONE = {"safe_zone_radii": (4.0,), "safe_zone_centres": "middle", "safe_zone_stand": 1000, "safe_zone_damage": 2}
 DUEL = outlast.variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **ZONE)
+
+
+HELP = {
+    "variant": "what is played: a variant, or duel, over a place in the safe zone",
+    "num_worlds": "worlds that are stepped together",
+    "total_timesteps": "agent-steps to train for",
+    "num_steps": "steps of each world between two updates",
+    "num_minibatches": "minibatches of an epoch",
+    "update_epochs": "epochs of an update",
+    "learning_rate": "of Adam",
+    "gamma": "discount of a step",
+    "gae_lambda": "lambda of generalised advantage estimation",
+    "clip_coef": "how far the ratio of probabilities may move away from 1",
+    "ent_coef": "weight of the entropy in the loss",
+    "vf_coef": "weight of the values in the loss",
+    "max_grad_norm": "norm to which gradients are clipped",
+    "seed": "of worlds and networks",
+}
 
 
 @dataclass
@@ -173,9 +191,11 @@ def train(args: Args, make=make, kind: type[Rollouts] = Rollouts) -> tuple[Agent
 
 
 def arguments() -> Args:
-    parser = argparse.ArgumentParser(formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    about = "PPO in one file: one network plays all agents of all worlds, against itself."
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     for field in fields(Args):
-        parser.add_argument(f"--{field.name.replace('_', '-')}", type=field.type, default=field.default, help=" ")
+        name, text = f"--{field.name.replace('_', '-')}", HELP[field.name]
+        parser.add_argument(name, type=field.type, default=field.default, help=text)
     return Args(**vars(parser.parse_args()))
 
 

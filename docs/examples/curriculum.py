@@ -1,15 +1,14 @@
 """A curriculum: train in the levels that the policy solves in some episodes and not in others.
 
-The game: one agent has to get through a maze into the safe zone before its hit points are used up. Nearly all levels
-that are drawn at random are too hard for a beginner, who learns nothing from them. A level of which the share p of
-episodes is solved has the learnability p (1 - p) (Rutherford et al., 2024, "No Regrets", SFL). Here p comes from the
-episodes of training itself, so that choosing levels takes no step more than drawing them does.
+In the game, one agent has to get through a maze into the safe zone before its hit points are used up. Nearly all levels
+that are drawn at random are too hard for a beginner, who learns nothing from them. A level that is solved in a share p
+of its episodes has the learnability p (1 - p) (Rutherford et al., 2024, "No Regrets", SFL). Here p comes from the
+episodes of training itself, so choosing levels takes no more steps than drawing them.
 
     python docs/examples/curriculum.py --seeds 0 1 2 --out docs/curriculum
 
-trains with levels that are drawn, and with levels that are chosen, for as many agent-steps, and draws how many held-out
-levels are solved: mazes with other keys, and floor plans, of which training has none. A run takes two minutes on one
-core.
+trains with drawn levels and with chosen levels, for the same number of agent-steps, and draws how many held-out levels
+are solved: mazes with other keys, and floor plans, which training never has. A run takes two minutes on one core.
 """
 
 import argparse
@@ -125,13 +124,18 @@ def train(method: str, seed: int, folder: Path, steps: int, worlds: int) -> list
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Train, measure, and write curriculum.csv and curriculum.png."""
-    parser = argparse.ArgumentParser(formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
-    parser.add_argument("--methods", choices=METHODS, nargs="+", default=METHODS)
-    parser.add_argument("--steps", type=int, default=3_000_000, help="of the agents, of each run")
-    parser.add_argument("--worlds", type=int, default=256)
-    parser.add_argument("--runs", type=Path, default=Path("runs/curriculum"), help="folder of the runs")
-    parser.add_argument("--out", type=Path, default=Path("figures"), help="folder of levels, table and figure")
+    about = (
+        "Train in levels that are drawn, and in levels that are chosen, and compare how many held-out ones are solved."
+    )
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="a run of each method for each seed")
+    parser.add_argument("--methods", choices=METHODS, nargs="+", default=METHODS, help="how levels come about")
+    parser.add_argument("--steps", type=int, default=3_000_000, help="agent-steps of each run")
+    parser.add_argument("--worlds", type=int, default=256, help="worlds that are stepped together")
+    parser.add_argument("--runs", type=Path, default=Path("runs/curriculum"), help="folder for the runs")
+    parser.add_argument(
+        "--out", type=Path, default=Path("figures"), help="folder for the held-out levels, the table and the figure"
+    )
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     tests, table = held_out(given.out), given.out / "curriculum.csv"

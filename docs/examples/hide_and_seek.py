@@ -78,11 +78,13 @@ class Handling(Module):
     They handle what they see and reach. A held box and its holder move as one body, as heavy as both.
     """
 
-    reach: float = number(0.6, low=0, unit="metres", about="from an agent's rim to a box that it can hold or lock")
+    reach: float = number(
+        0.6, low=0, unit="metres", about="greatest distance from an agent's rim to a box to hold or lock"
+    )
     stiffness: float = number(
         8.0, above=0, unit="per second", about="how fast a held box gets back to where it was held"
     )
-    slack: float = number(0.5, above=0, unit="metres", about="a box that is farther off than this slips away")
+    slack: float = number(0.5, above=0, unit="metres", about="a held box slips away when it is farther off than this")
 
     def archetypes(self) -> Iterable[Archetype]:
         """One more component for agents, and one for boxes."""
@@ -263,8 +265,10 @@ class Seen(Statistic):
 class HideAndSeek(Module):
     """From tick `begin` on, hiders are paid while no seeker sees any of them, and seekers while one does."""
 
-    begin: int = number(100, low=0, unit="ticks", about="from which on it counts who is seen")
-    reward: float = number(0.1, unit="reward a tick", about="of each of one side; each of the other one pays as much")
+    begin: int = number(100, low=0, unit="ticks", about="tick from which on it counts who is seen")
+    reward: float = number(
+        0.1, unit="reward per tick", about="what each agent of one side gets, and each of the other pays"
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         """What is paid, and counted."""

@@ -69,11 +69,11 @@ class Poison(Module):
 
     damage_type: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
 
-    count: int = number(4, low=1, about="how many there are")
-    radius: float = number(0.25, low=0.002, unit="metres", about="of a vial")
-    reach: float = number(3.0, above=0, unit="metres", about="centre to centre")
-    strength: int = number(30, low=1, unit="ticks", about="of illness")
-    damage: int = number(2, low=0, unit="hit points a tick", about="of illness")
+    count: int = number(4, low=1, about="number of vials")
+    radius: float = number(0.25, low=0.002, unit="metres", about="radius of a vial")
+    reach: float = number(3.0, above=0, unit="metres", about="greatest distance to an enemy, from centre to centre")
+    strength: int = number(30, low=1, unit="ticks", about="how long the illness lasts")
+    damage: int = number(2, low=0, unit="hit points per tick", about="damage of the illness")
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item, and one more component for every agent."""

@@ -1,4 +1,4 @@
-"""PPO on PufferLib's vectors: the loop of cleanrl_ppo.py, on rows that several processes step and PufferLib hands out.
+"""PPO on PufferLib's vectors: the loop of cleanrl_ppo.py, on rows that PufferLib collects from several processes.
 
 python docs/examples/puffer_ppo.py --variant teams_3 --total-timesteps 10000000
 """

@@ -1,4 +1,4 @@
-"""PPO of RLlib: one learner in each of 64 worlds, which are stepped as one batch, against random others.
+"""PPO of RLlib: one learner in each of 64 worlds, stepped as one batch, plays against random others.
 
 python rllib_ppo.py --scenario FreeForAll1 --steps 1000000
 """
@@ -41,9 +41,11 @@ def train(scenario: str, steps: int, seed: int = 0) -> list[float]:
 
 
 if __name__ == "__main__":
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--scenario", default="FreeForAll1")
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument(
+        "--scenario", default="FreeForAll1", help="SCENARIO of outlast/SCENARIO-v1 (default FreeForAll1)"
+    )
+    parser.add_argument("--steps", type=int, default=1_000_000, help="agent-steps (default 1e6)")
+    parser.add_argument("--seed", type=int, default=0, help="of training (default 0)")
     options = parser.parse_args()
     train(options.scenario, options.steps, options.seed)

@@ -1,8 +1,8 @@
-"""Stable-Baselines3 learns to get into the safe zone and to stay there, in half a minute on two cores (LSTM: several).
+"""Stable-Baselines3 learns to get into the safe zone and to stay there, in half a minute on two cores.
 
 python sb3_ppo.py                        # PPO
 python sb3_ppo.py --algorithm maskable   # MaskablePPO of sb3-contrib: actions that would do nothing are never drawn
-python sb3_ppo.py --algorithm recurrent  # RecurrentPPO of sb3-contrib: an LSTM remembers what is out of sight
+python sb3_ppo.py --algorithm recurrent  # RecurrentPPO of sb3-contrib: an LSTM remembers what is out of sight; slower
 """
 
 from argparse import ArgumentParser
@@ -50,6 +50,7 @@ def main(steps: int = 400_000, seed: int = 0, algorithm: str = "ppo") -> tuple[n
 
 
 if __name__ == "__main__":
-    parser = ArgumentParser()
-    parser.add_argument("--algorithm", default="ppo", choices=ALGORITHMS)
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    text = "PPO, or of sb3-contrib MaskablePPO or RecurrentPPO, which has an LSTM (default ppo)"
+    parser.add_argument("--algorithm", default="ppo", choices=ALGORITHMS, help=text)
     main(algorithm=parser.parse_args().algorithm)

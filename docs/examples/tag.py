@@ -60,8 +60,8 @@ class Breath(Component):
 class Stamina(Module):
     """An agent that moves loses a tick of breath, one that stands gains some; without any, it has to stand."""
 
-    most: int = number(90, low=1, unit="ticks", about="of breath")
-    rest: int = number(2, low=1, unit="ticks", about="of breath that a tick of rest gives")
+    most: int = number(90, low=1, unit="ticks", about="breath of a rested agent")
+    rest: int = number(2, low=1, unit="ticks", about="breath that a tick of rest gives back")
 
     def archetypes(self) -> Iterable[Archetype]:
         """One more component for every agent."""
@@ -132,8 +132,8 @@ class Tag(systems.Melee):
     cooldown = 15  # ticks without a strike after one that hit somebody, and for who has become it
     damage = 0
     base: float = number(1.5, low=0, unit="metres", about="radius of the safe circle in the middle of the room")
-    it_reward: float = number(-1.0, unit="reward a tick", about="for being it")
-    free_reward: float = number(0.1, unit="reward a tick", about="for being neither it nor in the base")
+    it_reward: float = number(-1.0, unit="reward per tick", about="for being it")
+    free_reward: float = number(0.1, unit="reward per tick", about="for being neither it nor in the base")
 
     def archetypes(self) -> Iterable[Archetype]:
         """What a melee adds, and the players."""
@@ -244,9 +244,9 @@ class ShieldView(Observation):
 class Shields(Module):
     """Shields lie around. An agent that uses one cannot be tagged for a while."""
 
-    count: int = number(4, low=1, about="how many there are")
-    radius: float = number(0.3, low=0.002, unit="metres", about="of a shield on the ground")
-    ticks: int = number(60, low=1, unit="ticks", about="that one protects for")
+    count: int = number(4, low=1, about="number of shields")
+    radius: float = number(0.3, low=0.002, unit="metres", about="radius of a shield on the ground")
+    ticks: int = number(60, low=1, unit="ticks", about="how long a shield protects")
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item."""

@@ -103,9 +103,9 @@ def train(scenario: str, frames: int, seed: int = 0, worlds: int = 64, ticks: in
 
 
 if __name__ == "__main__":
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--scenario", default="teams_2")
-    parser.add_argument("--frames", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--scenario", default="teams_2", help="what is played (default teams_2)")
+    parser.add_argument("--frames", type=int, default=1_000_000, help="ticks of a world, over all worlds (default 1e6)")
+    parser.add_argument("--seed", type=int, default=0, help="of worlds and training (default 0)")
     options = parser.parse_args()
     train(options.scenario, options.frames, options.seed)

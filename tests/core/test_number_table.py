@@ -34,7 +34,7 @@ def test_the_command_prints_a_row_for_every_number(capsys: pytest.CaptureFixture
     lines = [line.split() for line in out.splitlines()]
     scenario = variant("teams_4").without("heals").replace(melee_damage=20)
     assert [line[0] for line in lines] == ["name", *scenario.numbers()]
-    assert ["melee_damage", "20", "5", "0", "to", "1000000", "hit", "points", "that", "a", "strike", "takes"] in lines
+    assert ["melee_damage", "20", "5", "0", "to", "1000000", "hit", "points", "damage", "of", "a", "strike"] in lines
     assert out.isascii()
     assert all(line == line.rstrip() for line in out.splitlines())
 

@@ -1,15 +1,20 @@
-"""Fuzz the loaders of files: feed each many hostile files, and use those that it accepts.
+"""Fuzz the loaders of files: give them many hostile files, and use what they load.
 
-    python -m tests.fuzz LOADER [--files N] [--seed N] [--memory-mib N] [--out FOLDER]
+    python -m tests.fuzz LOADER [--files N] [--seed N] [--memory-mib N]
+        [--out FOLDER]
 
-LOADER: states, level-states, recordings, checkpoints, policies, results, plans, levels, games (scenarios as JSON) or
-roles; "traps" are files that must be findings. A hostile file is a valid one with something changed: bits, pieces,
-headers, archive entries, or numbers behind a correct checksum. File k of a seed is always the same.
+LOADER is states, level-states, recordings, checkpoints, policies, results,
+plans, levels, games (scenarios as JSON) or roles; or "traps", files that must
+be findings. A hostile file is a valid one in which something has been changed:
+bits, pieces, headers, archive entries, or numbers under a correct checksum.
+File k of a seed is always the same.
 
-Files are loaded in a child process whose memory is limited to what it has at first plus --memory-mib. A loader has to
-refuse a file with its own exception, or to return something that works. Anything else is a finding: another exception,
-a crash, exhausted memory, or more than a minute. The file and the traceback are kept, and the exit status is 1. With
-NUMBA_BOUNDSCHECK=1 an index out of range in a kernel is a finding, too.
+Files are loaded in a child process, whose memory is limited to what it has at
+first plus --memory-mib. A loader has to refuse a file with its own exception,
+or to return something that works. Anything else is a finding: another
+exception, a crash, exhausted memory, or more than a minute. The file and the
+traceback are kept, and the exit status is 1. With NUMBA_BOUNDSCHECK=1, an index
+out of range in a kernel is a finding, too.
 """
 
 import argparse
@@ -196,11 +201,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         "python -m tests.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("loader", choices=TARGETS)
-    parser.add_argument("--files", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("loader", choices=TARGETS, metavar="LOADER", help=", ".join(TARGETS))
+    parser.add_argument("--files", type=int, default=100_000, help="number of files (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="decides which files they are (default %(default)s)")
     parser.add_argument(
-        "--memory-mib", type=int, default=1500, help="memory that a file may take (default %(default)s)"
+        "--memory-mib", type=int, default=1500, help="MiB of memory that a file may take (default %(default)s)"
     )
     parser.add_argument("--out", type=Path, default=Path("findings"), help="folder for findings (default %(default)s)")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)

@@ -1,13 +1,19 @@
-"""Random scenarios: run compiled and as plain Python with equal results, or be refused with a message.
+"""Fuzz scenarios: random ones must run, the same compiled and not, or be refused.
 
-    python -m tests.fuzz.scenarios [--count N] [--seed N] [--first K] [--ticks N] [--out FOLDER]
+    python -m tests.fuzz.scenarios [--count N] [--seed N] [--first K]
+        [--ticks N] [--out FOLDER]
 
-Each has mechanics taken out and put in, random numbers, subclasses, orders between systems, and mechanics of a user's
-whose code is generated: with components, statistics, events and fields in the agents' rows of their own. Scenario k of
-a seed is always the same. Two child processes run it with the same actions: one compiled, one with NUMBA_DISABLE_JIT=1.
-A finding is any of these, and the exit status is 1: digests of all state that differ after a tick, an exception that is
-not outlast's own, a refusal by one of the two only, a crash, or ten minutes without an answer. At the end, the messages
-of all refusals are printed, for a person to judge whether each names what to do.
+In each scenario, mechanics have been taken out and put in, and numbers,
+subclasses and orders between systems are random. There are also mechanics of a
+user's, whose code is generated, with components, statistics, events and fields
+in the agents' rows of their own. Scenario k of a seed is always the same.
+
+Two child processes run it with the same actions, one compiled, one with
+NUMBA_DISABLE_JIT=1. A finding is any of these: digests of the whole state that
+differ after a tick, an exception that is not outlast's own, a refusal by only
+one of the two, a crash, or ten minutes without an answer. With findings, the
+exit status is 1. At the end, the messages of all refusals are printed, so that
+a person can judge whether each says what to do.
 
 --child prints the results of one process, a line for each scenario.
 """
@@ -318,10 +324,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         "python -m tests.fuzz.scenarios", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, default=1000, help="number after the last one (default %(default)s)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first one (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--ticks", type=int, default=200)
+    parser.add_argument("--count", type=int, default=1000, help="end before scenario N (default %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="begin with scenario K (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="decides which scenarios they are (default %(default)s)")
+    parser.add_argument("--ticks", type=int, default=200, help="ticks of each scenario (default %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("findings"), help="folder for findings (default %(default)s)")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)

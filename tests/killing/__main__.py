@@ -1,12 +1,15 @@
-"""Crash safety: kill commands that write files at random moments, check what is left, and run them again.
+"""Crash safety: kill commands that write files, and check what is left.
 
-    python -m tests.killing [WRITER ...] [--times N] [--seed N]    N kills, divided among the writers; prints a table
+    python -m tests.killing [WRITER ...] [--times N] [--seed N]
 
-A writer is a command of `outlast` in a process of its own; they are in films.py, exports.py and training.py. It is
-killed with SIGKILL at a random moment between its first output and its end, or at a random one of its file operations
-(opening, renaming, deleting, making folders), where a file is most likely to be incomplete. What is left must open, and
-be complete up to a known point. Then the command runs again, and must produce what it produces uninterrupted; temporary
-files left behind must be recognisable as such, and cause no trouble.
+A writer is a command of `outlast` in a process of its own; films.py, exports.py
+and training.py have them. It is killed with SIGKILL at a random moment between
+its first output and its end, or at a random one of its file operations
+(opening, renaming, deleting, making folders), where a file is most likely to be
+incomplete. What is left must open, and be complete up to a known point. Then
+the command runs again, and must produce what it produces uninterrupted.
+Temporary files left behind must be recognisable as such, and cause no trouble.
+The result is a table.
 """
 
 import argparse
@@ -112,9 +115,9 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(
         "python -m tests.killing", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("writers", nargs="*", metavar="WRITER", help=f"{', '.join(known)}; all if none is named")
-    parser.add_argument("--times", type=int, default=200, help="kills, of all writers together (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("writers", nargs="*", metavar="WRITER", help=f"{', '.join(known)} (default: all)")
+    parser.add_argument("--times", type=int, default=200, help="kills, divided among the writers (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="decides the moments (default %(default)s)")
     options = parser.parse_args(arguments)
     chosen = [known[name] for name in options.writers or known]
     print(f"{'writer':<22} kills  late  temporary  failures   found\n{'-' * 100}", flush=True)

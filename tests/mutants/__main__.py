@@ -1,13 +1,18 @@
-"""Mutation testing of systems/: the share of small changes to the mechanics that a test detects.
+"""Mutation testing of systems/: how many small changes of mechanics do tests find?
 
-`python -m tests.mutants [--sample N] [--seed N] [--files GLOB] [--compiled] [--jobs N] [--out FILE] [--again FILE]`
-makes one small change at a time (see operators.py) in a copy of the tree, and runs the tests of that file, the most
-relevant first, until one fails. A mutant that no test detects survives: its line is not tested, or the mutant is
-equivalent, as `<=` for `<` where equality cannot occur. The exit status is 1 if less than 85 % are killed.
+    python -m tests.mutants [--sample N] [--seed N] [--files GLOB] [--compiled]
+        [--jobs N] [--out FILE] [--again FILE]
 
-Kernels run as plain Python, so that nothing is compiled; the native backend of Box2D, which only runs compiled, is
-tested with --compiled. Excluded: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_backends.py
-is their mutation test: it changes every number in them.
+One small change at a time (see operators.py) is made in a copy of the tree, and
+the tests of the changed file are run, the most relevant first, until one fails.
+A mutant that no test detects survives: either its line is not tested, or it is
+equivalent, such as `<=` for `<` where equality cannot occur. The exit status is
+1 if less than 85 % of the mutants are killed.
+
+Kernels run as plain Python, so that nothing is compiled. The native backend of
+Box2D only runs compiled, and is tested with --compiled. box2d/layout.py,
+probe.py, sample.py and verify.py are left out: tests/physics/test_backends.py
+is their mutation test, as it changes every number in them.
 """
 
 import json
@@ -108,14 +113,25 @@ def baseline(tree: Path, tests: Tests, compiled: bool) -> float:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = ArgumentParser("python -m tests.mutants", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--sample", type=int, default=300, help="how many, from all files; 0: all (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="which ones (%(default)s)")
-    parser.add_argument("--files", action="append", metavar="GLOB", help='as "systems/inner/*.py"; may be repeated')
-    parser.add_argument("--tests", nargs="+", metavar="TEST", help="run these on all mutants")
-    parser.add_argument("--compiled", action="store_true", help="test the native backend, compiled")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at once (one a core)")
+    text = "number of mutants, drawn from all files; 0: all (default %(default)s)"
+    parser.add_argument("--sample", type=int, default=300, help=text)
+    parser.add_argument("--seed", type=int, default=0, help="decides which mutants are drawn (default %(default)s)")
+    text = 'files to change, such as "systems/inner/*.py" (can be repeated; default: all of systems)'
+    parser.add_argument("--files", action="append", metavar="GLOB", help=text)
+    parser.add_argument("--tests", nargs="+", metavar="TEST", help="run these tests on all mutants")
+    parser.add_argument(
+        "--compiled", action="store_true", help="change the native backend of Box2D instead, and compile"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="mutants that are tested at the same time (default: cores)",
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the results to this JSON file")
-    parser.add_argument("--again", type=Path, metavar="FILE", help="run what is not detected in this output of --out")
+    parser.add_argument(
+        "--again", type=Path, metavar="FILE", help="run again those of this file of --out that were not detected"
+    )
     options = parser.parse_args(arguments)
     signal.signal(
         signal.SIGINT, signal.default_int_handler
