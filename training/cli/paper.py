@@ -123,7 +123,7 @@ def _said(plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path
         return f"{finished}: figures and tables are made anew", []
     hours = _end([rest[k] for k in left], jobs) / 3600
     guesses = sum(not timed[k] for k in left)
-    source = f"{guesses} of them never timed, so this is a guess" if guesses else TIMED_ON
+    source = f"a guess, as {guesses} of them have never been timed" if guesses else TIMED_ON
     about = f"{len(left)} runs, {jobs} at a time: about {hours:.1f} hours, {source}"
     lines = []
     for k in left:
