@@ -27,7 +27,7 @@ def number(
     """Declare a number of a module, with its default and its range.
 
     Args:
-        default: The value if a scenario does not set it.
+        default: Its value where a scenario gives none.
         low: Inclusive lower bound.
         high: Inclusive upper bound.
         above: Exclusive lower bound.
@@ -42,7 +42,7 @@ def number(
         about: What it is, as in "radius of an agent", or what holds if it is True. `outlast numbers` prints it.
 
     Raises:
-        DeclarationError: `scales_with`, `unit` or `about` is not a text.
+        DeclarationError: `scales_with`, `unit` or `about` is no text.
     """
     for key, text in (("scales_with", scales_with), ("unit", unit), ("about", about)):
         if not isinstance(text, str):
