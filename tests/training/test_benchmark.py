@@ -146,6 +146,24 @@ def test_what_was_stopped_goes_on_with_the_same_games(results: Path, tmp_path: P
     assert not [*folder.glob(".*")]
 
 
+def test_two_processes_do_not_play_one_entry(tmp_path: Path) -> None:
+    """Nor does the second one take what the first is writing for that of a killed process."""
+    chosen, program = f"ours={tmp_path}/theirs.py:make", tmp_path / "theirs.py"
+    program.write_text(MINE)
+
+    def other(done: int, text: str) -> None:
+        half = entry(tmp_path, chosen).folder / ".result.json-0123abcd.tmp"
+        half.write_text("half")
+        with pytest.raises(TrainingError, match="/ours/0: another process plays this entry; wait until it ends, stop"):
+            EntryRun(entry(tmp_path, chosen)).run()
+        assert half.exists()
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        EntryRun(entry(tmp_path, chosen), other).run()
+    assert len(EntryRun(entry(tmp_path, chosen)).run().matches) == 8
+
+
 def _outcomes(found: Result) -> dict[Any, Any]:
     return {key: {name: match[name] for name in ("won", "figures")} for key, match in found.against.items()}
 
@@ -262,6 +280,13 @@ def test_a_response_may_be_trained_by_any_number_of_threads(first: Result, tmp_p
 
 
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
+    response = first.against["trained", "response"]
+    first.content["matches"].remove(response)
+    assert checks(first)[0]().missing == "it has not played response in the game 'trained'"
+    first.content["response"] = None
+    first.write()
+    with pytest.raises(TrainingError, match="fast/0 is not complete: response is missing; run it again"):
+        scores.scores(first.folder.parents[3])
     first.content["matches"].remove(first.against["strong blows", "scripted"])
     assert checks(first)[0]().missing == "it has not played scripted in the game 'strong blows'"
 
@@ -490,7 +515,7 @@ def test_scores_are_those_of_the_results(results: Path) -> None:
     cross = found["tasks"][NAME]["cross_play"]
     assert cross["agents"] == ["fast", "mine"]
     assert cross["wins"][0][1] + cross["wins"][1][0] == pytest.approx(1)
-    assert (cross["wins"][1][1], cross["matches"]) == (None, 5)  # one seed meets no other
+    assert (cross["wins"][1][1], cross["matches"]) == (None, 3)  # one seed meets no other
 
 
 def test_agents_are_compared_in_tasks_that_all_of_them_have_played() -> None:

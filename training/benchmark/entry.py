@@ -15,6 +15,7 @@ from outlast.envs.errors import ActionError
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.atomic_write import is_temporary, remove
+from outlast.envs.storage.folder_lock import FolderLock
 
 from .. import log_file
 from ..config import FAST, OPPONENTS, TrainingConfig
@@ -126,21 +127,50 @@ class EntryRun:
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
         """Begin, or go on with what is in the folder. Raises TrainingError if that is another entry's."""
-        self.entry, self.progress = entry, progress
+        self.entry, self.progress, self.result = entry, progress, self._there(entry)
+
+    @staticmethod
+    def _there(entry: Entry) -> Result:
+        """Return what is in the folder, or a result in which nothing has been done, if there is none."""
         agent, task = entry.agent, entry.task
         begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
         fresh = json.loads(json.dumps(begun))
         there = entry.folder / NAME
-        self.result = result.read(there) if there.exists() else Result(entry.folder, fresh)
+        found = result.read(there) if there.exists() else Result(entry.folder, fresh)
         for key in ("task", "agent", "source", "options", "seed", "budget", "games", "fingerprints"):
-            if (kept := self.result.content[key]) != (mine := fresh[key]):
+            if (kept := found.content[key]) != (mine := fresh[key]):
                 wrong = f"{there} is of {key} {kept!r:.80}, not {mine!r:.80}"
                 raise TrainingError(f"{wrong}: choose another name for the agent, or another --out")
-        for path in filter(is_temporary, list(entry.folder.glob(".*"))):  # of a process that was killed
-            remove(path)
+        return found
 
     def run(self) -> Result:
         """Do everything that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
+        with self._alone():
+            self.result = self._there(self.entry)  # which another process may have gone on with meanwhile
+            for path in filter(is_temporary, list(self.entry.folder.glob(".*"))):  # of a process that was killed
+                remove(path)
+            return self._run()
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Keep other processes out of the folder, which is made."""
+        folder = self.entry.folder
+        lock = FolderLock(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+        except BlockingIOError:
+            raise TrainingError(
+                f"{folder}: another process plays this entry; wait until it ends, stop it, or choose another --out"
+            ) from None
+        except OSError as error:
+            raise TrainingError(f"{folder} cannot be a folder: {error.strerror}; choose another --out") from error
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def _run(self) -> Result:
         self._enter()
         own = self._contender()
         for game, name in self.entry.wanted:

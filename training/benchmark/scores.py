@@ -220,17 +220,18 @@ def _cross_play(folder: Path, entries: Sequence[Result]) -> Scores:
 
     For an agent against itself, it is the mean over pairs of seeds of the lower seed's win rate. None: not played yet.
     """
-    known, found = crossplay.load(folder), dict[tuple[str, str], list[float]]()
+    known, found, matches = crossplay.load(folder), dict[tuple[str, str], list[float]](), 0
     for one, other in crossplay.pairs(entries):
         match = known.get((one.name, other.name))
         if match is not None and crossplay.is_of(match, one, other):
+            matches += 1
             pair = one.content["agent"], other.content["agent"]
             found.setdefault(pair, []).append(rate(match))
             if pair[0] != pair[1]:
                 found.setdefault(pair[::-1], []).append(1 - rate(match))
     agents = sorted({entry.content["agent"] for entry in entries})
     wins = [[_mean(found.get((one, other), [])) for other in agents] for one in agents]
-    return {"agents": agents, "wins": wins, "matches": sum(map(len, found.values()))}
+    return {"agents": agents, "wins": wins, "matches": matches}
 
 
 def _mean(values: Sequence[float]) -> float | None:

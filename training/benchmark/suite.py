@@ -13,7 +13,7 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_finge
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from .matches import digest
-from .result import DIGEST, SELF, Content, Result, are_finite, read_json
+from .result import BEST, DIGEST, SELF, Content, Result, are_finite, read_json
 from .tasks import PROTOCOL, Task
 
 STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
@@ -62,10 +62,14 @@ def suite(task: Task, folder: Path | None = None) -> list[Member]:
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """The games and opponents (itself, the suite) that an entry has not played. members: The names of the suite."""
-    return [
-        (game.name, name) for game in task.games for name in (SELF, *members) if (game.name, name) not in entry.against
-    ]
+    """The games and opponents that an entry has not played: itself, the suite, and the best response to a saved policy.
+
+    members: The names of the suite.
+    """
+    wanted = [(game.name, name) for game in task.games for name in (SELF, *members)]
+    if (entry.content["policy"] or {}).get("steps") is not None:  # of functions it is not known
+        wanted.append((task.games[0].name, BEST))
+    return [each for each in wanted if each not in entry.against]
 
 
 def other_games(content: Content, task: Task) -> str:
