@@ -31,7 +31,8 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
     except FileNotFoundError as error:
         raise TrainingError(f"there is no checkpoint {path}") from error
     except safe_npz.BROKEN as error:
-        raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}") from error
+        cure = "outlast's training saves them, and what another library has saved plays as a function of yours"
+        raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}; {cure}") from error
     return parse_header(path, files[NAME], needed), files
 
 

@@ -16,8 +16,10 @@ from outlast.training.reproduction.experiments import PARTS, expected_seconds, s
 for library in ("torch", "tensorboard", "matplotlib"):
     pytest.importorskip(library, reason=f"needs {library}: outlast[train,plot]")
 
-from outlast.training.reproduction import mended  # noqa: E402
+from outlast.training.reproduction import mended, output  # noqa: E402
 from tests.training.test_run import outlast_train  # noqa: E402
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
 
 def outlast_paper(*arguments: object) -> int:
@@ -152,6 +154,32 @@ def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
     assert [float(found[0][name]) for name in ("wins against scripted", "against itself at half time")] == [0.75, 0.25]
     assert [float(found[0][name]) for name in ("kills", "damage", "m to a mate")] == [1 + 0.5, 2 * 30 + 2 * 10, 5]
     assert found[1]["m to a mate"] == "–"
+
+
+@pytest.mark.parametrize(
+    ("part", "games", "table"),
+    [
+        ("original", ("ffa_2-original", "teams_2-original"), "ends.csv"),
+        ("mended", ("ffa_2-fast", "ffa_2+health_cap+bounty+steering-fast"), "measured.md"),
+    ],
+)
+def test_tables_are_of_all_games_that_are_there(
+    part: str, games: tuple[str, ...], table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where one is asked for after the other; films are of that one."""
+    filmed = list[str]()
+    monkeypatch.setattr(output, "_film", lambda scenario, run, path: filmed.append(path.name) or path)
+    for kept in (file for game in games for file in (RESULTS / part).glob(f"{game}-0.*")):
+        (tmp_path / part).mkdir(exist_ok=True)
+        shutil.copy(kept, tmp_path / part)
+        if part == "mended":
+            shutil.copytree(
+                RESULTS / part / "measured" / kept.stem, tmp_path / part / "measured" / kept.stem, dirs_exist_ok=True
+            )
+    assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
+    found = (tmp_path / part / table).read_text()
+    assert all(game.rpartition("-")[0] in found for game in games)
+    assert filmed == [f"{games[0]}.gif" if part == "original" else "ffa_2.gif"]
 
 
 @pytest.mark.nightly

@@ -102,6 +102,11 @@ class Experiment:
         """The folder of a run."""
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
+    @property
+    def film(self) -> str:
+        """The file of its film; mended games have one preset."""
+        return f"{self.name}.gif" if self.part == "mended" else f"{self.name}-{self.preset}.gif"
+
     def kept(self, out: Path, seed: int) -> Path:
         """The file with the kept curves of a run, beside its policy; with these, its folder is not needed any more."""
         return out / self.part / f"{self.folder(out, seed).name}.csv"

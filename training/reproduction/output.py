@@ -26,9 +26,12 @@ Progress = Callable[[int], object]
 def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
     """Write everything about a part, and yield the path of each file once it is written.
 
+    Figures and tables show all experiments of the part whose runs are in the folder; otherwise those of one game would
+    replace those of another.
+
     Args:
         part: One of experiments.PARTS.
-        chosen: The experiments of it that are wanted; SECONDS also lists others whose runs are in the folder.
+        chosen: The experiments of it that are filmed.
         out: The output folder of the command.
         progress: Called with 1 after each thing that took long.
 
@@ -38,28 +41,29 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     before = (out / SECONDS).read_text(encoding="utf-8") if (out / SECONDS).exists() else ""
     timed = seconds_table(experiments(PARTS), out, before)
     yield from _written({out / SECONDS: timed.encode()})
-    yield from (_mended if part == "mended" else _beside_the_paper)(part, chosen, out, progress)
+    there = [each for each in experiments([part]) if each.results(out)]
+    yield from (_mended if part == "mended" else _beside_the_paper)(part, there, out, progress)
+    for each in chosen:
+        yield _film(each.scenario, each.results(out)[0], out / part / each.film)
+        progress(1)
 
 
-def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Results to keep, figures, tables, and a film of each variant."""
-    runs = load_runs(place for each in chosen for place in each.results(out))
+def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
+    """Results to keep, figures and tables."""
+    runs = load_runs(place for each in there for place in each.results(out))
     yield from _written(files_to_keep(runs, out / part))
-    games = {each.game for each in chosen}
+    games = {each.game for each in there}
     others = [each for each in experiments([FIRST]) if part != FIRST and each.game in games]
     beside = load_runs(place for each in others for place in each.results(out))
     files = figures_and_tables(group_runs(runs), "png", group_runs(beside))
     yield from _written({out / part / name: content for name, content in files.items()})
     progress(1)
-    for each in chosen:
-        yield _film(each.scenario, each.results(out)[0], out / part / f"{each.name}-{each.preset}.gif")
-        progress(1)
 
 
-def _mended(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Policies to keep, what was measured of them, a figure for each variant, and a film of each game."""
+def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
+    """Policies to keep, what was measured of them, and a figure for each variant."""
     measured, curves = dict[str, list[Path]](), dict[str, list[Path]]()
-    for each in chosen:
+    for each in there:
         for place in each.results(out):
             tables = out / part / "measured" / place.name.removesuffix(".csv")
             kept = tables.parents[1] / f"{tables.name}.csv"
@@ -70,12 +74,9 @@ def _mended(part: str, chosen: Sequence[Experiment], out: Path, progress: Progre
             curves.setdefault(each.game.partition("+")[0], []).append(kept)
             progress(1)
     yield from _written({out / part / "measured.md": (mended.table(measured) + "\n").encode()})
-    changed = sorted({pair.partition("=")[0] for each in chosen for pair in each.numbers})
+    changed = sorted({pair.partition("=")[0] for each in there for pair in each.numbers})
     for name, own in curves.items():
         yield from plot(own, out / part / name, by=("scenario", *changed), curves=CURVES).files
-        progress(1)
-    for each in chosen:
-        yield _film(each.scenario, each.results(out)[0], out / part / f"{each.name}.gif")
         progress(1)
 
 
