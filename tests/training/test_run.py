@@ -596,7 +596,7 @@ def test_a_checkpoint_of_a_game_with_another_mechanic_is_refused(tmp_path: Path)
 def test_a_broken_checkpoint_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / CHECKPOINT.format(1)
     path.write_bytes(content)
-    with pytest.raises(TrainingError, match=r"is not a checkpoint: .*; .* another library has saved plays as a function"):
+    with pytest.raises(TrainingError, match=r"is not a checkpoint: .*; .* another library has saved plays as"):
         checkpoint.read_checkpoint(path)
 
 
