@@ -287,7 +287,7 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
             what = f"{where.component.__name__}.{where.name}"
             raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
         found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
-    if not (found or is_read(layout, number.module, number.field)):
+    if len(probes) > 1 and not (found or is_read(layout, number.module, number.field)):
         raise NumberError(f"{number.name} cannot differ by role: no system of its mechanic gets it")
     return found
 

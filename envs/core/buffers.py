@@ -73,7 +73,8 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
         raise ValueError(f"{name} is {found}: a {np.dtype(dtype)} array of shape {shape} is needed")
     if not array.flags.writeable:
         raise ValueError(f"{name} is read-only")
-    if 0 in array.strides and any(step == 0 and size > 1 for step, size in zip(array.strides, shape, strict=True)):
+    steps = zip(array.strides, shape, strict=True)
+    if 0 in array.strides and array.size and any(step == 0 and size > 1 for step, size in steps):
         raise ValueError(f"{name} has places that share memory, as of expand() or broadcast_to(): take a copy of it")
     return array
 

@@ -40,7 +40,7 @@ class Scale:
         low, high = low.copy(), high.copy()
         low[..., self.angles], high[..., self.angles] = -np.float32(math.pi), np.float32(math.pi)
         endless = np.isinf(low) | np.isinf(high)
-        scale = Scale(self.divisors, self.angles, np.flatnonzero(endless.reshape(-1, endless.shape[-1]).any(0)))
+        scale = Scale(self.divisors, self.angles, np.flatnonzero(endless.any(axis=tuple(range(endless.ndim - 1)))))
         for ends, limit in ((low, -LIMIT), (high, LIMIT)):
             ends /= self.divisors
             at = ends[..., scale.unlimited]

@@ -232,11 +232,16 @@ def test_actions_of_many_values_are_drawn_and_left_alone() -> None:
         assert (getattr(outlast, f"{style}_policy")(many)(seen)[..., names.index("bearing")] == 127).all()
 
 
+def arrays_of(seen: Any) -> list[Any]:
+    """Observations by key, or flat ones, as a list of arrays."""
+    return list(seen.values()) if isinstance(seen, dict) else [seen]
+
+
 @pytest.mark.parametrize("kind", ["dict", "flat"])
-@pytest.mark.parametrize("name", ["ffa_2", "teams_4", "counts vary"])
+@pytest.mark.parametrize("name", ["ffa_2", "teams_4", "counts vary", "alone"])
 def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
     """Flat rows are the keys one behind the other, as gymnasium flattens them; scaled ones are what scaled() makes."""
-    scenario: Any = MASKED.get(name, name)
+    scenario: Any = outlast.variant("ffa_3").replace(n_agents=1) if name == "alone" else MASKED.get(name, name)
     plain, form, scale = (
         outlast.make_vec(scenario, 4, seed=2, **options)
         for options in ({}, {"observations": kind}, {"observations": kind, "scaled": True})
@@ -251,6 +256,9 @@ def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
         limits = bounded(scale.single_observation_space)
         for env, got, want in ((form, seen[1], seen[0]), (scale, seen[2], expected)):
             assert env.observation_space.contains(got)
+            room = np.empty_like(got) if kind == "flat" else {key: np.empty_like(array) for key, array in got.items()}
+            env.observe(out=room)
+            assert [each.tobytes() for each in arrays_of(room)] == [each.tobytes() for each in arrays_of(got)]
             if kind == "flat":
                 rows = np.stack([gymnasium.spaces.flatten(agent, row_of(want, 3, i)) for i in range(env.num_agents)])
                 assert np.array_equal(np.clip(rows, *limits) if env is scale else rows, got[3])

@@ -105,7 +105,10 @@ def test_a_role_is_what_a_mechanic_that_writes_columns_makes() -> None:
 
 
 def test_roles_that_change_nothing_leave_the_game_as_it_is() -> None:
-    alike(ONE_THREE.roles(one=outlast.role(1), others=outlast.role(), observed=False), ONE_THREE)
+    """As a sweep has it, one of whose values is that of the scenario."""
+    same = {name: ONE_THREE.numbers()[name] for name in ("agents_health", "agents_radius", "melee_damage")}
+    for one in (outlast.role(1), outlast.role(1, **same)):
+        alike(ONE_THREE.roles(one=one, others=outlast.role(), observed=False), ONE_THREE)
 
 
 def test_teams_have_their_sizes() -> None:
