@@ -27,7 +27,6 @@ from .tick_records import JointActions, TickFormat, TickRecord, encode_policies,
 Array = np.ndarray[Any, Any]
 
 MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written: what a killed process loses
-EPISODE = 2  # in what keys a world
 MAX_PENDING_SECONDS = 5.0  # that they wait, as long as ticks go on
 
 
@@ -107,8 +106,8 @@ class Recorder:
         thought = self._policy.look(steps) if self._policy else None  # ahead of the tick, of what agents saw
         self._continuous = False
         self._worlds.run(mode)
-        if not all_step:
-            self._keyed[mode == RESET, EPISODE] += np.uint64(1)  # episode
+        if not all_step and (begun := mode == RESET).any():
+            self._keyed[begun] = self._keys()[begun]  # a replay has them, too, as they follow from those before
         digest = self._digests.compute(self.ticks)
         try:
             self._file.append(TickRecord(mode.copy(), codes, keys, digest, thought))
@@ -137,11 +136,15 @@ class Recorder:
             why = "a tick was interrupted" if self.ticks else "a recording begins with that"
             raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
 
-    def _new_keys(self) -> Array:
-        """What keys random numbers, of the worlds where the recording so far does not imply it; it does from now on."""
+    def _keys(self) -> Array:
+        """What keys the random numbers of each world: a row without its number, see TickRecord.keys."""
         clock = self._worlds[Clock]
         given = [self._worlds[Given].words] if Given in self._worlds else []
-        now = np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
+        return np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
+
+    def _new_keys(self) -> Array:
+        """What keys random numbers, of the worlds where the recording so far does not imply it; it does from now on."""
+        now = self._keys()
         rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
         self._keyed[rows] = now[rows]
         return np.concatenate([rows[:, None].astype(np.uint64), now[rows]], 1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import End
+from outlast.components import End, Reward
 from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.given import GIVEN_DIM, Given, wrongly_given
 from outlast.ecs.whole import is_whole
@@ -124,6 +124,7 @@ class Replay:
             self._run(record)
             if verify:
                 self._compare(number, record.digest)
+            self._clear_resets()
             self._count_episodes()
             if number == first or (number > first and (rows is None or self.worlds.mode[rows].any())):
                 yield number
@@ -155,6 +156,12 @@ class Replay:
         if record.policy is not None:
             self.policy = np.full((self.worlds.count, self.recording.num_agents), np.nan, record.policy.dtype)
             self.policy[record.mode == STEP] = record.policy
+
+    def _clear_resets(self) -> None:
+        """The tick of a reset pays and ends nothing, as in the environment, which does that after the digest."""
+        begun = self.worlds.mode == RESET
+        for column in (*self.worlds[Reward], *self.worlds[End]):
+            column[begun] = 0
 
     def _compare(self, number: int, expected: Array) -> None:
         different = np.flatnonzero(self._digests.compute(number) != expected)

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Fault, Health
-from outlast.ecs import Clock, Entity, Signal
+from outlast.components import Body, End, Fault, Health, Phase, Reward, Side
+from outlast.ecs import Clock, Entity, Module, Read, Rows, Signal, Write
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
@@ -84,6 +85,36 @@ def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
         env.step(draw_actions(env, rng))
     assert len(watched.states) > STEPS + 4
     assert replayed(tmp_path / "a.rec") == watched.states
+
+
+@dataclass(frozen=True)
+class Salary(Module):
+    """Pays in every tick, that of a reset included, and ends the episode in it."""
+
+
+@Salary.system(Phase.REWARD, after="rewards")
+def pay(reward: Write[Reward], agents: Rows[Side]) -> None:
+    for i in range(agents.size):
+        reward.reward[i] = 7
+
+
+@Salary.system(Phase.END, after="ending")
+def stop(end: Write[End], clock: Read[Clock]) -> None:
+    end.truncated[0] = clock.tick[0] == 0
+
+
+def test_the_tick_of_a_reset_pays_nothing_in_a_replay(tmp_path: Path) -> None:
+    """What systems write in it stays in no world that waits meanwhile, nor where somebody looks at the replay."""
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Salary()), 2, seed=1)
+    paid = []
+    with outlast.record(env, tmp_path / "a.rec"):
+        for mask in ([True, True], [True, False], [False, True]):
+            env.reset(options={"reset_mask": np.array(mask)})
+            paid += [env.worlds[Reward].reward.tolist(), env.step(np.tile(env.noop, (2, 2, 1)))[1].tolist()]
+    replay = Replay(tmp_path / "a.rec")
+    assert [replay.worlds[Reward].reward.tolist() for _ in replay.ticks()] == paid
+    assert paid[0] == [[0, 0], [0, 0]]
+    assert replay.summary.episodes == 0
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
