@@ -57,8 +57,9 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     """Write the local dataset `name` in Minari's format "arrow", and return the number of agent-steps.
 
     As usual in Minari, episodes have one observation more than steps. An episode that was cut off, by a reset or the
-    end of the recording, counts as truncated. The options in their metadata hold world, episode and agent. The
-    dataset's `recover_environment` makes the game again, with one agent to control and a policy for the others (see
+    end of the recording, counts as truncated. The options in their metadata hold world, episode and agent. What has no
+    numbers, as `others` in a game of one agent, is left out, because Arrow divides by its size. The dataset's
+    `recover_environment` makes the game again, with one agent to control and a policy for the others (see
     `recovered`).
     """
     place, count = new_place(name), [0]
@@ -145,7 +146,9 @@ def _episode(whole: Samples, i: int) -> Any:
     truncated = columns["truncated"].copy()
     truncated[-1] |= not columns["terminated"][-1]
     return EpisodeBuffer(
-        observations={key: np.concatenate([a[:, i], whole.final[key][:, i]]) for key, a in whole.observations.items()},
+        observations={
+            key: np.concatenate([a[:, i], whole.final[key][:, i]]) for key, a in whole.observations.items() if a.size
+        },
         actions=columns["actions"][:, i].astype(np.int64),
         rewards=columns["rewards"][:, i].tolist(),
         terminations=columns["terminated"].tolist(),
@@ -156,4 +159,6 @@ def _episode(whole: Samples, i: int) -> Any:
 
 def _spaces(worlds: Worlds) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
     """What one agent sees and does; the same for all of them."""
-    return Observations(worlds, "dict", scaled=False).of_agent(0), ActionSpace(worlds, "multi").single
+    seen = Observations(worlds, "dict", scaled=False).of_agent(0)
+    there = {key: box for key, box in seen.items() if all(box.shape)}
+    return spaces.Dict(there), ActionSpace(worlds, "multi").single

@@ -244,6 +244,21 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
     assert (status, "NAME-v0 is needed" in err) == (2, True)
 
 
+def test_minari_of_an_agent_alone(tmp_path: Path, monkeypatch: Any) -> None:
+    """There are no others, of which Arrow would end the process: it divides by the size of their rows."""
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = outlast.make_vec("ffa_1", 1, seed=0, n_agents=1, ending_limit=3)
+    with outlast.record(env, tmp_path / "a.rec"):
+        seen, _ = env.reset()
+        seen, *_ = env.step(env.noop[None, None])
+    export_dataset("minari:outlast/alone-v0", Replay(tmp_path / "a.rec"), Selection([0], 0, 1))
+    (episode,) = minari.load_dataset("outlast/alone-v0").iterate_episodes()
+    assert episode.observations.keys() == seen.keys() - {"others", "others_mask"}
+    for key, array in episode.observations.items():
+        np.testing.assert_array_equal(array[-1], seen[key][0, 0])
+
+
 @pytest.mark.parametrize(
     ("module", "library", "name", "extra"),
     [("minari", "minari", "minari:outlast/none-v0", "minari"), ("parquet", "pyarrow", "none.parquet", "data")],
