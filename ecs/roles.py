@@ -226,12 +226,16 @@ def from_plain(given: Any) -> Roles:
 def _role_of(given: Any) -> Role:
     if (
         not isinstance(given, Mapping)
-        or given.keys() not in ({"name", "count", "numbers"}, {"name", "agents", "numbers"})
+        or given.keys() - {"count"} not in ({"name", "numbers"}, {"name", "agents", "numbers"})
+        or {"count", "agents"} <= given.keys()
         or not isinstance(given["name"], str)
         or not isinstance(given["numbers"], Mapping)
         or not isinstance(given.get("agents", []), list)
     ):
-        raise NumberError(f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}')
+        raise NumberError(
+            f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}; only one role '
+            "can leave out who has it, and gets the agents that are left"
+        )
     numbers = {
         str(name): distribution_of(*value) if isinstance(value, list) else value
         for name, value in given["numbers"].items()

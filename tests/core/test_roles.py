@@ -357,7 +357,13 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     status, out, _ = run(capsys, "schedule", *game, file)
     assert status == 0
     assert "observe_roles" in out
+    rest = '{"drawn": "never", "roles": [{"name": "boss", "count": 1, "numbers": {}}, {"name": "a", "numbers": {}}]}'
+    file.write_text(rest)
+    named = {"boss": outlast.role(1), "a": outlast.role()}
+    assert with_roles(variant("teams_3"), file).by_role == variant("teams_3").roles(**named).by_role
     for text, message in (
+        ('{"drawn": "never", "roles": [{"name": "a"}]}', "only one role can leave out who has it"),
+        ('{"drawn": "never", "roles": [{"name": "a", "count": 1, "agents": [0], "numbers": {}}]}', "is not {"),
         ("[]", "does not say roles: roles: [] is not"),
         ("{", "does not say roles: as in"),
         (
