@@ -134,22 +134,26 @@ def check_brought(systems: Iterable[System], brought: Collection[type[Component]
         rows = [c for p in system.parameters if p.kind in SELECTIONS.values() for c in p.components]
         for component in (*rows, *system.needs) if system.outside else ():
             if component not in brought and not Module.providing(_brings(component)):
-                example = f'def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
-                if issubclass(component, Singleton):
-                    example = f"def singletons(self): return [{component.__name__}()]"
                 twin = component.__name__ in (other.__name__ for other in brought)
                 hint = "; another class of that name is there: define both anew" if twin else ""
                 raise ScheduleError(
                     f"{system.label} is for entities with {component.__name__}, which no mechanic brings, so it would "
-                    f"never run: bring it, as in {example}{hint}"
+                    f"never run: {_bring(component)}{hint}"
                 )
 
 
 def _bringing(component: type[Component]) -> str:
     """What to do so that a scenario has the component."""
-    if issubclass(component, Event):  # whoever emits or reads an event may bring it
+    shared = issubclass(component, Event)  # whoever emits or reads an event may bring it
+    providers = "" if shared else Module.providers(_brings(component))
+    return f"add {providers}" if providers else _bring(component)
+
+
+def _bring(component: type[Component]) -> str:
+    """How a mechanic brings the component."""
+    if issubclass(component, Singleton):
         return f"bring it, as in def singletons(self): return [{component.__name__}()]"
-    return f"add {Module.providers(_brings(component)) or 'the module that does'}"
+    return f'bring it, as in def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
 
 
 def _brings(component: type[Component]) -> Callable[[Module], bool]:

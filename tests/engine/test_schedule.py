@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from outlast.ecs import Add, Component, Module, Read, Rows, ScheduleError, Worlds, Write, column
+from outlast.ecs import Add, Component, Module, Read, Rows, ScheduleError, Singleton, Worlds, Write, column
 from tests.conftest import digest
 from tests.helpers import toy_game
 from tests.helpers.toy_game import Energy, Line, Meals, Phase, Place, Toy, Walkers, Weather, Wind, make, run
@@ -28,6 +28,10 @@ SHOW      reset, step  # everything is seen
 
 
 class Nowhere(Component):
+    left: Any = column("u1")
+
+
+class Nothing(Singleton):
     left: Any = column("u1")
 
 
@@ -55,6 +59,7 @@ def adds(place: Add[Place]) -> None: ...
 def reads_pieces(energy: Read[Energy], line: Read[Line]) -> None: ...
 def writes_pieces(line: Write[Line], energy: Write[Energy]) -> None: ...
 def asks_nowhere(nowhere: Read[Nowhere]) -> None: ...
+def asks_nothing(nothing: Read[Nothing]) -> None: ...
 def needs_ghosts(place: Write[Place], none: Rows[Place, Ghost]) -> None: ...
 def needs_none(place: Write[Place], none: Rows[Place, Nowhere]) -> None: ...
 
@@ -185,8 +190,11 @@ def test_a_label_of_a_mechanic_left_out_is_ignored() -> None:
 
 
 def test_a_missing_component_is_named_with_the_cure() -> None:
-    with pytest.raises(ScheduleError, match=r"ape\.act needs Nowhere .parameter 'nowhere'.*brings it.*leave ape out"):
+    named = r"ape\.act needs Nowhere .parameter 'nowhere'.*brings it; bring it, as in def archetypes.*leave ape out"
+    with pytest.raises(ScheduleError, match=named):
         labels(module("ape.act", asks_nowhere))
+    with pytest.raises(ScheduleError, match=r"ape\.act needs Nothing .*brings it; bring it, as in def singletons"):
+        labels(module("ape.act", asks_nothing))
     with pytest.raises(ScheduleError, match=r"food\.grow needs Place .*leave food out"):
         Worlds([Placeless()], 1)
 
