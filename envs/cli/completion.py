@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..rollout.policies import POLICIES
+from ..scenarios.floor_plan import GENERATORS
 from ..scenarios.plugins import installed
 from ..scenarios.variants import VARIANTS
 from .grammar import Parser
@@ -52,6 +53,8 @@ def values(action: argparse.Action) -> tuple[list[str], bool]:
         return [*VARIANTS, *installed()], True
     if action.dest in ("policy", "policies", "others", "opponents"):
         return list(POLICIES), True
+    if action.dest == "layout":
+        return list(GENERATORS), True
     return [], action.metavar in FILES or action.dest in ("file", "out")
 
 

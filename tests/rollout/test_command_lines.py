@@ -264,6 +264,7 @@ def test_shells_complete(shell: str, capsys: Any, tmp_path: Path, monkeypatch: p
     assert completed(script, shell, "rollout", "ffa_2", "--quiet", "--se") >= {"--seed", "--set"}
     assert completed(script, shell, "train", "ffa_2", "--preset", "o") == {"original"}
     assert completed(script, shell, "help", "sch") == {"schedule"}
+    assert completed(script, shell, "layout", "ma") == completed(script, shell, "check", "--layout", "ma") == {"maze"}
     (found,) = completed(script, shell, "replay", "a")
     assert found.replace("\\", "") == "a fight.rec"
 
