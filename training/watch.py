@@ -50,7 +50,7 @@ class RunWatcher:
         with self.lock:
             figures, wrong = self._figures()
         made = self.recorded
-        newest, messages = None, [self._waiting(bool(found))]
+        newest, messages = None, [self._waiting(found)]
         if found:
             path, written = found[0]
             newest = {"steps": _steps(path), "age": max(0.0, time.time() - written / 1e9)}
@@ -114,12 +114,12 @@ class RunWatcher:
                 continue
         return found
 
-    def _waiting(self, there: bool) -> str:
+    def _waiting(self, found: list[tuple[Path, int]]) -> str:
         if not self.folder.is_dir():
             return f"There is no folder {self.folder} any more."
-        if not there:
+        if not found:
             return f"There is no checkpoint in {self.folder} yet: the first one will be played."
-        return "" if self.recorded else "The first episode is being played."
+        return "" if self.recorded or self.broken.keys() >= {*found} else "The first episode is being played."
 
     def _figures(self) -> tuple[list[Json], str]:
         """What the log says, read again when it has changed; and what is wrong with it."""

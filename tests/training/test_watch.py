@@ -141,6 +141,12 @@ def test_a_broken_checkpoint_is_reported_and_an_older_one_played(
     assert watched.status()["message"] == ""
 
 
+def test_where_no_checkpoint_can_be_played_none_is_said_to_be(watched: RunWatcher, folder: Path) -> None:
+    (folder / CHECKPOINT.format(1024)).write_bytes(b"")
+    until(watched, lambda status: "cannot be played" in status["message"])
+    assert watched.status()["message"].startswith(CHECKPOINT.format(1024))
+
+
 def test_checkpoints_and_folders_may_vanish(watched: RunWatcher, folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
     until(watched, lambda status: bool(status["episode"]))
