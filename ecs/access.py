@@ -80,15 +80,23 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
     """Read the annotations of a function.
 
     Raises:
-        DeclarationError: An annotation is not in the table above, or the function would fail when it is called.
+        DeclarationError: An annotation is not in the table above, a parameter has a default, or the function would fail
+            when it is called.
     """
     if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
         raise DeclarationError(
             f"{function.__module__}.{function.__qualname__} is a generator or a coroutine: a call of it would do "
             "nothing; write a function without yield or async"
         )
-    hints = get_type_hints(function, include_extras=True)
-    return tuple(_parameter(function, name, hints.get(name)) for name in inspect.signature(function).parameters)
+    hints, own = get_type_hints(function, include_extras=True), inspect.signature(function).parameters
+    for name, parameter in own.items():
+        if parameter.default is not parameter.empty:
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' has the default "
+                f"{parameter.default!r:.60}, but every call gives it; leave it out: the default of a number stands in "
+                f"the class of its mechanic, as in {name}: float = number(1.0)"
+            )
+    return tuple(_parameter(function, name, hints.get(name)) for name in own)
 
 
 def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:

@@ -283,6 +283,19 @@ def test_a_parameter_of_another_type_than_its_number_is_refused() -> None:
         Worlds([Walkers(), Odd()], 1)
 
 
+def test_a_default_of_a_parameter_is_refused() -> None:
+    """The number's own value would count all the same."""
+
+    @dataclass(frozen=True)
+    class Odd(Toy):
+        speed: float = number(1.5)
+
+    def rush(energy: Read[Energy], speed: float = 9.0) -> None: ...
+
+    with pytest.raises(DeclarationError, match=r"rush: parameter 'speed' has the default 9\.0, but every call"):
+        Odd.system(Phase.MOVE)(rush)
+
+
 def test_numbers_of_what_is_no_dataclass_are_refused() -> None:
     class Forgot(Toy):
         speed: float = 1.0
