@@ -5,7 +5,7 @@ import contextlib
 import logging
 import os
 import signal
-from collections.abc import Container, Iterator
+from collections.abc import Iterator, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,7 +18,7 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
-from ..scenarios.changes import by_full_name
+from ..scenarios.changes import by_full_name, defaults, numbers
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
 from ..scenarios.naming import distribution, mechanic, resolve
@@ -108,9 +108,13 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
     given = by_full_name(asked.find_number, [_parts("--set", text) for text in options.set])
+    added = [module for _, module in more]
+    fixed = dict.fromkeys(numbers(added).keys() - defaults(added), "--with")
+    if twice := sorted(fixed.keys() & given.keys()):
+        raise ScenarioError(f"--set {twice[0]}: --with has it, too; say one of them")
     now = asked.numbers()
     asked = asked.replace(**{name: _value(text, now[name]) for name, text in given.items()})
-    asked = _varied(asked, given, options)
+    asked = _varied(asked, fixed | dict.fromkeys(given, "--set"), options)
     if options.save_scenario is not None:
         _save(asked, options)
     return asked
@@ -280,13 +284,13 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
-def _varied(asked: Scenario, fixed: Container[str], options: argparse.Namespace) -> Scenario:
-    """The scenario with what --vary says. fixed: what --set does. Raises ScenarioError, NumberError."""
+def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespace) -> Scenario:
+    """The scenario with what --vary says. fixed: which option sets a number. Raises ScenarioError, NumberError."""
     parts = [_parts("--vary", text, "'melee_damage=integers(5, 20)'") for text in options.vary]
     drawn = {}
     for name, text in by_full_name(asked.find_number, parts).items():
         if name in fixed:
-            raise ScenarioError(f"--vary {name}: --set has it, too; say one of them")
+            raise ScenarioError(f"--vary {name}: {fixed[name]} has it, too; say one of them")
         try:
             drawn[name] = distribution(text)
         except (ScenarioError, NumberError) as error:
