@@ -17,6 +17,7 @@ from .errors import FilmError
 from .recording import Recording, Replay
 from .recording.selection import last_tick, rows_of
 from .rendering.layers import FILM_LAYERS, Layer, Scene, select
+from .rendering.rgb import checked_layers
 from .rendering.video import footage, write_film
 from .rendering.video.footage import check_pictures
 from .rendering.video.writer import ending
@@ -112,10 +113,11 @@ def film(
         RecordingError: The recording is damaged or cannot be replayed.
         ReplayError: A tick of the recording is not what it was.
         FilmError: A path, size, view or number of worlds is not valid, or the film could not be written.
+        TypeError: A layer is not a layer.
     """
     _check(STEPS if steps is None else steps, mosaic, views)
     check_pictures(size, mosaic or (1, 1), every)  # ahead of worlds, of which there are as many as it has room for
-    looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
+    looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
         with contextlib.closing(Replay(recording)) as replay:

@@ -42,7 +42,7 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
-    canvas, shown = Canvas(int(size), scene.half), [layer for layer in _checked(layers) if layer.fits(scene)]
+    canvas, shown = Canvas(int(size), scene.half), [layer for layer in checked_layers(layers) if layer.fits(scene)]
     canvas.clear(WALL)
     image = paint(canvas, [layer for layer in shown if not isinstance(layer, Strip)], scene)
     strips = sorted((layer for layer in shown if isinstance(layer, Strip)), key=lambda strip: strip.zorder)
@@ -93,7 +93,10 @@ def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
         raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
 
 
-def _checked(layers: Iterable[Layer] | None) -> list[Layer]:
+def checked_layers(layers: Iterable[Layer] | None) -> list[Layer]:
+    """The layers as a list, LAYERS for None. Raises TypeError for what is none."""
+    if isinstance(layers, Layer):
+        raise TypeError(f"layers = {layers!r:.60}: a list is needed, as in layers=[{type(layers).__name__}()]")
     found = list(LAYERS if layers is None else layers)
     for layer in found:
         if not isinstance(layer, Layer):

@@ -9,7 +9,7 @@ import pytest
 
 import outlast
 from outlast.envs.errors import FilmError, RecordingError, ReplayError, ScenarioError, UsageError
-from outlast.envs.rendering.layers import FILM_LAYERS, select
+from outlast.envs.rendering.layers import FILM_LAYERS, CamerasLayer, select
 from outlast.envs.rendering.video.codecs import CODECS
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
@@ -128,6 +128,9 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "no worlds": ("ffa_1", {"worlds": 0}, FilmError, "worlds = 0"),
     "numbers of worlds": ("ffa_1", {"worlds": [1]}, FilmError, "numbers are for recordings"),
     "views": ("ffa_1", {"views": "+visoin"}, FilmError, "did you mean vision"),
+    "a layer": ("ffa_1", {"layers": ["vision"]}, TypeError, "'vision' is not a layer: pass instances"),
+    "the class of a layer": ("ffa_1", {"layers": [CamerasLayer]}, TypeError, "is not a layer: pass instances"),
+    "a layer without a list": ("ffa_1", {"layers": CamerasLayer()}, TypeError, r"as in layers=\[CamerasLayer"),
     "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
     "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),
     "a number of a recording": ("run.rec", {"n_heals": 3}, FilmError, "n_heals: the recording has that already"),

@@ -54,6 +54,8 @@ def test_a_game_of_ones_own_has_its_items_and_bodies_on_the_page(games: Any) -> 
         ({"agent": 2}, PlayError, "agent 2: ffa_3 has the agents 0 to 1"),
         ({"fps": 0}, PlayError, "fps = 0: a number above 0, up to 1000"),
         ({"fps": "fast"}, PlayError, "fps = 'fast'"),
+        ({"port": 65536}, PlayError, "port = 65536: an integer from 1 to 65535"),
+        ({"port": "http"}, PlayError, "port = 'http'"),
         ({"others": "scriptd"}, UsageError, "did you mean scripted"),
         ({"agnt": 1}, ValueError, "did you mean agent"),
     ],

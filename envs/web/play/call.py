@@ -5,6 +5,8 @@ import contextlib
 import os
 from typing import Any
 
+from outlast.ecs.whole import is_whole
+
 from ...adapters.opponents import Others, checked_others
 from ...errors import PlayError, install
 from ...rollout.loading import load_policies
@@ -59,7 +61,7 @@ def play(
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise PlayError(f"outlast play needs {package}: {install('play')}") from error
-    _check(fps)
+    _check(fps, port)
     entries = checked_others(others)
     world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, OPTIONS), seed)
     players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
@@ -75,10 +77,12 @@ def play(
 OPTIONS = tuple(play.__kwdefaults__ or ())  # its keywords
 
 
-def _check(fps: Any) -> None:
-    """PlayError for a rate that cannot be, and where an event loop runs."""
+def _check(fps: Any, port: Any) -> None:
+    """PlayError for a rate or a port that cannot be, and where an event loop runs."""
     if fps is not None and not (isinstance(fps, int | float) and 0 < fps <= FASTEST):
         raise PlayError(f"fps = {fps!r}: a number above 0, up to {FASTEST}, is needed")
+    if not is_whole(port, 0, 65535):
+        raise PlayError(f"port = {port!r}: an integer from 1 to 65535 is needed, or 0 for a free one")
     if _in_loop():
         raise PlayError("an event loop runs here already, as in a notebook: run `outlast play` in a terminal")
 
