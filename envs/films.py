@@ -226,7 +226,7 @@ def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
 
 def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
     """The recording, also by the path of its file; None for what names a scenario."""
-    if isinstance(game, Scenario | Recording):
+    if not isinstance(game, str | os.PathLike):
         return game if isinstance(game, Recording) else None
     name = os.fspath(game)
     if os.path.isfile(name) and not name.endswith(SOURCES):

@@ -25,16 +25,23 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the gold
 STYLES = {"scripted": scripted, "camper": camper, "hunter": hunter, "hoarder": hoarder, "healer": healer}
 
 
+def made_by_make_vec(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
+    """The environment. Raises UsageError if it is something else."""
+    if not isinstance(env, SurvivalVectorEnv):
+        raise UsageError(
+            f"a policy is made for what make_vec returns, as in scripted_policy(env), not for {type(env).__name__}: "
+            "give env.unwrapped of a gymnasium wrapper, or env.base_env of an adapter"
+        )
+    return env
+
+
 def plain(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
     """Return the environment, if policies can use its observations and actions.
 
     Raises:
         UsageError: Its observations are flat or scaled, its actions are not "multi", or it is not an environment.
     """
-    if not isinstance(env, SurvivalVectorEnv):
-        raise UsageError(
-            f"a policy is made for an environment, as in scripted_policy(env), and given {type(env).__name__} instead"
-        )
+    env = made_by_make_vec(env)
     forms = {"observations": (env._reader.kind, "dict"), "scaled": (env._reader.scaled, False)}
     forms["actions"] = env._actions.kind, "multi"
     for name, (here, needed) in forms.items():
@@ -58,7 +65,7 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy, which ignores the observations.
     """
-    draw = joint_action_sampler(env.action_sizes)
+    draw = joint_action_sampler(made_by_make_vec(env).action_sizes)
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
     worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
     state = mix64(mix64(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
@@ -80,7 +87,7 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy, which ignores the observations.
     """
-    actions = np.broadcast_to(env.noop, (env.num_worlds, env.num_agents, *env.noop.shape))
+    actions = np.broadcast_to(made_by_make_vec(env).noop, (env.num_worlds, env.num_agents, *env.noop.shape))
     return lambda observations: actions
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.envs.errors import UsageError
 from outlast.envs.rollout.policies import POLICIES, random_policy, scripted_policy
 from tests.conftest import COMPILED, few_by_day, scaled
 
@@ -21,6 +22,13 @@ def test_actions_are_in_the_space(name, variant):
         actions = policy(observations)
         assert env.action_space.contains(np.asarray(actions, env.action_space.dtype))
         observations = env.step(actions)[0]
+
+
+@pytest.mark.parametrize("name", sorted(POLICIES))
+@pytest.mark.parametrize("given", [{}, "ffa_1"])
+def test_what_is_no_environment_is_refused(name, given):
+    with pytest.raises(UsageError, match=r"as in scripted_policy\(env\), not for (dict|str): give"):
+        POLICIES[name](given, 0)
 
 
 def test_noop_changes_nothing_that_moves():

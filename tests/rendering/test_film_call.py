@@ -122,6 +122,7 @@ def test_a_game_in_a_folder_may_have_an_ablation(tmp_path: Path) -> None:
 
 MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "no game": ("ffa_9", {}, ScenarioError, "did you mean"),
+    "neither": (1.5, {}, ScenarioError, "1.5: a Scenario or the name of one is needed"),
     "no policy": ("ffa_1", {"policy": "scriptd"}, UsageError, "scriptd"),
     "no number": ("ffa_1", {"n_heal": 3}, ValueError, "n_heals"),
     "a keyword misspelt": ("ffa_1", {"wrlds": 3}, ValueError, "did you mean worlds"),

@@ -188,5 +188,5 @@ def test_a_policy_of_another_game_is_refused() -> None:
     one, other = outlast.make_vec("ffa_3", 2, seed=0), outlast.make_vec("teams_3", 2, seed=0)
     with pytest.raises(UsageError, match="are of another game than ffa_3, for which this policy was made"):
         outlast.rollout(other, outlast.scripted_policy(one), steps=3)
-    with pytest.raises(UsageError, match=r"as in scripted_policy\(env\), and given dict instead"):
+    with pytest.raises(UsageError, match=r"as in scripted_policy\(env\), not for dict: give env.unwrapped"):
         outlast.rollout("ffa_3", outlast.scripted_policy, steps=3)
