@@ -263,7 +263,7 @@ def component_uses(name: str) -> str:
 
 
 def events() -> str:
-    """The events: their columns, and the mechanics that emit them."""
+    """The events: their columns, and the mechanics that emit them, which bring and write them."""
     kinds = [kind for name in components.__all__ if issubclass(kind := getattr(components, name), Event)]
     mechanics = [getattr(systems, name) for name in systems.__all__]
     rows = []
@@ -271,7 +271,8 @@ def events() -> str:
         emits = [
             mechanic.__name__
             for mechanic in mechanics
-            if any(p.kind == "write" and kind in p.components for s in mechanic().systems() for p in s.parameters)
+            if any(isinstance(singleton, kind) for singleton in mechanic().singletons())
+            and any(p.kind == "write" and kind in p.components for s in mechanic().systems() for p in s.parameters)
         ]
         columns = ", ".join(f"{code(name)} ({column.unit})" for name, column in kind.columns.items() if column.unit)
         rows.append([code(kind.name), columns, summary(kind), ", ".join(map(code, emits))])

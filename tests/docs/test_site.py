@@ -124,6 +124,14 @@ def test_tables_can_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
         assert tables[name](*about).count("\n") > 2, name
 
 
+def test_events_are_listed_with_those_who_emit_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not with walls, which change what a strike has hit."""
+    monkeypatch.syspath_prepend(str(DOCS / "_ext"))
+    rows = [line.split(" | ") for line in importlib.import_module("catalogue").events().splitlines()]
+    emits = {row[0].strip("| `"): row[-1].strip("| `") for row in rows}
+    assert (emits["strike"], emits["death"], emits["hit"]) == ("Melee", "Mortality", "Melee`, `SafeZone")
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built pages."""
