@@ -13,6 +13,7 @@ from .phase import Phase, When
 from .system import System
 
 CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
+OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
 
 
 @dataclass(frozen=True)
@@ -275,9 +276,8 @@ def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = N
     here = sorted({system.label for system in known if system.phase is phase})
     raise ScheduleError(
         f"{who}, which no module registers"
-        + (did_you_mean(name, sorted(names), before="; ", cutoff=0.5) or ";")
-        + (f" In phase {phase.name} there are {', '.join(here)}." if phase else "")
-        + " A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
+        + (did_you_mean(name, sorted(names), before="; ", cutoff=0.5) or ".")
+        + (f" In phase {phase.name} there are {', '.join(here)}. {OPTIONAL}" if phase else "")
     )
 
 
