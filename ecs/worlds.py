@@ -371,3 +371,10 @@ def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
     memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + count * world_bytes].reshape(count, world_bytes)
+
+
+def checked_worlds(given: Any) -> Worlds:
+    """What was given, if it is worlds. Raises TypeError."""
+    if not isinstance(given, Worlds):
+        raise TypeError(f"{type(given).__name__} is given for worlds: those of an environment are env.worlds")
+    return given

@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
 from outlast.ecs import Component, Entity, Worlds
 from outlast.ecs.whole import is_whole
+from outlast.ecs.worlds import checked_worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
 from .layers import LAYERS, Layer, Scene
@@ -82,9 +83,7 @@ def text(worlds: Worlds, w: int) -> str:
 
 
 def _scene(worlds: Worlds, w: int) -> Scene:
-    if not isinstance(worlds, Worlds):
-        raise TypeError(f"{type(worlds).__name__} is given for worlds: those of an environment are env.worlds")
-    _check("w", w, 0, worlds.count - 1, "the number of a world")
+    _check("w", w, 0, checked_worlds(worlds).count - 1, "the number of a world")
     return Scene(worlds, int(w))
 
 

@@ -3,19 +3,21 @@
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from outlast import Scenario, make_vec, systems, variant
+from outlast import FloorPlan, Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Died, Heal, Health, Strike, Zone
 from outlast.ecs import Clock, Entity, Module, Worlds
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, OthersLayer, Scene, ZOrder
 from outlast.envs.rendering.rgb import draw, text
+from outlast.envs.rendering.video import footage
 from tests.conftest import digest, scaled
 from tests.helpers.scenario_builder import ScenarioBuilder
 
@@ -124,11 +126,14 @@ def test_worlds_that_are_not_there(w: Any) -> None:
             look(played("ffa_1", 0), w)
 
 
+@pytest.mark.parametrize("look", [draw, text, FloorPlan.of_world, lambda env, w: footage(env, (), [w])])
+def test_an_environment_in_place_of_its_worlds(look: Callable[[Any, int], object]) -> None:
+    words = "SurvivalVectorEnv is given for worlds: those of an environment are env.worlds"
+    with pytest.raises(TypeError, match=words):
+        look(make_vec("ffa_1", 1), 0)
+
+
 def test_what_is_no_layer() -> None:
-    with pytest.raises(
-        TypeError, match=r"SurvivalVectorEnv is given for worlds: those of an environment are env.worlds"
-    ):
-        draw(make_vec("ffa_1", 1), 0)
     with pytest.raises(TypeError, match=r"Bare.needs = <class .*: a tuple is needed, as in \(Body,\)"):
         draw(make_vec("ffa_1", 1).worlds, 0, layers=[type("Bare", (Layer,), {"needs": Body})()])
     with pytest.raises(TypeError, match=r"Cameras.* is not a layer: pass instances"):

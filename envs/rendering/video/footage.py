@@ -10,6 +10,7 @@ import numpy as np
 from outlast.components import End
 from outlast.ecs import Clock, Worlds
 from outlast.ecs.whole import is_whole
+from outlast.ecs.worlds import checked_worlds
 
 from ...errors import FilmError
 from ..canvas import LARGEST, SMALLEST, Canvas, Image
@@ -54,7 +55,8 @@ def footage(
         Frames, uint8 (height, width, 3), RGB, each a new array, drawn on demand.
 
     Raises:
-        FilmError: The worlds, the grid, the size or a number is not valid.
+        FilmError: The grid, the size or a number is not valid.
+        TypeError: `worlds` is something else, such as an environment.
     """
     grid = near_square(len(chosen)) if mosaic is None else mosaic
     _check(worlds, chosen, size, grid, every)
@@ -177,7 +179,7 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
     if not chosen:
         raise FilmError("no world is chosen: at least one is needed")
     check_pictures(size, grid, every)
-    if strange := [w for w in chosen if not 0 <= w < worlds.count]:
+    if strange := [w for w in chosen if not 0 <= w < checked_worlds(worlds).count]:
         raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")
     if len(chosen) > grid[0] * grid[1] or min(grid) < 1:
         rows, columns = near_square(len(chosen))
