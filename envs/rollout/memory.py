@@ -62,7 +62,12 @@ def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
             last call episodes have begun in some worlds, or have gone on from a state that was set, `reset` is called
             first, with these worlds, bool (worlds,). Before the very first call it gets all worlds.
         env: The worlds. Call the result once before each of their steps.
+
+    Raises:
+        UsageError: The policy is not a function, but a name, for example.
     """
+    if not callable(policy):
+        raise UsageError(f"policy = {policy!r}: a function is needed, such as outlast.scripted_policy(env)")
     if not has_memory(policy):
         return policy
     begins = Begins(env)

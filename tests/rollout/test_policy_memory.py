@@ -66,6 +66,13 @@ def test_a_policy_without_a_memory_is_itself() -> None:
     assert told(policy, env) is policy
 
 
+def test_the_name_of_a_policy_is_no_policy() -> None:
+    env = outlast.make_vec("ffa_1", 2, seed=0)
+    for play in (told, lambda policy, env: next(ticks(env, policy, 3))):
+        with pytest.raises(UsageError, match="policy = 'noop': a function is needed, such as"):
+            play("noop", env)
+
+
 def test_rollouts_tell_a_policy_where_episodes_begin() -> None:
     env, policy = outlast.make_vec(short("ffa_3"), WORLDS, seed=3), Remembering()
     seen = []
