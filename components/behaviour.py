@@ -10,16 +10,16 @@ class Track(Singleton):
     y: Array = column("f4", "agents")
     here: Array = column("u1", "agents")  # 1: it was alive then
     visited: Array = column("u1", "agents", "behaviour cells")  # 1: it was in this cell of the room's grid
-    cells: Array = column("i4", "agents")  # how many of them
+    cells: Array = column("i4", "agents")  # how many cells it has visited
     enemies: Array = column("i4", "agents")  # ticks with an enemy alive
-    mates: Array = column("i4", "agents")  # ticks with another of its side alive
+    mates: Array = column("i4", "agents")  # ticks with another agent of its side alive
 
 
 class Condition(Singleton):
     """The hit points of agents, which determine whether they need a heal. Written by behaviour."""
 
     start: Array = column("i4", "agents")  # hit points at the start of the episode
-    last: Array = column("i4", "agents")  # at the end of the last tick that it was alive in
+    last: Array = column("i4", "agents")  # hit points at the end of the last tick in which it was alive
 
 
 class Travelled(Statistic):
@@ -33,8 +33,8 @@ class Travelled(Statistic):
 class Encounters(Statistic):
     """How near each agent was to others, over the ticks at the end of which it was alive."""
 
-    enemy_distance: Array = column("f8", "agents")  # metres to the nearest living enemy, mean; 0: never any
-    mate_distance: Array = column("f8", "agents")  # metres to the nearest living agent of its side, likewise
+    enemy_distance: Array = column("f8", "agents")  # mean metres to the nearest living enemy; 0: there was never any
+    mate_distance: Array = column("f8", "agents")  # mean metres to the nearest living agent of its side, likewise
     enemy_in_view: Array = column("f8", "agents", low=0, high=1)  # share of ticks with an enemy in view
 
 
@@ -48,18 +48,18 @@ class Aggression(Statistic):
     """The strikes of each agent."""
 
     strikes: Array = column("i4", "agents")
-    strikes_landed: Array = column("f8", "agents", low=0, high=1)  # share of them that hit an enemy
+    strikes_landed: Array = column("f8", "agents", low=0, high=1)  # share of strikes that hit an enemy
     damage_dealt: Array = column("i4", "agents")  # hit points that it took from enemies
 
 
 class Care(Statistic):
     """What each agent did with heals."""
 
-    heals_in_need: Array = column("i4", "agents")  # used with few hit points left
-    heals_given: Array = column("i4", "agents")  # to others
+    heals_in_need: Array = column("i4", "agents")  # heals used with few hit points left
+    heals_given: Array = column("i4", "agents")  # heals given to others
 
 
 class Cover(Statistic):
     """How each agent used boxes as cover."""
 
-    boxes_between: Array = column("i4", "agents")  # so that they stood between it and the nearest enemy
+    boxes_between: Array = column("i4", "agents")  # boxes set up between it and the nearest enemy

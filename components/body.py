@@ -7,7 +7,7 @@ import numpy as np
 from outlast.ecs import Array, Component, Field, Layout, Singleton, column, kernel
 
 ONE, ZERO = np.float32(1), np.float32(0)
-SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: what is seldom exceeded
+SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales that are seldom exceeded
 
 
 class Body(Component):
@@ -16,7 +16,7 @@ class Body(Component):
     x: Array = column("f4")  # metres
     y: Array = column("f4")
     angle: Array = column("f4")  # radians, unwrapped; 0 faces +x, counter-clockwise
-    cosine: Array = column("f4", fill=1)  # of angle
+    cosine: Array = column("f4", fill=1)  # cosine of angle
     sine: Array = column("f4")
     vx: Array = column("f4")  # metres/second
     vy: Array = column("f4")
@@ -42,7 +42,7 @@ class Solid(Component):
     requires = (Body, Shape)
     dynamic: Array = column("u1", high=1)  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
-    mass: Array = column("f4")  # kilograms, of density and shape; computed at reset
+    mass: Array = column("f4")  # kilograms, computed at reset from density and shape
     inertia: Array = column("f4")  # kilogram square metres about the centre; likewise
     may_collide: Array = column("u1", high=1)  # 1: may touch something in this tick
     max_travel: Array = column("f4")  # metres it may travel in this tick
@@ -53,7 +53,7 @@ class Push(Component):
 
     x: Array = column("f4")  # newton-seconds of the whole tick, spread evenly over its substeps
     y: Array = column("f4")
-    turn: Array = column("f4")
+    turn: Array = column("f4")  # newton-metre-seconds, likewise
 
 
 class Spawned(Component):
@@ -66,7 +66,7 @@ class Spawned(Component):
 class Floor(Singleton):
     """The rectangle of the plane that is the room, centred on the origin."""
 
-    size: Array = column("f4", "floor sides")  # metres: the side of a square; or width (the first), height (the last)
+    size: Array = column("f4", "floor sides")  # metres: width (first) and height (last), or the side of a square
 
 
 class Fault(Singleton):
@@ -88,7 +88,7 @@ def half_room(layout: Layout) -> float:
     return max(room_sides(layout) or (2.0, 2.0)) / 2
 
 
-PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # in rows of observations
+PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # fields of a position
 
 
 @kernel

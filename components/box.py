@@ -6,15 +6,15 @@ from outlast.ecs import Array, Component, Event, Field, Observation, Statistic, 
 
 from .body import PLACE
 
-VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each as if the box were centred at the origin
+VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each, as if the box were at the origin
 
 
 class Box(Component):
     """A box, which is intact while alive."""
 
     broken: Array = column("u1")  # 1 for the one tick between box and item
-    placed: Array = column("u1")  # 1 once it was placed from its item
-    fresh: Array = column("u1")  # 1 in the tick in which it is placed, until boxes break
+    placed: Array = column("u1")  # 1 once it has been placed from its item
+    fresh: Array = column("u1")  # 1 in the tick in which it is placed, until phase BREAK
 
 
 class BoxItem(Component):
@@ -56,5 +56,5 @@ class BoxBroken(Event, capacity=Box, who="by", whom="box"):
     """A box broke."""
 
     box: Array = column("i4", unit="entity")
-    by: Array = column("i4", unit="entity")  # the agent whose hit of this tick it was, -1: nobody's
+    by: Array = column("i4", unit="entity")  # the agent whose hit in this tick broke it, -1: none
     side: Array = column("i4", unit="side")  # the side that did it, -1: none

@@ -6,8 +6,8 @@ import numpy as np
 
 from outlast.ecs import Array, Component, Event, Layout, column, emit, kernel
 
-MOST = 1_000_000  # hit points: the largest value of a number of a mechanic
-LARGEST = 2**31 - 1  # hit points that a column holds
+MOST = 1_000_000  # hit points: the largest value that a number of a mechanic can have
+LARGEST = 2**31 - 1  # hit points: the largest value that a column can hold
 
 
 class Guard(Component):
@@ -24,7 +24,7 @@ class Health(Component):
 
     points: Array = column("i4", fill=100)
     has_health: Array = column("u1", fill=1)  # 1 in every row that has this component
-    damage_type: Array = column("i4", fill=-1, unit="damage type")  # of the last loss (see `hurt`)
+    damage_type: Array = column("i4", fill=-1, unit="damage type")  # damage type of the last loss (see `hurt`)
     source: Array = column("i4", fill=-1, unit="side")  # the side that caused it, -1: none
     fatal_tick: Array = column("i8", fill=-1)  # the tick that brought the points to 0 or below
 
@@ -51,7 +51,7 @@ class Death(Event, capacity=Died, who="by", whom="agent"):
     """An agent died."""
 
     agent: Array = column("i4", unit="entity")  # who died
-    by: Array = column("i4", unit="entity")  # whose hit of this tick it was, -1: nobody's
+    by: Array = column("i4", unit="entity")  # the agent whose hit in this tick killed, -1: none
     damage_type: Array = column("i4", unit="damage type")
     side: Array = column("i4", unit="side")  # the side that killed, -1: none
 

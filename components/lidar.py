@@ -2,7 +2,7 @@
 
 from outlast.ecs import Array, Component, Field, Layout, Observation, column
 
-RAYS = "rays"  # the dimension
+RAYS = "rays"  # the name of the dimension
 
 
 class Rays(Component):

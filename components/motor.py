@@ -4,7 +4,7 @@ import numpy as np
 
 from outlast.ecs import Action, Array, column
 
-HUNDREDTH = np.float32(0.01)  # of Throttle
+HUNDREDTH = np.float32(0.01)  # the share of full thrust or speed that 1 in Throttle stands for
 
 
 class Control:

@@ -6,8 +6,8 @@ from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, World
 class Return(Component):
     """When a dead agent comes back, and with how many hit points."""
 
-    tick: Array = column("i8", fill=-1)  # of the episode; -1: it does not
-    health: Array = column("i4")  # hit points: what it began the episode with
+    tick: Array = column("i8", fill=-1)  # tick of the episode in which it comes back; -1: it does not
+    health: Array = column("i4")  # the hit points with which it began the episode
 
 
 def inactive(worlds: Worlds) -> Array:

@@ -28,7 +28,7 @@ class Episode(Statistic):
     """The statistics that every episode reports, whatever the mechanics."""
 
     length: Array = column("i4")  # ticks
-    returns: Array = column("f8", "agents", key="return")
+    returns: Array = column("f8", "agents", key="return")  # sums of rewards
     kills: Array = column("i4", "sides")
     deaths: Array = column("i4", "damage_types")
     first_death: Array = column("i4")  # tick, 0: nobody died

@@ -5,8 +5,8 @@ import numpy as np
 from outlast.ecs import Array, Component, Singleton, column, kernel
 from outlast.ecs.random import stream_number
 
-NAME = "inner_wall"  # of the archetype
-KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of the identity of its entities
+NAME = "inner_wall"  # the archetype's name
+KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of its entities' identities, from bit 32
 
 
 class Wall(Component):
@@ -26,7 +26,7 @@ class Before(Singleton):
 class Unplaced(Singleton):
     """How many bodies found no free place in the room at reset; if there are any, the environment raises an error."""
 
-    bodies: Array = column("i4")
+    bodies: Array = column("i4")  # how many there are
 
 
 @kernel

@@ -16,7 +16,7 @@ class Zone(Singleton):
     next_x: Array = column("f4")
     next_y: Array = column("f4")
     next_radius: Array = column("f4")
-    centres: Array = column("f4", "zones", 2)  # of all phases, drawn at reset
+    centres: Array = column("f4", "zones", 2)  # the centres of all phases, drawn at reset
 
 
 class ZoneView(Observation):

@@ -1,8 +1,8 @@
 """An abstract interpreter of kernels: numba's intermediate representation, run over abstract values.
 
-Every variable has the set of values that any of its assignments gives it, so an error is reported only where all of
-them agree. What cannot be followed (a table in a list, in an array or in a numpy function) is unknown, and left to the
-compiler. Only tables that are declared Add must be followed everywhere, as nothing later would notice that they are
+A variable's abstract values are those that any of its assignments may give it; an error is reported only if all of them
+agree. A value that cannot be followed (a table in a list, in an array or in a numpy function) is unknown and left to
+the compiler. Only tables that are declared Add must be followed everywhere, as nothing later would notice if they are
 read or overwritten.
 """
 
@@ -47,20 +47,20 @@ from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
-VIEWS = ("ravel", "reshape", "transpose")  # those whose result may be a view
-SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes of arrays that are no values
+VIEWS = ("ravel", "reshape", "transpose")  # methods of arrays whose result may be a view
+SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes that do not show an element
 FLOATS = (float, np.float32, np.float64)
 TRUTHS = {getattr(operator, name) for name in ("lt", "le", "eq", "ne", "ge", "gt", "not_", "contains")}
-DRAWS = ("uniform", "normal")  # of ecs.random: floats
-WHOLE = ("ceil", "comb", "factorial", "floor", "gcd", "isqrt", "lcm", "perm", "trunc")  # of math: integers
+DRAWS = ("uniform", "normal")  # functions of ecs.random that return floats
+WHOLE = ("ceil", "comb", "factorial", "floor", "gcd", "isqrt", "lcm", "perm", "trunc")  # math's that return integers
 SAME = (np.ascontiguousarray, np.asfortranarray, np.asarray, np.ravel, np.reshape, np.transpose)  # may return a view
-WRITERS = (np.copyto, np.fill_diagonal, np.nditer, np.place, np.put, np.putmask)  # of their first argument
+WRITERS = (np.copyto, np.fill_diagonal, np.nditer, np.place, np.put, np.putmask)  # write their first argument
 ENGINE = __name__.rpartition(".")[0]
-ROUNDS = 9  # over the blocks of a function, until values flow no further; more than loops within loops need
+ROUNDS = 9  # passes over a function, at most, until values flow no further; nested loops need fewer
 
 
 class Calls(Protocol):
-    """What calls the functions: the check of a system."""
+    """What follows calls of functions: the check of a system, kernel_check._Check."""
 
     label: str
     offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
@@ -68,17 +68,17 @@ class Calls(Protocol):
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
     ) -> Values:
-        """What `function` returns."""
+        """The values that `function` returns."""
 
 
 class Activation:
     """One call of a function.
 
     Args:
-        calls: What calls the functions that this one calls.
+        calls: What follows the calls that this function makes.
         function: A Python function.
         code: Its intermediate representation, numba's FunctionIR.
-        arguments: Values by parameter; of others, nothing is known.
+        arguments: Values by parameter; parameters that are missing here are unknown.
         trail: The places of the calls that lead here.
     """
 
@@ -93,7 +93,7 @@ class Activation:
         self.report, self.certain, self.line = False, False, 0
 
     def run(self, report: bool) -> Values:
-        """The values that it returns. report: whether errors are raised, which needs arguments that are final."""
+        """The values that it returns. report: whether errors are raised; only if the arguments are final."""
         for _ in range(ROUNDS):
             before = dict(self.values)
             self._pass()
@@ -125,7 +125,7 @@ class Activation:
         return self.values.get(variable.name, frozenset())
 
     def _only(self, variable: Any) -> Any:
-        """The value of a variable if there is one only, else UNKNOWN."""
+        """The value of a variable if there is only one, else UNKNOWN."""
         values = self._of(variable)
         return next(iter(values)) if len(values) == 1 else UNKNOWN
 
@@ -176,7 +176,7 @@ class Activation:
         return ANYTHING
 
     def _union(self, variable: Any, function: Callable[[Any], Values]) -> Values:
-        """Of every value that the variable may have; errors are raised only where there is one."""
+        """Apply `function` to every value that the variable may have; errors are raised only if there is just one."""
         values = self._of(variable)
         self.certain = len(values) == 1
         return frozenset().union(*map(function, values))
@@ -238,7 +238,7 @@ class Activation:
         return ANYTHING
 
     def _elements(self, value: Any) -> Values:
-        """What a loop over it gives."""
+        """The values that a loop over `value` yields."""
         if isinstance(value, tuple):
             return frozenset().union(*value)
         return self._item(value, UNKNOWN)
@@ -246,7 +246,7 @@ class Activation:
     # ---- calls
 
     def _call(self, expression: Any) -> Values:
-        """A call of a Python function is followed with the values of its arguments."""
+        """The values of a call. A Python function is followed with the values of its arguments."""
         target = self._only(expression.func)
         called: Any = target.value if isinstance(target, Constant) else None
         if called is len:
@@ -259,7 +259,7 @@ class Activation:
             self._refuse_write(target, whole=True)
         called = getattr(called, "python", getattr(called, "py_func", called))
         module = getattr(called, "__module__", "")
-        if module == f"{ENGINE}.per_agent":  # `of`, whose plain form computes with the number
+        if module == f"{ENGINE}.per_agent":  # `of`, whose Python form computes with the number
             self._refuse_added(expression.list_vars())
             return ANYTHING
         if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
@@ -285,7 +285,7 @@ class Activation:
         if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
             if module == f"{ENGINE}.random" and called.__name__ in DRAWS:
                 return frozenset([FLOATING])
-            return ANYTHING  # a kernel of the engine's or the game's that gets no table
+            return ANYTHING  # nothing to check in a kernel of outlast's own that gets no table
         trail = (*self.trail, place(self.function, self.line))
         return self.calls.call(called, dict(bound.arguments), trail, self.report)
 
@@ -315,7 +315,7 @@ class Activation:
                 self._refuse(f"writes {number} to {target}, {kind}, which cannot hold it")
 
     def _check_field(self, target: Column, index: Any) -> None:
-        """Refuse whole rows and literal columns: a system with Offsets touches their fields only, as its order says."""
+        """Refuse writes of whole rows and literal columns: a system's order relies on Offsets naming all it touches."""
         names = self.calls.offsets.get((target.component, target.name))
         count, last, _ = parts_of(index)
         if isinstance(last, Place) and last.beyond():
@@ -334,7 +334,7 @@ class Activation:
         self._refuse_added([statement.target, statement.value])
 
     def _inplace(self, expression: Any) -> Values:
-        """+= and the like. On an array, they write it."""
+        """The values of += and the like. On an array, they write it in place."""
         self._refuse_added([expression.rhs])
         target = self._only(expression.lhs)
         if isinstance(target, Column) and target.access == "add" and target.part:
@@ -354,7 +354,7 @@ class Activation:
     # ---- errors
 
     def _refuse_write(self, target: Any, whole: bool = False) -> None:
-        """Refuse to write what is read-only. whole: whether all that it is gets written."""
+        """Refuse a write to something read-only. whole: whether the write covers all of the target."""
         if isinstance(target, Column) and whole:
             self._check_field(target, Slice(Constant(None)))
         if isinstance(target, Column) and target.access == "read":
@@ -367,7 +367,7 @@ class Activation:
             )
 
     def _refuse_added(self, variables: Iterable[Any]) -> None:
-        """Refuse a use, other than the ones that are allowed, of what is declared Add."""
+        """Refuse a use of these variables, which is not one of the allowed sums, if any is declared Add."""
         for value in added(*map(self._of, variables)):
             self._refuse_access(value, f"uses {value if isinstance(value, Column) else component_name(value)}")
 
@@ -386,7 +386,7 @@ class Activation:
 
 
 def _can_follow(called: Any) -> bool:
-    """Whether it is a Python function with named parameters, of a package that numba has no code of its own for."""
+    """Whether it is a Python function without *args and **kwargs, and not from a package that numba handles itself."""
     if not isinstance(called, FunctionType) or called.__module__.partition(".")[0] in FOREIGN:
         return False
     kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}

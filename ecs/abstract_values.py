@@ -10,9 +10,9 @@ from numba.core import ir
 
 from .component import Component
 
-FIELD = 1 << 16  # of Column.axes
-UNKNOWN, FLOATING = "unknown", "floating"  # anything; a float that is no column's
-Values = frozenset[Any]  # of a variable; a tuple's value is a tuple of them
+FIELD = 1 << 16  # a value of Column.axes, see there
+UNKNOWN, FLOATING = "unknown", "floating"  # any value; a float that does not come from a column
+Values = frozenset[Any]  # what a variable may hold; a tuple is a tuple of such sets
 ANYTHING: Values = frozenset([UNKNOWN])
 
 
@@ -26,10 +26,16 @@ class Table:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table, or (part) an element or a slice of it; method: of an array, one of WRITING or of VIEWS.
+    """A column of a table, or an element or a slice of a column.
 
-    axes: how many of its axes have an index already, other than a slice; FIELD once its last one has a slice that
-    begins at a number which is no literal, as an Offset.
+    Attributes:
+        component: The table's component.
+        access: "read", "write" or "add".
+        name: The column's name.
+        part: Whether it is an element or a slice.
+        method: The method of the array that was looked up, one of WRITING or VIEWS; "" for none.
+        axes: How many of its axes have an index already that is no slice; FIELD once its last axis has a slice that
+            begins at a number that is no literal, such as an Offset.
     """
 
     component: type[Component]
@@ -41,16 +47,16 @@ class Column:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of its elements."""
+        """The type of its elements."""
         return self.component.columns[self.name].dtype
 
     @property
     def ndim(self) -> int:
-        """How many axes the column has in a world, if it is a Singleton's."""
+        """How many axes the column has in a world, if its component is a Singleton."""
         return len(self.component.columns[self.name].dims)
 
     def at(self, index: Any) -> "Column":
-        """What an index takes of it."""
+        """The part of it that an index selects."""
         count, last, slices = parts_of(index)
         field = self.axes + count >= self.ndim and isinstance(last, Slice) and not isinstance(last.start, Constant)
         return replace(self, part=True, method="", axes=FIELD if field else self.axes + count - slices)
@@ -61,7 +67,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Slice:
-    """An index of several elements. start: the value of its first one."""
+    """An index that selects several elements. start: the abstract value of the first index."""
 
     start: Any
 
@@ -75,26 +81,26 @@ def parts_of(index: Any) -> tuple[int, Any, int]:
 
 @dataclass(frozen=True)
 class Shared:
-    """A read-only array that is the same for all worlds: rows, or numbers. name: of the parameter."""
+    """A read-only array that is the same for all worlds: rows, or numbers. name: the parameter's name."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class PerAgent:
-    """A number in which roles differ: an array. name: of the parameter."""
+    """A number in which roles differ, which kernels get as an array. name: the parameter's name."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Place:
-    """A column of a row of an observation, computed of an Offset.
+    """A column in the rows of an observation, computed from an Offset.
 
     Attributes:
-        name: Of the parameter.
-        size: Columns of the field.
-        shift: Columns from its first one; None: by what is no literal.
+        name: The parameter's name.
+        size: How many columns the field has.
+        shift: How many columns it is behind the field's first one; None if a number was added that is no literal.
     """
 
     name: str
@@ -102,17 +108,17 @@ class Place:
     shift: int | None = 0
 
     def beyond(self) -> bool:
-        """Whether it is surely, or where the field has one column most likely, one of another field."""
+        """Whether it is a column of another field: surely, or most likely if a field of one column is left."""
         return self.size == 1 if self.shift is None else not 0 <= self.shift < self.size
 
     def moved(self, by: Any, sign: int) -> "Place":
-        """The place farther on, or back. by: a value."""
+        """The place moved on (sign 1) or back (sign -1). by: an abstract value."""
         known = isinstance(by, Constant) and isinstance(by.value, int) and self.shift is not None
         return replace(self, shift=self.shift + sign * by.value if known else None)
 
 
 def moved(function: Any, operands: list[Values]) -> Values:
-    """The sum or difference of a Place and something else; nothing if it is none."""
+    """The sum or difference of a Place and something else; an empty set if the operation is anything else."""
     alone = [next(iter(values)) if len(values) == 1 else UNKNOWN for values in operands]
     if len(alone) == 2 and function in (operator.add, operator.sub):
         one, other = alone
@@ -125,14 +131,14 @@ def moved(function: Any, operands: list[Values]) -> Values:
 
 @dataclass(frozen=True)
 class Sum:
-    """An element of a column that is declared Add, and something that is added to it."""
+    """The sum of an element of a column that is declared Add and something added to it, before it is stored."""
 
     column: Column
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """A value of Python's, such as a module or a kernel; equal to itself only."""
+    """A Python object, such as a module or a kernel; equal only to a Constant of the same object."""
 
     value: Any
 
@@ -144,19 +150,19 @@ class Constant:
 
 
 def component_name(value: Any) -> str:
-    """Of a table or a column."""
+    """The name of the component of a table or a column."""
     return str(value.component.__name__)
 
 
 def tracked(values: Values) -> bool:
-    """Whether a table, a column or an array that is shared is among the values."""
+    """Whether a Table, a Column or a Shared array is among the values."""
     return any(
         isinstance(v, (Table, Column, Shared)) or (isinstance(v, tuple) and any(map(tracked, v))) for v in values
     )
 
 
 def added(*several: Values) -> Iterator[Table | Column]:
-    """What is declared Add among the values."""
+    """Yield the tables and columns among the values that are declared Add."""
     for value in (value for values in several for value in values):
         value = value.column if isinstance(value, Sum) else value
         if isinstance(value, tuple):
@@ -166,7 +172,7 @@ def added(*several: Values) -> Iterator[Table | Column]:
 
 
 class Definitions:
-    """Where numba's code of a function defines its variables."""
+    """Where the intermediate representation of a function defines its variables."""
 
     def __init__(self, statements: list[Any]) -> None:
         self._all: dict[str, list[Any]] = {}
@@ -186,7 +192,7 @@ class Definitions:
         )
 
     def _source(self, variable: Any) -> Any:
-        """Where a temporary variable comes from: numba calls them $..., and copies them from block to block."""
+        """The variable that a temporary one is a copy of: numba calls these $... and copies them between blocks."""
         while variable.name.startswith("$") and len(self._all.get(variable.name, ())) == 1:
             (definition,) = self._all[variable.name]
             if not isinstance(definition, ir.Var):
@@ -195,7 +201,7 @@ class Definitions:
         return variable
 
     def _only(self, variable: Any) -> Any:
-        """The one definition of a temporary variable; None for the code's own ones, which may have changed since."""
+        """The only definition of a temporary variable; None for the code's own variables, which may have changed."""
         variable = self._source(variable)
         found = self._all.get(variable.name, [])
         return found[0] if variable.name.startswith("$") and len(found) == 1 else None
@@ -217,7 +223,7 @@ class Definitions:
 
 
 def floating(values: Values) -> bool:
-    """Whether all that a variable may be are floats, of columns or not."""
+    """Whether all values are floats, of columns or not; False if there are none."""
     return bool(values) and all(
         value == FLOATING or (isinstance(value, Column) and value.dtype.kind == "f") for value in values
     )

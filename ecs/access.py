@@ -6,17 +6,17 @@ annotation      the kernel receives, for one world
 Read[C]         the table of component C, read-only: a kernel that writes it is refused (ecs.kernel_check)
 Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to: column[...] += integer, or -=; anything else is refused. Sums of
-                integers do not depend on the order, so the order of systems that add is free
-Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
-                is inactive: it is not scheduled (so an item mechanic has Rows[Item] even if it needs no list)
+                integers do not depend on the order, so systems that add may run in any order
+Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; if there are none, the system is not
+                scheduled (so an item mechanic takes Rows[Item] even if it does not need the list)
 Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j of block b is row 16 b + j (ecs.simd)
-RowIndex[A, B]  the inverse, int32 by row: the row's index in Rows[A, B], -1 if it is not there
+RowIndex[A, B]  the inverse of Rows[A, B], int32 by row: the row's index in Rows[A, B], -1 if it is not there
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         memory of this thread, from the module's scratch()
 DamageType      the number of the module's damage_type
-Offset          the first column of an observation's field, by the parameter's name KEY_FIELD: own_stamina is that of
-                the field "stamina" in the rows "own". With Read or Write of the observation, it says that the system
-                touches these fields only: those that touch different fields run in any order
+Offset          the first column of an observation's field, which the parameter's name says, KEY_FIELD: own_stamina is
+                for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets say that
+                the system touches only these fields; systems that touch different fields may run in any order
 int float bool  the module's number of the same name
 tuple[float..]  the module's numbers of the same name, as a read-only float32 array
 =============== =====================================================================================
@@ -68,20 +68,20 @@ SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_ind
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system. `kind` is an annotation of the table above in lower case, "number" or "numbers"."""
+    """One parameter of a system. `kind`: an annotation of the table above in snake case, "number" or "numbers"."""
 
     name: str
     kind: str
     components: tuple[type[Component], ...] = ()
-    type: type = object  # of a number: int, float, bool or tuple
+    type: type = object  # the type of a number: int, float, bool or tuple
 
 
 def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
     """Read the annotations of a function.
 
     Raises:
-        DeclarationError: An annotation is not in the table above, a parameter has a default, or the function would fail
-            when it is called.
+        DeclarationError: An annotation is not in the table above, a parameter has a default, or the function is a
+            generator or a coroutine, which would not run when it is called.
     """
     if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
         raise DeclarationError(

@@ -9,7 +9,7 @@ from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
 from .whole import is_whole
 
-MOST = 2**16  # entities of a kind, and sizes of dimensions: more would take gigabytes, or minutes to lay out
+MOST = 2**16  # the most entities of a kind and the largest dimension: more takes gigabytes, or minutes to lay out
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Archetype:
 
 
 def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
-    """Join the declarations of each archetype by several modules, in the order of rows."""
+    """Join the declarations that several modules make of each archetype; by name, in the order of rows."""
     merged, alive = dict[str, Archetype](), dict[str, set[bool]]()
     for part in parts:
         before = merged.get(part.name, Archetype(part.name, ()))
@@ -94,9 +94,9 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
 
 
 def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
-    """The components of a kind, and those that they require, with their usual values."""
+    """The components of a kind, and those that they require, with default values."""
     found, have = list(parts), {type(part) for part in parts}
-    for part in found:  # which grows
+    for part in found:  # `found` grows meanwhile
         for required in part.requires:
             if required not in have:
                 have.add(required)

@@ -5,10 +5,10 @@ number takes one slot. `ArgumentLayout` assigns the slots while the source of a 
 structure; an `ArgumentBlock` has the values for one batch of worlds and one thread.
 
 In the tick, array_view, table_view and number_view turn slots into what kernels take. A tick makes about a hundred
-arrays a world, and slices of numpy arrays would change reference counts atomically for each; these views own nothing,
+arrays per world, and slices of numpy arrays would change reference counts atomically for each; these views own nothing,
 as the Worlds object that owns the memory outlives the call. Their LLVM code is built field by field, because numba's
 own constructors of arrays would take seconds to compile for so many; the compiler removes the fields that a kernel does
-not use. Each view is made once a process, as numba keeps every intrinsic for good.
+not use. Each view is made only once in a process, as numba keeps every intrinsic for ever.
 """
 
 import ctypes
@@ -30,17 +30,17 @@ from .jit import compiled
 from .module import Module
 from .placing import ALIGN
 
-MAX_DIMENSIONS = 4  # of a column in one world
+MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
 MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
-AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what it fetches, see ecs.run_units
+AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see ecs.run_units
 SLOT = ir.IntType(64)
 
 
 @dataclass
 class ArgumentLayout:
-    """Which slot has which argument: each method assigns its argument the next free slots and returns the first."""
+    """Which slot holds which argument: each method assigns the next free slots to an argument and returns the first."""
 
     size: int = COUNT + 1
     columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
@@ -62,11 +62,11 @@ class ArgumentLayout:
         return self._add(self.scratch, (module, name), ARRAY_SLOTS)
 
     def add_number(self, value: int | float, name: str = "") -> int:
-        """An int, or a float that is read as float32. name: of a mechanic's number, "module_number"."""
+        """An int, or a float that is read as float32. name: that of a mechanic's number, "module_number"; else ""."""
         return self._add(self.numbers, (name, value), 1)
 
     def add_view(self, view: Callable[[Any], np.ndarray[Any, Any]]) -> int:
-        """A part of the worlds' state that is no column: what a function of the worlds returns, (worlds, ...)."""
+        """A part of the worlds' state that is no column: the array (worlds, ...) that `view` returns for the Worlds."""
         return self._add(self.views, view, ARRAY_SLOTS)
 
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
@@ -79,7 +79,10 @@ class ArgumentLayout:
 class ArgumentBlock:
     """The arguments of one batch of worlds and one thread.
 
-    slots: int64, at `address`. scratch: the thread's memory by its first slot, for kernels that run as Python.
+    Attributes:
+        slots: int64 (slots,).
+        address: The address of the slots.
+        scratch: The thread's memory by its first slot, for kernels that run as Python.
     """
 
     def __init__(self, layout: ArgumentLayout, worlds: Any, compiled: bool) -> None:
@@ -92,7 +95,7 @@ class ArgumentBlock:
             self._describe(slot, getattr(worlds[component], name), 1)
         for slot, view in layout.views.items():
             self._describe(slot, view(worlds), 1)
-        self.constants = layout.constants  # referred to by address only
+        self.constants = layout.constants  # kept alive here, as the slots have only its address
         for slot, array in layout.constants.items():
             self._describe(slot, array, 0)
         self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
@@ -103,21 +106,21 @@ class ArgumentBlock:
         self.address = int(self.slots.ctypes.data)
 
     def set_numbers(self, changed: Mapping[str, int | float]) -> None:
-        """Write all numbers into their slots; those that were changed, by name, with their present values."""
+        """Write all numbers into their slots. changed: present values of numbers that have changed, by full name."""
         for slot, (name, value) in self._numbers.items():
             value = changed.get(name, value)
             self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
     def fetch(self, address: int, lines: np.ndarray[Any, Any]) -> None:
-        """Let the unit fetch cache lines of later worlds; for world 0 of that whose state is at `address`.
+        """Let the unit prefetch cache lines of later worlds: while it handles world 0, of the world at `address`.
 
-        lines: int64 (lines,), where they lie in the state.
+        lines: int64 (lines,), their offsets in a world's state.
         """
-        self._lines = np.ascontiguousarray(lines, np.int64)  # referred to by address only
+        self._lines = np.ascontiguousarray(lines, np.int64)  # kept alive here, as the slots have only its address
         self.slots[[AHEAD, LINES, COUNT]] = address, self._lines.ctypes.data, len(lines)
 
     def _describe(self, slot: int, array: np.ndarray[Any, Any], axes: int) -> None:
-        """axes: 1 if the first axis is the worlds, 0 if the array is the same for all."""
+        """Fill the slots of an array. axes: 1 if its first axis is the worlds, 0 if it is the same for all of them."""
         shape = array.shape[axes:]
         stride = array.strides[0] if axes else 0
         self.slots[slot : slot + 2 + len(shape)] = [array.ctypes.data, stride, *shape]
@@ -125,16 +128,16 @@ class ArgumentBlock:
 
 @dataclass(frozen=True)
 class View:
-    """What a kernel gets of an array.
+    """How a kernel sees an array.
 
     Attributes:
-        dtype: Of its elements.
-        ndim: Its axes in one world.
+        dtype: The type of its elements.
+        ndim: How many axes it has in one world.
         writable: Whether kernels write to it.
         checked: Whether its indices are checked, for kernels from outside of outlast (see ecs.columns).
-        shape: In one world, if that is part of the machine code; else it is read from the slots.
-        place: Likewise its offset in the state of a world, and the bytes of that state.
-        values: Likewise all that is in it.
+        shape: Its shape in one world, if that is part of the machine code; None: it is read from the slots.
+        place: Likewise its offset in the state of a world, and the size of that state, in bytes.
+        values: Likewise the bytes of all its elements.
     """
 
     dtype: np.dtype[Any]
@@ -147,7 +150,7 @@ class View:
 
     @property
     def name(self) -> str:
-        """A name that no other one has."""
+        """Its name in the source of units, which says what it is."""
         parts = [self.dtype.str[1:], str(self.ndim), "w" if self.writable else "r", *map(str, self.shape or ())]
         if self.values is not None:
             parts.append(hashlib.sha256(self.values).hexdigest()[:12])
@@ -155,7 +158,7 @@ class View:
 
     @property
     def type(self) -> Any:
-        """Numba's; with NUMBA_BOUNDSCHECK=1, indices of all kernels are checked."""
+        """Its type in numba; with NUMBA_BOUNDSCHECK=1, the indices of all kernels are checked."""
         kind = CheckedColumn if self.checked or config.BOUNDSCHECK else Column
         return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
 
@@ -179,7 +182,7 @@ def array_view(view: View, python: bool) -> Any:
 
 @functools.cache
 def table_view(component: type[Component], views: tuple[View, ...], python: bool) -> Any:
-    """A function (arguments, slot, w) -> table of `component` for world w; its columns begin at `slot`."""
+    """A function (arguments, slot, w) -> the table of `component` for world w; its columns begin at `slot`."""
     if python or not compiled():
         return lambda arguments, slot, w: component.Table(
             *(_python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, view) for c, view in enumerate(views))
@@ -223,14 +226,14 @@ def number_view(kind: str, python: bool) -> Any:
 
 
 def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
-    """Nothing is written to slots while a tick runs: that lets the compiler load them whenever it suits."""
+    """Load a slot. As nothing writes slots while a tick runs, the compiler may load them whenever it suits."""
     word = builder.load(builder.gep(slots, [slot]))
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word
 
 
 def _array(context: Any, builder: Any, view: View, slots: Any, start: Any, w: Any, packed: bool) -> Any:
-    """Numba's array structure for world w, from the slots that begin at `start` and what is known of it.
+    """Numba's array structure for world w, from the slots that begin at `start` and from what `view` knows.
 
     Packed columns share one stride, so that it is loaded and multiplied once for all of them.
     """
@@ -267,7 +270,7 @@ def _array(context: Any, builder: Any, view: View, slots: Any, start: Any, w: An
 
 
 def _constant(builder: Any, values: bytes) -> Any:
-    """The address of bytes that are part of the machine code. ecs.simd may read a line past them."""
+    """The address of bytes that are part of the machine code, with a cache line behind them that ecs.simd may read."""
     padded = bytearray(values) + bytes(ALIGN)
     variable = cgutils.global_constant(builder, "constant", cgutils.make_bytearray(padded))
     variable.align = ALIGN

@@ -1,7 +1,7 @@
-"""Whether every variable of a function has a value wherever it is used.
+"""A check that every variable of a function has a value wherever it is used.
 
-Python raises UnboundLocalError where it has none. Machine code raises nothing: the variable is 0 there, or what an
-earlier round of a loop left.
+Where one has none, Python raises UnboundLocalError. Machine code raises nothing: the variable is 0 there, or holds what
+an earlier round of a loop left in it.
 """
 
 from typing import Any
@@ -11,13 +11,13 @@ from numba.core.analysis import compute_cfg_from_blocks
 
 
 def first_unassigned(code: Any) -> tuple[str, int] | None:
-    """A variable that is used where some path leads on which nothing was assigned to it.
+    """Find a variable that is used although on some path to that line nothing was assigned to it.
 
     Args:
         code: The intermediate representation of a function, numba's FunctionIR.
 
     Returns:
-        Its name and the line, of the use that comes first; None: there is none.
+        Its name and the line of the first such use; None if there is none.
     """
     blocks = code.blocks
     graph = compute_cfg_from_blocks(blocks)
@@ -41,7 +41,7 @@ def _assigned(block: Any) -> set[str]:
 
 
 def _unassigned(block: Any, known: set[str]) -> list[tuple[str, int]]:
-    """The uses in a block of what has no value. known: names that have one before it."""
+    """Name and line of each use of a variable without a value in a block. known: names with a value ahead of it."""
     known, found = set(known), list[tuple[str, int]]()
     for statement in block.body:
         if isinstance(statement, ir.Del):

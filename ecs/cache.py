@@ -1,6 +1,6 @@
-"""The compile cache: the machine code of units, in memory, on disk, or compiled now, on all cores where that is safe.
+"""The compile cache: it finds the machine code of units in memory or on disk, or compiles it, on all cores if it may.
 
-Processes that begin at the same time, such as those of a vector environment, compile some units each.
+Processes that begin at the same time, such as those of a vector environment, share the work: each compiles some units.
 
 A unit's key (ecs.cache_key) says what its machine code depends on. Units that another scenario, process or version of
 this game has compiled are loaded; an edit compiles the units of the systems that it touches.
@@ -25,25 +25,25 @@ from .jit import compiled, options_of
 from .machine_code import Code, as_python, compile_function, load_code
 from .tick import Unit
 
-ADDRESSES: dict[str, int] = {}  # of loaded units by their keys
-DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when numba last compiled them
+ADDRESSES: dict[str, int] = {}  # addresses of loaded units, by key
+DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests of kernels were when numba compiled them
 LOCK = threading.RLock()
-UNITS_PER_PROCESS = 4  # fewer are compiled sooner than a process has begun
+UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
 
 
 class CompiledUnits:
     """The compiled units of a tick, and functions that Python calls.
 
     Args:
-        units: All of them.
-        functions: Kernels of int64 arguments by label, for Python.
-        parts: Kernels of three int64 arguments by label, which machine code calls by their address, as it does units.
+        units: All units of the tick.
+        functions: Kernels of int64 arguments by label, for Python to call.
+        parts: Kernels of three int64 arguments by label, which machine code calls by their address, like units.
 
     Attributes:
-        compiled: Labels of the units that `load` did not find: they were compiled here, or by others meanwhile.
+        compiled: Labels of what `load` did not find: it was compiled here, or by other processes meanwhile.
 
     Raises:
-        DeclarationError: A system refers to something that its machine code would keep as it is now.
+        DeclarationError: A system refers to something whose later changes its machine code would not notice.
     """
 
     def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
@@ -64,7 +64,7 @@ class CompiledUnits:
         return all(key in ADDRESSES or self._read(label) for label, key in self._keys.items())
 
     def load(self) -> None:
-        """Load what is not loaded yet, after compiling what lies nowhere. Raises what numba raises."""
+        """Load what is not loaded yet, and compile what is not on disk either. Raises what numba raises."""
         with LOCK:
             codes = {label: self._read(label) for label, key in self._keys.items() if key not in ADDRESSES}
             if missing := [label for label, code in codes.items() if code is None]:
@@ -79,11 +79,11 @@ class CompiledUnits:
             self._found.clear()
 
     def address(self, label: str) -> int:
-        """Of the function of a unit, or of a part."""
+        """The address of a unit's function, or of a part."""
         return ADDRESSES[self._keys[label]]
 
     def function(self, label: str) -> Any:
-        """Of the functions, the one of that label, for Python to call; it runs without the GIL."""
+        """One of the functions, for Python to call; it runs without the GIL."""
         return as_python(self.address(label))
 
     def _read(self, label: str) -> Code | None:
@@ -92,12 +92,12 @@ class CompiledUnits:
         return self._found.get(label)
 
     def _urgency(self, label: str) -> tuple[bool, int]:
-        """Systems from outside of outlast first, as they may have errors; then the large ones."""
+        """A sort key: systems from outside of outlast first, as they may have errors; then the large ones."""
         unit = self._units.get(label)
         return not (unit and unit.system and unit.system.outside), -self._cache_key.size(label)
 
     def _discard_outdated(self) -> None:
-        """Discard what numba compiled of kernels that have changed since, or refer to what has."""
+        """Discard numba's results for kernels that have changed since, or that refer to something that has."""
         for kernel, digest in self._cache_key.kernel_digests():
             if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
                 kernel._make_finalizer()()
@@ -128,7 +128,7 @@ class CompiledUnits:
         kernel = unit.kernel if unit else self._functions[label]
         function = unit.function() if unit else kernel.py_func
         name, qualified = function.__name__, function.__qualname__
-        function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # its symbol is unique
+        function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # makes its symbol unique
         options = options_of(getattr(kernel, "py_func", kernel))
         try:
             with explained(unit.system if unit else None):
@@ -138,9 +138,9 @@ class CompiledUnits:
 
 
 def _spread(labels: Sequence[str], work: Callable[[str], None]) -> None:
-    """Call `work` for each label, in this process and in forks of it, which take the next one from a pipe in turns.
+    """Call `work` for each label, in this process and in forks of it; each takes the next label from a pipe.
 
-    What a fork does is seen on disk only. Where one fails, no more is begun: what is left is not done.
+    The results of a fork are only on disk. If a fork fails, no further label is begun, and the rest stays undone.
     """
     processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if _may_fork() else 1
     queue, source = os.pipe()
@@ -160,13 +160,13 @@ def _spread(labels: Sequence[str], work: Callable[[str], None]) -> None:
             time.sleep(0.005)
     finally:
         os.close(queue)
-        for child in children:  # an error, here or there, or Ctrl-C
+        for child in children:  # some are left after Ctrl-C, or an error here or in a fork
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
 
 
 def _none_failed(children: list[int]) -> bool:
-    """Take those out that have ended; False if one of them failed."""
+    """Remove the children that have ended from the list; False if one of them failed."""
     for child in children.copy():
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
@@ -178,7 +178,7 @@ def _none_failed(children: list[int]) -> bool:
 
 def _fork(work: Callable[[], None]) -> int:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: see _may_fork
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads run, but none of Python's: see _may_fork
         child = os.fork()
     if child == 0:
         status = 1
@@ -192,7 +192,7 @@ def _fork(work: Callable[[], None]) -> int:
 
 
 def _may_fork() -> bool:
-    """Whether a fork can compile: on Linux, where no other thread of Python could hold a lock for ever."""
+    """Whether a fork can compile: on Linux, if no other Python thread could hold a lock that the fork waits for."""
     return sys.platform == "linux" and threading.active_count() == 1
 
 
@@ -202,7 +202,7 @@ def _cores() -> int:
 
 @contextmanager
 def _few_collections() -> Iterator[None]:
-    """Collect garbage rarely: the compiler makes millions of objects that stay, and to search them takes time."""
+    """Collect garbage rarely: the compiler makes millions of objects that stay, and searching them takes time."""
     before = gc.get_threshold()
     gc.set_threshold(100_000, 50, 50)
     try:

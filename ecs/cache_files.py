@@ -1,7 +1,7 @@
 """The compile cache's files: one for each unit of machine code, verified by a checksum before it is loaded.
 
-A file that does not match its checksum (of a full disk, of a process that was killed) counts as absent, and is written
-again. This protects from accidents, not from attacks: who may write to the folder may run code.
+A file that does not match its checksum (after a full disk, or a process that was killed) counts as absent, and is
+written again. This protects against accidents, not attacks: whoever can write to the folder can run code.
 """
 
 import contextlib
@@ -26,11 +26,11 @@ from .machine_code import Code
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None  # Windows has none
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # other errors of the disk are raised
 DAY = 86_400  # seconds
-UNUSED = 30 * DAY  # what nobody loaded for so long is deleted
-LARGEST = 256 * 2**20  # bytes of all files together; of more, the longest unused are deleted
+UNUSED = 30 * DAY  # files that nobody has loaded for this long are deleted
+LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
 SUFFIX, CLAIM = ".unit", ".claim"
 PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
-DESCRIPTION = ("symbol", "constants", "externals")  # of a Code
+DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that the first line of its file has
 
 
 def path_of(label: str, key: str) -> Path:
@@ -43,7 +43,7 @@ def read(path: Path) -> Code | None:
     try:
         content = path.read_bytes()
         if time.time() - path.stat().st_mtime > DAY:
-            os.utime(path)  # in use: see prune
+            os.utime(path)  # tells `prune` that it is in use
     except OSError:
         return None
     head, _, image = content.partition(b"\n")
@@ -56,12 +56,12 @@ def read(path: Path) -> Code | None:
 
 
 def write(path: Path, code: Code) -> bool:
-    """Write a file, whole or not at all; False if others cannot load it, and, with a warning, if the disk is full."""
+    """Write a file, whole or not at all. False if others could not load it or, with a warning, if the disk is full."""
     if not code.portable:
         return False
     try:
         head = json.dumps({"checksum": _checksum(code), **{name: getattr(code, name) for name in DESCRIPTION}})
-    except TypeError:  # a constant that JSON does not have: it is compiled again in each process
+    except TypeError:  # a constant that JSON cannot hold: each process compiles the unit again
         return False
     try:
         _atomic_write(path, head.encode() + b"\n" + code.image)
@@ -77,14 +77,14 @@ def write(path: Path, code: Code) -> bool:
 def claimed(path: Path, wait: bool) -> Iterator[bool]:
     """Claim a unit, so that processes that begin together compile different ones, and none twice.
 
-    A claim ends with its process, in whatever way that ends. Where files cannot be locked, everybody can claim all.
+    A claim ends with its process, however that ends. Where files cannot be locked, every process can claim everything.
 
     Args:
         path: The unit's file.
-        wait: Whether to wait for a process that has claimed it, for up to PATIENCE: it may be suspended.
+        wait: Whether to wait for a process that has claimed it, but no longer than PATIENCE: it may be suspended.
 
     Yields:
-        Whether to compile it here, if it is not there by now.
+        Whether to compile the unit here, unless the file is there by now.
     """
     if fcntl is None:
         yield True
@@ -93,7 +93,7 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(claim, os.O_CREAT | os.O_RDWR, 0o600)
-    except OSError:  # what is compiled cannot be kept either: that is reported by `write`
+    except OSError:  # what is compiled cannot be kept either, which `write` reports
         yield True
         return
     try:
@@ -109,7 +109,7 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
 
 
 def try_lock(handle: int) -> bool:
-    """Lock a file, or where that is impossible do nothing; False if another process has locked it."""
+    """Lock a file, or do nothing if files cannot be locked. False if another process has locked it."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -120,13 +120,13 @@ def try_lock(handle: int) -> bool:
 
 
 def unlock(handle: int) -> None:
-    """Let other processes lock a file. Closing it would not do: processes that were forked have it open, too."""
+    """Let other processes lock a file. Closing it is not enough: forks of this process have it open, too."""
     with contextlib.suppress(OSError):
         fcntl.flock(handle, fcntl.LOCK_UN)
 
 
 def prune() -> None:
-    """Delete what was not used for long, then the longest unused, until the rest is small enough."""
+    """Delete files that were not used for long, then those unused for longest, until the rest is small enough."""
     now, size = time.time(), 0
     with contextlib.suppress(OSError):
         for used, bytes_, path in sorted(_found(cache_folder()), reverse=True):
@@ -137,7 +137,7 @@ def prune() -> None:
 
 
 def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Time of the last use, size and path of each file, and of each folder that outlast 0.1 kept a tick in."""
+    """Time of the last use, size and path of each file, and of each folder in which outlast 0.1 kept a tick."""
     for path in folder.iterdir():
         found = path.lstat()
         if path.suffix in (SUFFIX, CLAIM) and stat.S_ISREG(found.st_mode):

@@ -1,9 +1,9 @@
 """The compile cache's key: a hash of everything that the machine code of a system depends on.
 
-Numba's own key has the file of the function only: not those of the kernels it calls, the bodies of functions without a
-file (of notebooks, of closures), the globals that are frozen into machine code, or numba's flags. Here the references
-of every compiled system are followed, and a reference that cannot be followed is an error. Docstrings and the numbers
-of lines are not in it.
+Numba's own key depends only on the file of the function: not on those of the kernels that it calls, on the bodies of
+functions without a file (in notebooks, in closures), on globals that are frozen into machine code, or on numba's flags.
+Here all references of every compiled system are followed, and a reference that cannot be followed is an error.
+Docstrings and line numbers do not count.
 """
 
 import functools
@@ -25,7 +25,7 @@ from .errors import DeclarationError
 from .jit import OPTIONS, compiled
 from .references import codes, references, refuse_random
 
-# Packages and modules that their version identifies, which is part of the key
+# Packages and modules whose code is identified by a version that is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
 PLAIN = (bool, int, float, complex, str, bytes, range, slice, np.generic, np.dtype, numba.types.Type, type(None))
 GENERATORS = ("arguments", "columns", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
@@ -44,9 +44,9 @@ class CacheKey:
     """
 
     def __init__(self, kernels: Mapping[str, Any]) -> None:
-        self._texts: dict[FunctionType, list[str]] = {}  # its code and constants
+        self._texts: dict[FunctionType, list[str]] = {}  # the code and the constants of each
         self._callees: dict[FunctionType, list[FunctionType]] = {}
-        self._dispatchers: dict[FunctionType, Any] = {}  # numba's, of those that are kernels
+        self._dispatchers: dict[FunctionType, Any] = {}  # numba's dispatchers of those that are kernels
         self._roots: dict[str, FunctionType] = {}
         for self._label, kernel in kernels.items():
             self._roots[self._label] = self._add(kernel, self._label)
@@ -56,7 +56,7 @@ class CacheKey:
         return hashlib.sha256(f"{_engine()} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
 
     def size(self, label: str) -> int:
-        """Bytes of bytecode that its machine code is made of, which says how long that takes."""
+        """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
         return sum(
             len(code.co_code) for function in self._closure([self._roots[label]]) for code in codes(function.__code__)
         )

@@ -1,4 +1,4 @@
-"""The start of a tick: clocks, the state that an episode begins with, and what is set to 0."""
+"""The start of a tick: it advances clocks, loads the initial state of an episode, and sets rows to 0."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from .event import clear
 from .jit import kernel
 
 SKIP, STEP, RESET = 0, 1, 2  # modes of a world in a tick
-EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
+EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # two words of the Clock, and its size in words; a world's state begins with it
 
 
 @kernel

@@ -29,7 +29,7 @@ CUT = "which cuts it off"
 class Column(types.Array):  # type: ignore[misc]
     """An array in order of rows ("C") whose indices are not negative."""
 
-    unchecked = True  # for intrinsics, whose code may not refer to classes
+    unchecked = True  # intrinsics look for this, as their code may not refer to classes
 
     def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
         super().__init__(dtype, ndim, layout, readonly=readonly, **more)
@@ -37,11 +37,11 @@ class Column(types.Array):  # type: ignore[misc]
 
     @property
     def mangling_args(self) -> Any:
-        """What its part in symbols is made of."""
+        """The parts of its name in symbols."""
         return "Column", super().mangling_args[1]
 
     def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """The type of a part of it."""
+        """The type of a part of such an array, for example of a slice."""
         readonly = not self.mutable if readonly is None else readonly
         layout, ndim = layout or self.layout, self.ndim if ndim is None else ndim
         kind = Column if layout == "C" else types.Array
@@ -57,11 +57,11 @@ class CheckedColumn(types.Array):  # type: ignore[misc]
 
     @property
     def mangling_args(self) -> Any:
-        """What its part in symbols is made of."""
+        """The parts of its name in symbols."""
         return "CheckedColumn", super().mangling_args[1]
 
     def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """The type of a part of it."""
+        """The type of a part of such an array, for example of a slice."""
         readonly, ndim = not self.mutable if readonly is None else readonly, self.ndim if ndim is None else ndim
         return CheckedColumn(dtype or self.dtype, ndim, layout or self.layout, readonly=readonly)
 
@@ -71,7 +71,7 @@ register_default(CheckedColumn)(models.ArrayModel)
 
 
 def _parts(builder: Any, index_kind: Any, index: Any) -> tuple[list[Any], list[Any]]:
-    """Types and values of an index's parts. NumbaIndexError for a negative integer among them that is known."""
+    """Types and values of an index's parts. NumbaIndexError for a negative constant among them."""
     if isinstance(index_kind, types.BaseTuple):
         kinds, parts = list(index_kind), [_element(builder, index, k) for k in range(len(index_kind))]
     else:
@@ -83,7 +83,7 @@ def _parts(builder: Any, index_kind: Any, index: Any) -> tuple[list[Any], list[A
 
 
 def _element(builder: Any, values: Any, k: int) -> Any:
-    """Element `k` of a tuple: the value that was put there, if it has just been made."""
+    """Element `k` of a tuple: if the code has just made the tuple, the value that it put there."""
     source = values
     while isinstance(source, ir.instructions.InsertValue):
         if list(source.indices) == [k]:
@@ -103,7 +103,7 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, kinds: Any, indi
 
 
 def _plain(kind: Any, kinds: list[Any]) -> bool:
-    """Whether they are the integers that name one element."""
+    """Whether an index with parts of these types selects one element of an array of the type `kind`."""
     return kind.layout == "C" and len(kinds) == kind.ndim and all(isinstance(each, types.Integer) for each in kinds)
 
 
@@ -120,7 +120,7 @@ def _get(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 
 def _refuse_cut(kind: Any, value: Any) -> None:
-    """NumbaTypeError if numba would cut off what is written."""
+    """Raise NumbaTypeError if numba would cut off the fraction of a written value of the type `value`."""
     value = value.dtype if isinstance(value, types.Array) else value
     if isinstance(kind.dtype, types.Integer) and isinstance(value, types.Float):
         raise NumbaTypeError(f"writes a float to a column of {kind.dtype}, {CUT}; say so, as in np.{kind.dtype}(...)")
@@ -140,7 +140,7 @@ def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 
 def _checked(context: Any) -> Any:
-    """Numba's context for code that checks indices, in a function that may not."""
+    """Numba's context for code that checks indices, even in a function whose own options do not."""
     return context.subtarget(enable_boundscheck=True) if jit.BOUNDS_CHECKS else context
 
 
@@ -159,7 +159,7 @@ def _gather_checked(context: Any, builder: Any, signature: Any, arguments: Any) 
     return arrayobj.fancy_getitem_array(_checked(context), builder, signature, arguments)
 
 
-# numba allocates what is gathered, copied or sorted by a method that it looks for in the very class of a type.
+# To allocate what is gathered, copied or sorted, numba looks for this method in exactly the class of the type.
 overload_classmethod(CheckedColumn, "_allocate", target="CPU")(arrayobj._ol_array_allocate)
 
 

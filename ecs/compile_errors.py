@@ -1,4 +1,4 @@
-"""What numba says when it cannot compile a system, in a line or two: where, what, and what to do about it."""
+"""Numba's errors when it cannot compile a system, in a line or two: where, what, and what to do about it."""
 
 import contextlib
 import re
@@ -18,21 +18,21 @@ GENERATED = "<outlast unit "  # see ecs.tick.Unit
 
 @contextlib.contextmanager
 def explained(system: System | None) -> Iterator[None]:
-    """Turn numba's errors while `system` is compiled into an EngineError, with numba's as its cause."""
+    """Turn numba's errors while `system` is compiled into an EngineError, with the original error as its cause."""
     try:
         yield
     except (NumbaError, UnsupportedBytecodeError) as error:
         if system is None:  # the engine's own
             raise
         raise _explanation(error, system) from error
-    except Exception as error:  # of any type, as where a package is missing that numba needs
+    except Exception as error:  # of any type, for example if numba lacks a package
         if system is not None:
             error.add_note(f"Raised while {system.label} was compiled. {AS_PYTHON}")
         raise
 
 
 def first_sentence(error: BaseException) -> str:
-    """What numba says ahead of the candidates it tried and the way that led there."""
+    """The first sentence of numba's message, without the candidates that it tried and the calls that led there."""
     lines = [line.strip() for line in str(error).splitlines()]
     lines = [line for line in lines if line and not line.startswith("Failed in ")]
     first = lines[0] if lines else type(error).__name__
@@ -49,6 +49,6 @@ def _explanation(error: BaseException, system: System) -> EngineError:
     label += f" ({where})" if where else ""
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
-    if CUT in text:  # which Python would do, too
+    if CUT in text:  # no advice to run it as Python, which would cut it off, too
         return DeclarationError(f"{label} {first_sentence(error)}")
     return DeclarationError(f"{label} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}")

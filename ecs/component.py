@@ -31,14 +31,14 @@ from .fields import Field
 from .references import annotated_arrays, is_outside
 from .whole import is_whole
 
-OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
-INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # dimensions, by unit
-RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
+OTHER_FLOATS = ("f2", "f12", "f16")  # float types that kernels cannot compute with
+INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # units of indices: the dimension of each
+RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # attributes of Component
 TAKEN = (
-    *("world", "episode", "against", "own_side", "result"),  # which episode a statistic is of, in tables
-    *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # of matches
-    *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # and of logs of training
-)  # names that statistics cannot have
+    *("world", "episode", "against", "own_side", "result"),  # columns of tables that say which episode a row is about
+    *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # columns of tables of matches
+    *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # entries of training logs
+)  # names that statistics cannot have, as tables and logs use them already
 
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
@@ -76,7 +76,7 @@ class Column:
             return None
         whole = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
         index = self.below or INDICES.get(self.unit, "")
-        low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1: none
+        low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1 stands for none
         high = min(self.high, _size(index, dims) - 1, 1 if self.dtype == bool else np.inf)
         if low <= whole.min and high >= whole.max:
             return None
@@ -84,7 +84,10 @@ class Column:
 
 
 def _size(index: str, dims: Mapping[str, int]) -> float:
-    """What an index stays below; infinite if the scenario has no such dimension, or it is an index of none."""
+    """The number that an index stays below: a dimension, or a sum such as "slots + 1".
+
+    It is infinite if the scenario lacks the dimension, or if `index` is "", as the column is no index.
+    """
     names = [name.strip() for name in index.split("+")]
     return sum(int(name) if name.isdigit() else dims.get(name, np.inf) for name in names)
 
@@ -132,7 +135,7 @@ def as_stored(label: str, column: Column, value: Any) -> Any:
 
 
 def _check_column(label: str, column: Column) -> None:
-    """DeclarationError for a type that kernels do not have, or a fill that is not of it."""
+    """Raise DeclarationError for a type that kernels cannot handle, impossible sizes or bounds, or an unfit fill."""
     if column.dtype.kind not in "biuf" or not column.dtype.isnative or column.dtype.str[1:] in OTHER_FLOATS:
         raise DeclarationError(
             f'{label} has the type {column.dtype.str}: columns hold integers, floats or truths, such as "i4", "f4", "?"'
@@ -177,10 +180,10 @@ class Component:
     """
 
     columns: ClassVar[dict[str, Column]] = {}
-    requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this has those, too
+    requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this gets these, too
     Table: ClassVar[Any] = None
     order: ClassVar[int] = 0
-    packed: ClassVar[bool] = True  # in the state of its world; other components have buffers of their own
+    packed: ClassVar[bool] = True  # whether its columns lie in the state of the world, or in buffers of their own
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
@@ -343,7 +346,7 @@ class Entity(Component):
     """The engine's own component, which every row has. Systems that spawn or despawn entities write it."""
 
     alive: Array = column("u1", high=1)  # 1 while the entity is in the world
-    identity: Array = column("i8", low=-1)  # stable number of (archetype, index), to index random draws by; -1: absent
+    identity: Array = column("i8", low=-1)  # stable number of (archetype, index), to index draws by; -1: absent
 
 
 class Clock(Singleton):

@@ -12,15 +12,18 @@ NEEDED = 'a whole number, 0 or more, or names of dimensions, as in "agents + box
 
 
 def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[str, int]:
-    """What the modules' `dims` come to, by name.
+    """Add up the modules' `dims`.
 
     Args:
         modules: Instances of ecs.module.Module.
         given: Sizes that the engine knows, which modules may name, and add to.
 
+    Returns:
+        The size of every dimension that a module declares, by name.
+
     Raises:
         DeclarationError: A size is neither a number nor names of dimensions; dimensions name each other in a circle; or
-            a name is that of no dimension of any mechanic that is imported. One whose mechanic is left out is 0.
+            no imported mechanic has a dimension that is named. If its mechanic is just left out, it counts as 0.
         NumberError: A dimension is larger than MOST.
     """
     terms: dict[str, list[int | str]] = {}
@@ -52,12 +55,12 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
 
 
 def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int]) -> None:
-    """DeclarationError if a column is said to be an index of a dimension that no imported mechanic has.
+    """Raise DeclarationError if a column is declared as an index of a dimension that no imported mechanic has.
 
     Args:
-        module: Any one.
-        components: Those of the scenario.
-        dims: Its sizes. Dimensions of mechanics that it lacks may be missing.
+        module: Any module; it finds the imported ones.
+        components: The components of the scenario.
+        dims: The sizes of its dimensions. Those of mechanics that it lacks may be missing.
     """
     for component in components:
         for name, column in component.columns.items():
@@ -70,15 +73,15 @@ def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int
 
 
 def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collection[Any]) -> None:
-    """Refuse that a mechanic from outside of outlast adds to a dimension of the engine's, or of one of outlast's.
+    """Refuse a mechanic from outside of outlast that adds to a dimension of the engine or of outlast's mechanics.
 
     Args:
         modules: Instances of ecs.module.Module.
         engine: The names of the engine's dimensions.
-        shared: Those of outlast's mechanics that others may add to, as what they size follows from it.
+        shared: The dimensions of outlast's mechanics that others may add to: counts of entities, capacities of events.
 
     Raises:
-        DeclarationError: One does, as where it calls a dimension of its own like one that there is.
+        DeclarationError: A mechanic does that, for example as it gives its own dimension a name that is taken.
     """
     declared = {dim: module.name for module in modules if not is_outside(type(module)) for dim in module.dims()}
     owners = declared | dict.fromkeys(engine, "the engine")
@@ -92,18 +95,18 @@ def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collec
 
 
 def _check_size(module: Any, dim: str, size: Any) -> None:
-    """DeclarationError if it is neither a number nor names."""
+    """Raise DeclarationError if a size is neither a number nor names of dimensions."""
     if not isinstance(size, str) and not is_whole(size, 0):
         raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
 
 
 def _has_a_mechanic(module: Any, dim: str) -> bool:
-    """Whether a mechanic that is imported has the dimension. module: any one."""
+    """Whether an imported mechanic has the dimension. module: any module; it finds the imported ones."""
     return bool(module.providing(lambda other: dim in other.dims()))
 
 
 def _check_known(module: Any, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
-    """DeclarationError if no mechanic that is imported has the dimension."""
+    """Raise DeclarationError if no imported mechanic has the dimension. trail: the dimensions that lead to it."""
     if not _has_a_mechanic(module, dim):
         hint = did_you_mean(dim, known) or f"known: {', '.join(sorted(known))}"
         raise DeclarationError(

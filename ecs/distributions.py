@@ -11,7 +11,7 @@ from .errors import NumberError, did_you_mean
 from .whole import is_whole
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
-MOST = 2**16  # values of a choice
+MOST = 2**16  # the most values of a choice
 LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -32,7 +32,7 @@ class Distribution:
         return f"{NAMES[self.kind]}({', '.join(map(repr, self.values))})"
 
     def __contains__(self, value: Any) -> bool:
-        """Whether it could be drawn."""
+        """Whether `value` could be drawn."""
         if self.kind == CHOICE:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
             return any(_same(given, each) for each in self.values)
@@ -181,7 +181,7 @@ def from_plain(name: Any, *values: Any) -> Distribution:
 
 
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
-    """Both. NumberError unless they are finite numbers and in order."""
+    """Both ends as Python's numbers. NumberError, which names `name`, unless they are finite and in order."""
     for each in (low, high):
         if not _is_real(each):
             raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")
@@ -197,7 +197,7 @@ def in_python(value: Any) -> Any:
 
 
 def _same(given: Any, value: Any) -> bool:
-    """Whether a value is given, or what float32 makes of it, as worlds have it."""
+    """Whether `given` is `value`, or both are the same float32, in which worlds keep floats."""
     if isinstance(value, tuple):
         return isinstance(given, tuple) and len(given) == len(value) and all(map(_same, given, value))
     if isinstance(given, bool) or isinstance(value, (bool, str)):
@@ -206,6 +206,6 @@ def _same(given: Any, value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether it is a finite number, as a float32, too."""
+    """Whether `value` is a number, and finite also as a float32."""
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     return real and bool(abs(value) <= LARGEST)

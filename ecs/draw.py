@@ -20,7 +20,7 @@ TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
 
 @dataclass(frozen=True)
 class Plan:
-    """What draws the numbers of one world, as arrays; see `draw`.
+    """The arrays by which `draw` draws the numbers of one world.
 
     Attributes:
         kinds: int8 (numbers,), kinds of distributions; a free number is a choice with one option.

@@ -18,7 +18,7 @@ def did_you_mean(
         cutoff: The least similarity of the names, from 0 to 1; see `difflib.get_close_matches`.
 
     Returns:
-        The question, or "" if nothing is close.
+        The question, or "" if no known name is close.
     """
     close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
     return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""

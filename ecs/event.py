@@ -1,4 +1,4 @@
-"""Events: what happened in a tick, as lists that systems write and everybody reads.
+"""Events: what happened in a tick, as lists that systems write and anybody can read.
 
     class Hit(Event, capacity="hits"):
         agent: Array = column("i4", unit="entity")
@@ -106,7 +106,7 @@ def emit(events: Any) -> int:
         CapacityError: The list is full.
     """
     k = events.count[0]
-    events.count[0] = k + 1  # one too many says which list it was: see `overflow`
+    events.count[0] = k + 1  # a count above the capacity tells `overflow` which list was full
     if k >= events[0].shape[0]:
         raise CapacityError("the list of an event is full")
     zero_entry(events, k)
@@ -235,7 +235,14 @@ def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, 
 def capacity_error(
     kinds: tuple[type[Event], ...], memory: EventMemory, systems: Iterable[Any], ticks: Array
 ) -> CapacityError | None:
-    """Return the error for a list that is full; None if there is none. systems: of the tick. ticks: (worlds,)."""
+    """The error for the list that overflowed; None if none did.
+
+    Args:
+        kinds: All kinds, in the order of the memory.
+        memory: The events of all worlds.
+        systems: The systems of the tick; the message names those that emit the event.
+        ticks: The tick of each world, integers (worlds,).
+    """
     if (found := overflow(kinds, memory)) is None:
         return None
     w, kind, most = found

@@ -17,7 +17,7 @@ from .segments import Segment
 from .team import TEAM, Team, aligned
 from .tick import Unit
 
-CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: to fetch them gains nothing
+CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
 
 
 class CompiledExecution:
@@ -25,14 +25,14 @@ class CompiledExecution:
 
     Args:
         segment: The units.
-        worlds: Their tables.
-        compiled_units: Loaded.
-        team: The threads that share the worlds; None: the caller's alone.
+        worlds: The Worlds, whose tables the units use.
+        compiled_units: The machine code, loaded.
+        team: The threads that share the worlds; None for the caller's thread alone.
 
     Attributes:
-        blocks: The arguments of the units, in each thread.
+        blocks: The arguments of all units, one thread after the other.
         team: As given.
-        address: Of the frame of the caller's thread, see ecs.run_units.
+        address: The address of the frame of the caller's thread, see ecs.run_units.
     """
 
     def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits, team: Team | None) -> None:
@@ -41,7 +41,7 @@ class CompiledExecution:
         self.blocks = list[ArgumentBlock]()
         self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
         self.address = int(self._frames[0].ctypes.data)
-        self._plans = list[Any]()  # of rounds of the team
+        self._plans = list[Any]()  # the plans of the team's rounds, see Team.plan
         self._call, self._run = compiled_units.function(CALL), self.target(RUN)
 
     def _frame(self, worlds: Any) -> Any:
@@ -56,7 +56,7 @@ class CompiledExecution:
         return frame
 
     def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock]) -> None:
-        """Let the units that run in every tick fetch the worlds that come next, in equal parts, if that pays."""
+        """Let the units that run in every tick prefetch the next worlds, in equal parts, if that pays."""
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + CHUNK * worlds.layout.world_bytes
@@ -65,9 +65,9 @@ class CompiledExecution:
                 block.fetch(ahead, share)
 
     def target(self, part: str) -> tuple[int, int]:
-        """Address and first argument of what takes all worlds through the units.
+        """The address and the first argument of the function that takes all worlds through the units.
 
-        part: what takes some of them, by its label: RUN, or what runs that in its midst.
+        part: label of the one that takes some worlds through them: RUN, or a function that also runs the tick.
         """
         if self.team is None:
             return self._code.address(part), self.address
@@ -76,7 +76,7 @@ class CompiledExecution:
         return self.team.spread, int(plan.ctypes.data)
 
     def ready(self) -> None:
-        """Call this ahead of a round of the team."""
+        """Start the team's threads and write the team's address into the plans; to be called before each round."""
         if self.team is not None:
             address = self.team.ready()
             for plan in self._plans:
@@ -89,7 +89,7 @@ class CompiledExecution:
         self.check()
 
     def check(self) -> None:
-        """Raise what a kernel raised since the last call."""
+        """Raise the exception that a kernel raised since the last call, if one did."""
         frame = self._frames[0]
         if frame[FAILED] != NONE:
             unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
@@ -98,7 +98,7 @@ class CompiledExecution:
 
 
 class PythonExecution:
-    """Runs units as Python, in the caller's thread. Parameters as for CompiledExecution."""
+    """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Any) -> None:
         self._count: int = worlds.count
@@ -116,7 +116,14 @@ class PythonExecution:
 
 
 def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseException:
-    """The exception that a unit raised, with its name, and a note on how to find the line."""
+    """The exception that a unit raised, with the unit's label, and a note on how to find the line.
+
+    Args:
+        unit: The unit.
+        first_world: The first of the worlds that it was handling.
+        count: How many worlds there are.
+        address: The address of the exception, see `exception_at`.
+    """
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
     inside = file.startswith(os.path.dirname(numba.__file__))  # a line of numba's own says nothing
@@ -124,7 +131,7 @@ def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseEx
     text = " ".join(map(str, arguments)) if arguments else kind.__name__
     try:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
-    except Exception:  # a class that is not made from one text
+    except Exception:  # a class that cannot be made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     last = min(first_world + CHUNK, count) - 1
     worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"

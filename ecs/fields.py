@@ -15,8 +15,8 @@ from typing import Any
 from .errors import DeclarationError, did_you_mean
 from .whole import is_whole
 
-SMALLEST = 1e-9  # of scales: networks multiply by their inverse in float32
-Fields = Mapping[str, Mapping[str, "Field"]]  # by key of the observation and by name, in order of their columns
+SMALLEST = 1e-9  # the smallest scale: networks multiply by its inverse in float32
+Fields = Mapping[str, Mapping[str, "Field"]]  # by the observation's key and by name, in the order of their columns
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: s
 
 
 def _added(module: Any) -> Iterator[tuple[str, tuple[Field, ...]]]:
-    """What a module's fields() returns, checked."""
+    """Yield what a module's fields() returns, by key, after checking it."""
     given = module.fields()
     for key, added in given.items() if isinstance(given, Mapping) else [("", given)]:
         if not (key and isinstance(added, tuple | list) and all(isinstance(field, Field) for field in added)):

@@ -1,4 +1,4 @@
-"""Varied numbers that are given, in place of being drawn, and keys of random numbers: their memory and validation."""
+"""Varied numbers that are given instead of drawn, and given keys of random numbers: their memory and validation."""
 
 from collections.abc import Hashable
 from typing import Any
@@ -11,26 +11,26 @@ from .errors import NumberError
 from .varied import VariedNumber, encode
 
 GIVEN_DIM = "given words"
-GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
-ONCE = np.uint64(33)  # the bit that says that it is for one episode
+GIVEN = np.uint64(32)  # this bit of a word of Given says that a value is given
+ONCE = np.uint64(33)  # this bit says that it is for one episode only
 HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
 KEY, AWAY = slice(-8, -4), slice(-4, None)  # words at the end of Given, see there
-KEYS = 8  # how many these are
+KEYS = 8  # the number of these words
 NO_LEVELS = "no numbers, walls or roles are drawn here, so seeds decide: reset(seed=[...])"  # see Layout.keyed
 
 
 class Given(Singleton):
-    """The engine's own component of worlds with varied numbers: what is not drawn, as somebody has set it.
+    """The engine's own component of worlds whose episodes are levels: what users have given, and is not drawn.
 
-    It outlasts episodes. Behind the words of numbers is a key of random numbers for the next episode: 1 if there is
-    one, seed, world and episode. Behind that is the world's own key while it plays an episode with another one.
+    It outlasts episodes. The words of varied numbers are followed by a key of random numbers for the next episode (1 if
+    there is one, seed, world and episode), and by the world's own key while it plays an episode with a given one.
     """
 
     words: Array = column("u8", GIVEN_DIM)  # 0: drawn; else the word, bit 32, and maybe bit 33
 
 
 def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> Array:
-    """Values that somebody sets in some worlds, for their column of Given.
+    """Encode the values that a user gives to some worlds, for the column of Given.
 
     Args:
         number: The number.
@@ -42,8 +42,8 @@ def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> A
         uint64 (count, width).
 
     Raises:
-        NumberError: Another number of values, or one that could not be drawn; of a free number, one that its mechanic
-            does not take.
+        NumberError: The number of values is wrong, a value could not be drawn, or it is one of a free number that its
+            mechanic does not take.
     """
     module = layout.modules[number.module]
     listed = list(values) if has_one_each(values) else [values] * count
@@ -68,7 +68,7 @@ def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
     Args:
         number: The number.
         layout: An ecs.layout.Layout that varies it.
-        words: int32 (worlds, width), its own.
+        words: int32 (worlds, width), the words of this number.
     """
     module = layout.modules[number.module]
     if number.distribution.kind == FREE:
@@ -85,12 +85,12 @@ def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
 
 
 def check_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> None:
-    """NumberError unless the mechanic takes this value of a free number."""
+    """Raise NumberError unless the mechanic takes this value of a free number."""
     layout.modules[number.module].replace(**{number.number: value}).check(layout)
 
 
 def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bool:
-    """Whether it does."""
+    """Whether the mechanic takes this value of a free number."""
     try:
         check_taken(number, layout, value)
     except NumberError:
@@ -99,7 +99,7 @@ def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bo
 
 
 def wrongly_given(layout: Any, words: Array) -> str:
-    """What is wrong with words of Given that come out of a file, which kernels use as indices; empty if nothing is.
+    """What is wrong with words of Given from a file, which kernels would use as indices unchecked; "" if nothing is.
 
     Args:
         layout: An ecs.layout.Layout with varied numbers.
@@ -123,5 +123,5 @@ def wrongly_given(layout: Any, words: Array) -> str:
 
 
 def has_one_each(values: Any) -> bool:
-    """Whether they are one for each of some worlds, and not one value, which a tuple is."""
+    """Whether these are values for several worlds, one each; a tuple is a single value."""
     return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)

@@ -1,7 +1,7 @@
-"""What a user's mechanic does, as a hash: two games of one name and equal numbers are told apart by it.
+"""A hash of what a user's mechanic does, which tells apart two games of the same name with equal numbers.
 
-The hash is the same in every process, compiled or not, and whatever the comments, docstrings and line numbers are. What
-a mechanic refers to of this package, of Python's library or of numpy counts by name: versions identify that.
+The hash is the same in every process, compiled or not, and does not depend on comments, docstrings and line numbers.
+What a mechanic uses of this package, of Python's library or of numpy counts only by name: versions identify the rest.
 """
 
 import dis
@@ -26,14 +26,14 @@ from .system import Neighbour, System
 LIBRARIES = {*sys.stdlib_module_names, "numba", "numpy"}
 PLAIN = (bool, int, float, complex, str, bytes, range, slice, type(None), np.dtype)
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-"""The version of Python whose bytecode is hashed: those of two versions cannot be compared."""
+"""The version of Python whose bytecode is hashed: hashes of two versions cannot be compared."""
 
 
 def code_digest(module: Module) -> str:
-    """Hash of the code of a mechanic's systems and of all that they refer to, of its components and prefab values.
+    """Hash of the code of a mechanic's systems and of all that they refer to, and of its components and prefab values.
 
     Args:
-        module: The mechanic. Its numbers count as far as archetypes, singletons and dimensions follow from them.
+        module: The mechanic. Its numbers count only as far as archetypes, singletons and dimensions depend on them.
 
     Returns:
         32 hexadecimal digits.
@@ -45,7 +45,7 @@ def code_digest(module: Module) -> str:
 
 
 def full_name(target: Any) -> str:
-    """The name of a class or function with that of its file."""
+    """The name of a class or function with that of its module."""
     return f"{target.__module__}.{target.__qualname__}"
 
 
@@ -82,7 +82,7 @@ def _describe_component(component: type[Component]) -> str:
         (name, c.dtype.str, c.dims, float(c.fill), float(c.low), float(c.high), c.key, *_describe_fields(c.fields))
         for name, c in (component.columns if is_outside(component) else {}).items()
     ]
-    capacity = getattr(component, "capacity", "") if is_outside(component) else ""  # of an event
+    capacity = getattr(component, "capacity", "") if is_outside(component) else ""  # an event's capacity
     capacity = full_name(capacity) if isinstance(capacity, type) else capacity
     return f"{full_name(component)} {bases} {component.order} {component.packed} {capacity} {columns}"
 
@@ -103,9 +103,9 @@ def _describe_declaration(system: System) -> str:
 
 
 def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
-    """The functions and all that they refer to, each once, in the order in which they are come upon."""
+    """The functions and all that they refer to, each once, in the order in which they are found."""
     known = list(ahead)
-    for function in known:  # grows
+    for function in known:  # `known` grows meanwhile
         yield from _instructions(function.__code__)
         for name, value in references(function):
             yield from _describe_value(name, value, known)
@@ -113,13 +113,13 @@ def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
 
 @functools.lru_cache(maxsize=4096)
 def _instructions(code: CodeType) -> tuple[str, ...]:
-    """The code as text: instructions with names and constants, without docstrings and lines."""
+    """The code as text: instructions with names and constants, without docstrings and line numbers."""
     lines = list[str]()
     for each in codes(code):
         lines.append(f"{each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]}{each.co_exceptiontable.hex()}")
         for instruction in dis.get_instructions(each):
             value = instruction.argval
-            if isinstance(value, CodeType):  # one of `codes`
+            if isinstance(value, CodeType):  # also comes as one of `codes`
                 value = value.co_name
             elif isinstance(value, frozenset):
                 value = sorted(map(repr, value))
@@ -129,7 +129,7 @@ def _instructions(code: CodeType) -> tuple[str, ...]:
 
 
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
-    """A value that code refers to; a user's function joins the `known` ones. What cannot be followed counts by name."""
+    """A value that code refers to. A user's function is added to `known`; what cannot be followed counts by name."""
     function = getattr(value, "py_func", value)
     if isinstance(function, FunctionType) and is_outside(function) and _root(function) not in LIBRARIES:
         if function not in known:

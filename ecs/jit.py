@@ -30,8 +30,8 @@ from .errors import DeclarationError
 from .references import is_outside
 
 OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
-NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # arguments of np.errstate
-BOUNDS_CHECKS = os.environ.get("OUTLAST_BOUNDSCHECK", "1") != "0"  # of kernels from outside of outlast
+NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # for np.errstate
+BOUNDS_CHECKS = os.environ.get("OUTLAST_BOUNDSCHECK", "1") != "0"  # in kernels from outside of outlast
 Function = TypeVar("Function", bound=Callable[..., object])
 _INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
 
@@ -54,15 +54,15 @@ def options_of(function: Any) -> dict[str, Any]:
     array, it must be counted, as callers may count it. Kernels from outside check their indices.
     """
     if is_outside(function):
-        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
+        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba's setting says
     returned = str(function.__annotations__.get("return", Any))
-    return OPTIONS if "Any" in returned else {**OPTIONS, "_nrt": False}  # Any: what arrays are annotated with
+    return OPTIONS if "Any" in returned else {**OPTIONS, "_nrt": False}  # arrays are annotated with Any
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A function that compiled functions call, without the wrappers for Python (a sixth of the time to compile).
+    """A function for compiled functions to call, without wrappers for Python, a sixth of the time to compile.
 
-    When Python calls it nevertheless, such as a test, it is compiled once more, with them; or see `interpreted`.
+    If Python calls it nevertheless, as tests do, it is compiled once more with wrappers, or runs as `interpreted`.
     """
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -83,7 +83,7 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
     """
     options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     compiled = numba.njit(**options)(function)
-    if compiled is not function:  # it is under NUMBA_DISABLE_JIT
+    if compiled is not function:  # under NUMBA_DISABLE_JIT, numba returns the function
         compiled.__class__ = _Kernel
     return compiled  # type: ignore[no-any-return]
 

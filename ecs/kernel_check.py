@@ -1,8 +1,9 @@
-"""A static check of a system against its parameter list: milliseconds, before anything is compiled.
+"""A static check of a system against its parameter list. It takes milliseconds, before anything is compiled.
 
-A misspelt column, a write to what is declared Read, or more than a sum on what is declared Add is reported with the
-line it is in, also where it is in a kernel that the system calls. How: see abstract_interpreter. So is a variable that
-may have no value where it is used, see assignment_check, and a random number that is drawn twice, see random_check.
+It reports a misspelt column, a write to a component that is declared Read, and anything but a sum on one that is
+declared Add, with the line, also if that is in a kernel that the system calls; abstract_interpreter finds these. It
+also reports a variable that may have no value where it is used (assignment_check), and a random number that is drawn
+twice (random_check).
 """
 
 from collections.abc import Collection, Mapping
@@ -28,9 +29,9 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
     """Compare what a system does with what its parameter list declares.
 
     Args:
-        system: Any system. Of one that stays Python, only what numba's front end understands is checked.
+        system: Any system. In one that stays Python, only code that numba's front end understands is checked.
         per_agent: Names of its mechanic's numbers in which roles differ.
-        widths: Columns of its mechanic's fields of observations, by the names of Offsets.
+        widths: By name of the Offset of each field that its mechanic adds, how many columns from there on are its own.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a
@@ -47,7 +48,7 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
 
 
 def check_interpretable(system: System) -> None:
-    """Raise DeclarationError if a system cannot run as Python in a compiled process, as it calls a C library."""
+    """Raise DeclarationError if a system cannot run as Python in a compiled process, because it calls a C library."""
     kernel: Any = system.kernel
     for function in reachable(getattr(kernel, "py_func", kernel), lambda inner: True):
         for _, value in references(function):
@@ -68,31 +69,31 @@ def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str
 
 
 def _is_own(function: FunctionType) -> bool:
-    """Whether it is part of a user's mechanic."""
+    """Whether a function is part of a user's mechanic."""
     return is_outside(function) and function.__module__.partition(".")[0] not in FOREIGN
 
 
 class _Check:
-    """The check of one system: the functions it calls, each with the values of its arguments."""
+    """The check of one system, which follows the functions it calls, each with the values of its arguments."""
 
     def __init__(self, system: System) -> None:
         self.system, self.label, self.offsets = system, system.label, system.offsets()
-        self.code: dict[FunctionType, Any] = {}  # intermediate representations
+        self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool = True
     ) -> Values:
-        """What `function` returns. trail: where it is called. report: whether errors are raised."""
+        """The values that `function` returns. trail: the calls that lead to it. report: whether errors are raised."""
         key = (function, tuple(arguments.items()), report)
         if key not in self.results:
-            self.results[key] = ANYTHING  # of a call within itself
+            self.results[key] = ANYTHING  # for a recursive call within this one
             code = self._code(function, arguments, trail)
             self.results[key] = Activation(self, function, code, arguments, trail).run(report) if code else ANYTHING
         return self.results[key]
 
     def check_code(self, function: FunctionType) -> None:
-        """Look at it, and at all functions of a user's that it refers to, whatever values they get."""
+        """Look for mistakes that do not depend on values, in `function` and the user's functions that it refers to."""
         for each in reachable(function, _is_own):
             code = self._code(each, {}, ())
             if code and (again := repeated_draw(code)):
@@ -108,11 +109,11 @@ class _Check:
                 )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:
-        """Its intermediate representation; None if there is none, and the function stays Python."""
+        """The intermediate representation of a function; None if numba cannot make one and it stays Python."""
         if function not in self.code:
             try:
                 self.code[function] = run_frontend(function)
-            except Exception as error:  # of any type, for code that it does not expect
+            except Exception as error:  # numba raises any type for code it does not expect
                 if compiled() and self.system.compiled:
                     line = getattr(getattr(error, "loc", None), "line", function.__code__.co_firstlineno)
                     places = "; ".join((*trail, place(function, line)))

@@ -82,7 +82,7 @@ class Layout:
         self.roles = roles
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = one_of_each(self.modules)
-        _check_keys(Observation, self.singletons)  # ahead of their fields; later again, with `numbers`
+        _check_keys(Observation, self.singletons)  # before their fields are placed; again below, with `numbers`
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         if observed:
             self._observe(observed)
@@ -247,7 +247,7 @@ class Layout:
             )
 
     def _observe(self, names: Sequence[str]) -> None:
-        """Show varied numbers to agents."""
+        """Add the observation "numbers", which shows these varied numbers to agents."""
         self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
         for name in names:
             shown[name] = self.varied[name].field(start, self.modules[self.varied[name].module])
@@ -255,7 +255,7 @@ class Layout:
         self.fields["numbers"] = shown
 
     def _events(self) -> tuple[type[Event], ...]:
-        """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""
+        """Find the events, and add their capacities to `dims`: 0 for a dimension that nobody defines."""
         found: dict[str, type[Event]] = {}
         for event in self.components:
             if not issubclass(event, Event):
@@ -267,7 +267,7 @@ class Layout:
             if isinstance(capacity, type):
                 capacity = len(self.rows(capacity))
             unknown = isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity)
-            if unknown and (hint := did_you_mean(capacity, self.dims)):  # others may be there with other numbers
+            if unknown and (hint := did_you_mean(capacity, self.dims)):  # names unlike these may be there with others
                 raise DeclarationError(
                     f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; {hint}"
                 )
@@ -282,7 +282,7 @@ class Layout:
         return [(component, name) for component in kinds for name in component.columns]
 
     def _observations(self) -> dict[str, tuple[str, Column]]:
-        """The mechanic that brings it and the column of every observation, by key."""
+        """By key of every observation, the name of the mechanic that brings it, and its column."""
         brought = [
             (module.name, singleton) for module in self.modules for singleton in listed(module, "singletons", Singleton)
         ]
@@ -293,7 +293,7 @@ class Layout:
         }
 
     def _check_counts(self) -> None:
-        """DeclarationError if an archetype is only extended, or there are 0."""
+        """Raise DeclarationError if an archetype is only extended, or declared with a count of 0."""
         for name, archetype in self.archetypes.items():
             if archetype.count == 0:
                 kinds = self.modules[0].providing(
@@ -311,7 +311,7 @@ class Layout:
                 )
 
     def _check_dims(self) -> None:
-        """DeclarationError if a column has a dimension that no module defines."""
+        """Raise DeclarationError if a column has a dimension that no module defines."""
         for component in self.components:
             for name, column in component.columns.items():
                 for dim in column.dims:
@@ -381,7 +381,7 @@ def _groups(modules: Sequence[Any], agents: int) -> tuple[int, ...]:
 
 
 def _check_keys(base: type[Component], components: Iterable[type[Component]]) -> None:
-    """DeclarationError if two columns of a kind have one key, as environments would publish only one of them."""
+    """Raise DeclarationError if two columns of a kind share a key, as environments would publish only one of them."""
     owners: dict[str, str] = {}
     for component in components:
         for name, column in component.columns.items() if issubclass(component, base) else ():

@@ -1,7 +1,7 @@
 """Numbers that change while worlds run: which ones can, and why the others cannot.
 
 Kernels read numbers from their argument blocks, so another value costs nothing and compiles nothing. But what is made
-once, when the worlds are, stays: tables, what entities begin with, the schedule, scratch memory, bounds of spaces.
+only once, with the worlds, stays: tables, what entities begin with, the schedule, scratch memory, bounds of spaces.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,13 +25,13 @@ def changed_modules(
     """The mechanics with other numbers, in the order of `present`.
 
     Args:
-        layout: Of the worlds, with the numbers that they were made with.
-        systems: Those that are scheduled.
-        present: The mechanics with the numbers of now, in the order of layout.modules.
+        layout: The layout of the worlds, with the numbers that they were made with.
+        systems: The systems that are scheduled.
+        present: The mechanics with their present numbers, in the order of layout.modules.
         numbers: New values by name, "module_number".
 
     Raises:
-        NumberError: An unknown number, one that cannot change, or a value that cannot be, alone or with the others.
+        NumberError: A number is unknown or cannot change, or a value is impossible, alone or with the others.
     """
     known, found = owners(present), list(present)
     for name, value in numbers.items():
@@ -42,12 +42,12 @@ def changed_modules(
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    extreme_layouts(layout.with_modules(found, others=True))  # raises where they are impossible together
+    extreme_layouts(layout.with_modules(found, others=True))  # raises if they are impossible together
     return found
 
 
 def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, int | float]:
-    """By name, what kernels get of the numbers of `others` that are not those of `modules`."""
+    """By full name, the numbers of `others` that differ from those of `modules`, as kernels get them."""
     return {
         f"{other.name}_{item.name}": other.value(item.name)
         for module, other in zip(modules, others, strict=True)

@@ -1,7 +1,7 @@
-"""Machine code: functions compiled by numba to object files, and the loader that later processes need in its place.
+"""Machine code: numba compiles functions to object files; a loader is all that later processes need to run them.
 
-Numba finishes each function as if Python called it: its callees get optimised and translated, too, although each of
-their callers has its own, inlined copy. Here callees stay LLVM code (`Library`); only a function that is asked for is
+Numba finishes each function as if Python called it: it also optimises and translates the callees, although each caller
+has its own, inlined copy of them. Here callees stay LLVM code (`Library`); only the function that is asked for is
 linked with them, optimised and translated. All symbols but its own are internal, so that objects of different versions
 of a game can be loaded side by side.
 
@@ -26,15 +26,20 @@ from numba.core.errors import UnsupportedError
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
-ADDRESS = "numba.dynamic.globals."  # how numba calls variables that hold an address of this process
-ENVIRONMENTS: list[Any] = []  # of loaded code, which refers to them
+ADDRESS = "numba.dynamic.globals."  # prefix of numba's variables that hold an address of this process
+ENVIRONMENTS: list[Any] = []  # numba's environments of loaded code, kept alive because the code has their addresses
 
 
 class Code(NamedTuple):
     """A compiled function: its symbol, the object file, and what that needs.
 
-    constants: of its Python calls (print). externals: symbols of the C functions that it calls. portable: whether other
-    processes can load it; not if it has addresses of this one, as of a large array that it refers to.
+    Attributes:
+        symbol: The function's name in the object file.
+        image: The object file.
+        constants: Constants that its calls of Python (print) need, by symbol.
+        externals: Symbols of the C functions that it calls.
+        portable: Whether other processes can load it; not if it contains addresses of this process, such as that of a
+            large array.
     """
 
     symbol: str
@@ -54,12 +59,12 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         self._machine_code: Any = None
 
     def finalize(self) -> None:
-        """Nothing: it is finished where a caller is."""
+        """Do nothing: it is finished together with its caller."""
         self._finalized = True
 
     @property
     def codegen(self) -> Any:
-        """Where numba sets environments; here they are kept."""
+        """The object on which numba calls `set_env`: this one, which keeps the environments."""
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
@@ -69,7 +74,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             self._codegen.set_env(name, environment)
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Translate it after all, for a function that Python calls, too."""
+        """The address of the function, translated after all because Python calls it, too; 0 if it is not here."""
         if not any(function.name == name for function in _defined(self._final_module)):
             return 0
         if self._machine_code is None:
@@ -86,12 +91,12 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """For numba's own cache, where a function of a user's asks for that."""
+        """What numba's own cache keeps, if a user's function asks for that cache."""
         return self.name, "bitcode", self._complete_module().as_bitcode()
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
-        """A function from numba's own cache is complete, and stays so."""
+        """Load a function from numba's own cache: it is complete, so it becomes a library of numba's own kind."""
         codegen._library_class = JITCodeLibrary
         try:
             return JITCodeLibrary._unserialize(codegen, state)
@@ -99,7 +104,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             codegen._library_class = cls
 
     def _get_module_for_linking(self) -> Any:
-        """The function with its callees, for numba's own libraries, which link no more than one level."""
+        """The function with all its callees, for numba's own libraries, which link only one level of callees."""
         if self._merged is None:
             self._merged = super()._get_module_for_linking().clone()
             for library in self._callees():
@@ -107,7 +112,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return self._merged
 
     def _callees(self) -> list[JITCodeLibrary]:
-        """The libraries of its callees and of theirs, callers first: what nobody has called yet is not linked."""
+        """The libraries of all direct and indirect callees, callers first: LLVM links only what is called already."""
         found, seen = list[JITCodeLibrary](), set[JITCodeLibrary]()
 
         def visit(library: JITCodeLibrary) -> None:
@@ -122,7 +127,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return found[1:]
 
     def emit(self, symbol: str) -> Code:
-        """Link, optimise and translate it."""
+        """Link the function `symbol` with its callees, optimise and translate it."""
         callees = self._callees()
         for library in callees:
             self._final_module.link_in(_own_module(library), preserve=True)
@@ -139,8 +144,8 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         }
         for value in self._final_module.global_variables:
             if value.name in environments:
-                value.linkage = "linkonce_any"  # left out where no Python call needs it
-        for _ in range(2):  # the first inlines; loops of what it inlined are vectorized by the second
+                value.linkage = "linkonce_any"  # left out if no call of Python needs it
+        for _ in range(2):  # the first pass inlines; the second vectorizes the loops in what was inlined
             self._optimize_final_module()
         constants: dict[str, list[Any]] = {}
         for value in self._final_module.global_variables:
@@ -161,7 +166,7 @@ def _defined(module: Any) -> list[Any]:
 
 
 def _own_module(library: Any) -> Any:
-    """The LLVM code of a library, which a Library has without that of its callees."""
+    """The LLVM code of a library; of a Library, without that of its callees."""
     return JITCodeLibrary._get_module_for_linking(library)
 
 
@@ -181,8 +186,8 @@ def compile_function(function: Callable[..., None], options: dict[str, Any], *, 
 
     Args:
         function: The function.
-        options: Numba's.
-        python: Whether it is for Python (see `as_python`) or for other compiled code.
+        options: Options of numba.njit.
+        python: Whether Python is to call it (see `as_python`), or other compiled code.
     """
     with global_compiler_lock, _unfinished_callees():
         dispatcher = numba.njit(**options, no_cpython_wrapper=not python, no_cfunc_wrapper=True)(function)
@@ -194,12 +199,12 @@ def compile_function(function: Callable[..., None], options: dict[str, Any], *, 
 
 
 def load_code(codes: Iterable[Code]) -> list[int]:
-    """The addresses of compiled functions. OSError if one of the C functions that they call is not in this process."""
+    """Load compiled functions and return their addresses. OSError if this process lacks a C function they call."""
     codes = list(codes)
     engine = cpu_target.target_context.codegen()._engine
     with global_compiler_lock:
         if _missing(codes):
-            cpu_target.target_context.refresh()  # adds numba's own, such as those that allocate memory
+            cpu_target.target_context.refresh()  # adds numba's own C functions, such as those that allocate memory
         if missing := _missing(codes):
             raise OSError(f"compiled code calls C functions that are not loaded: {', '.join(missing)}")
         for code in codes:
@@ -216,7 +221,7 @@ def load_code(codes: Iterable[Code]) -> list[int]:
 
 
 def _missing(codes: Iterable[Code]) -> list[str]:
-    """C functions of which this process has no address; calls of them would be calls of address 0."""
+    """C functions whose address this process does not know; calling them would call address 0."""
     names = {name for code in codes for name in code.externals}
     return sorted(name for name in names if llvmlite.binding.address_of_symbol(name) is None)
 
@@ -229,12 +234,18 @@ def as_python(address: int) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: Any, error: Any) -> Any:
-    """In compiled code, call a compiled function of three arguments.
+    """In compiled code, call a compiled function of three int64 arguments.
 
-    error: the address of an int64 that gets the address of its exception, if it raises one.
+    Args:
+        typing: Numba's typing context, as in all intrinsics.
+        address: The function's address.
+        arguments: Its first argument: an address.
+        first: Its second argument.
+        last: Its third argument.
+        error: The address of an int64 that gets the address of the exception, if the function raises one.
 
     Returns:
-        Its status: 0 and -2 are success, others are those of exceptions.
+        Its status: 0 and -2 mean success, all others an exception.
     """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -263,9 +274,9 @@ def prefetch(typing: Any, address: Any) -> Any:
 
 
 def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], str]:
-    """The exception that a compiled function raised: type, arguments, and the file and line, where numba kept them.
+    """The exception that a compiled function raised: type, arguments, and the file and line, "" if numba lost them.
 
-    Arguments that are not constants are "...": only Python shows them.
+    Arguments that are not constants are "...": only Python shows them. address: what `call_address` left at `error`.
     """
     data = ctypes.c_void_p.from_address(address).value
     size = ctypes.c_int32.from_address(address + ctypes.sizeof(ctypes.c_void_p)).value

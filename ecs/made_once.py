@@ -1,6 +1,6 @@
-"""What is made once, when worlds are: a number that decides on it can neither change, vary, nor differ by role later.
+"""What is made only once, with the worlds: a number on which it depends can neither change, vary, nor differ by role.
 
-Kernels read numbers whenever they run. Tables, the schedule and the memory of systems stay as they are.
+Kernels read numbers whenever they run. But tables, the schedule and the memory of systems stay as they are.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,9 +14,9 @@ def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[s
 
     Args:
         layout: An ecs.layout.Layout.
-        there: One that differs from it in a number of the mechanic `k` only.
-        k: Its index among the modules of both.
-        systems: Whether it must have the same systems.
+        there: A layout that differs from it only in a number of the mechanic `k`.
+        k: The index of the mechanic among the modules of both.
+        systems: Whether the mechanic must have the same systems in both.
     """
     one, other = layout.modules[k], there.modules[k]
     if sized := [dim for dim, size in layout.dims.items() if there.dims.get(dim) != size]:
@@ -34,11 +34,11 @@ def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[s
 
 
 def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[Any, int, Any]]:
-    """In which entries of columns the states of worlds differ.
+    """Find the entries of columns in which the states of worlds differ.
 
     Args:
-        places: ecs.placing.Place of all columns.
-        images: uint8 (world_bytes,) each.
+        places: The ecs.placing.Place of every column.
+        images: The states, uint8 (world_bytes,) each.
 
     Yields:
         The column's place, the entry's index in it, and what the states have there, (images,).

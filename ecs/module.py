@@ -37,8 +37,8 @@ from .registration import check_twice, components, neighbours, redefines
 from .system import Neighbour, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-NEAR = 0.85  # how like a method's name is to one of Module's, of 1, where it is taken for a slip
-Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high), or of a key with fields by their names
+NEAR = 0.85  # a method whose name is this similar (1: equal) to that of a method of Module is taken for a slip
+Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high); for a key with fields, by the fields' names
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Module:
         inherited = dataclasses.fields(cls)
         for item in inherited:
             given = vars(cls).get(item.name, dataclasses.MISSING)
-            if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
+            if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # a new default
                 cls.__annotations__ = {item.name: item.type} | inspect.get_annotations(cls)
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         cls._check_constants([item.name for item in inherited])
@@ -88,7 +88,7 @@ class Module:
 
     @classmethod
     def _check_constants(cls, numbers: list[str]) -> None:
-        """DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
+        """Raise DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
         known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls)}
         for name, value in vars(cls).items():
             if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
@@ -100,7 +100,7 @@ class Module:
 
     @classmethod
     def _check_hooks(cls) -> None:
-        """DeclarationError for a method whose name is almost that of one of Module's, which nothing would call."""
+        """Raise DeclarationError for a method whose name is almost that of one of Module: nothing would call it."""
         bases = {name for base in cls.__mro__[1:] for name in vars(base)}
         hooks = [name for name, value in vars(Module).items() if callable(value) and not name.startswith("_")]
         for name, value in vars(cls).items():
@@ -118,7 +118,7 @@ class Module:
     @classmethod
     @functools.cache
     def _declared(cls) -> tuple[tuple[str, type, Any], ...]:
-        """The name, the type and the rule of every number. DeclarationError for one that cannot be."""
+        """The name, the type and the rule of every number. DeclarationError for an impossible declaration."""
         if (own := annotated(cls)) and "__dataclass_fields__" not in vars(cls):
             raise DeclarationError(
                 f"{cls.__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
@@ -151,7 +151,7 @@ class Module:
 
     @classmethod
     def _stream(cls) -> str:
-        """`stream`, or its default, which depends on the base's systems: they may be registered after this class."""
+        """The stream, or its default, which is found late: systems may be registered on a base after this class."""
         base = None if cls.stream else cls._base()
         return base._stream() if base else cls.stream or cls.name
 
@@ -274,7 +274,7 @@ class Module:
         """Return the same mechanics as `providers`, as classes."""
         found = list[type[Module]]()
         for kind in Module.imported():
-            with contextlib.suppress(Exception):  # a user's class that cannot be made, or not without numbers
+            with contextlib.suppress(Exception):  # a user's class may fail, or need numbers
                 if provides(kind()):
                     found.append(kind)
         return found

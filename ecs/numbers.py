@@ -92,7 +92,7 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
             raise NumberError(f"{name} = {value!r}: True or False is needed")
         return bool(value)
     whole = kind is int
-    limit = 2**31 - 1 if whole else 3e38  # what a column holds
+    limit = 2**31 - 1 if whole else 3e38  # the most that a column can hold
     real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
     if not real or isinstance(value, bool) or not abs(value) <= limit:
         needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"

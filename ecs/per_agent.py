@@ -42,7 +42,7 @@ class AgentRoles(Singleton):
 class AgentNumbers(Singleton):
     """The engine's own component in worlds with roles that change numbers: their values in this episode."""
 
-    words: Array = column("i4", WORDS)  # int32, or the bits of float32; of a number, one for each row
+    words: Array = column("i4", WORDS)  # int32, or the bits of float32: for each number, one for each row
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class AgentNumber:
         module: Index of the mechanic among layout.modules.
         field: The number's name in the mechanic.
         start: The first of its words, which is that of row 0.
-        dtype: Of its words.
-        values: What it is for each role: a value or a Distribution.
+        dtype: The type of its words.
+        values: For each role, a value or a Distribution.
     """
 
     name: str
@@ -120,7 +120,7 @@ def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
 
 
 def _probes(name: str, value: Any, kind: type) -> tuple[Any, ...]:
-    """What stands for all values of a number. NumberError for a distribution of which this type is not drawn."""
+    """Values that stand for all values of a number. NumberError if its type cannot have the distribution."""
     if not isinstance(value, Distribution):
         return (value,)
     check_kind(name, kind, value)
@@ -184,7 +184,7 @@ def initial_image(worlds: Any, w: int) -> Array:
 
 @dataclass(frozen=True)
 class Plan:
-    """What sets the roles and numbers of the agents of one world, as arrays; see `assign`.
+    """The arrays by which `assign` sets the roles and numbers of the agents of one world.
 
     Attributes:
         rows: int32 (agents,), the rows of the agents.
@@ -247,10 +247,10 @@ def plan(layout: Any) -> Plan:
 
 
 def _groups(layout: Any, count: int) -> list[int]:
-    """Where groups of agents begin within which roles are drawn, in worlds of so many agents.
+    """A row of Plan.groups, for worlds with `count` agents.
 
     Raises:
-        NumberError: There are no sides to be drawn in, or who is on which side differs from world to world.
+        NumberError: There are no sides to draw within, or the sizes of sides differ from world to world.
     """
     if layout.roles.drawn == NEVER:
         return [0]
@@ -264,17 +264,18 @@ def _groups(layout: Any, count: int) -> list[int]:
 
 
 def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
-    """Which prefab values of agents are the number: rows as in Plan.patches.
+    """Find the prefab values of agents that are the number, by comparing initial states for different values.
 
-    Found by comparing what worlds would begin with if all agents had another value.
+    Returns:
+        Rows as in Plan.patches.
 
     Raises:
-        NumberError: More than that depends on the number, or nothing does.
+        NumberError: More than prefab values and systems depends on the number, or nothing does.
     """
     base = getattr(layout.modules[number.module], number.field)
     values = [value for each in number.values for value in _probes(number.name, each, type(base))]
     probes = sorted({base, *values})
-    forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # others belong to a value
+    forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # a value alone may not fit
     for form in forms:
         if reason := next(reasons(forms[0], form, number.module, systems=False), ""):
             raise NumberError(f"{number.name} cannot differ by role: {reason}")
@@ -326,7 +327,7 @@ def assign(
     for i in range(rows.size):
         roles.role[i] = fixed[c, i]
     for g in range(groups.shape[1] - 1):
-        for i in range(groups[c, g + 1] - 1, groups[c, g], -1):  # Fisher and Yates
+        for i in range(groups[c, g + 1] - 1, groups[c, g], -1):  # Fisher-Yates shuffle
             o = groups[c, g] + integer(key, i, i - groups[c, g] + 1)
             roles.role[i], roles.role[o] = roles.role[o], roles.role[i]
     for n in range(starts.size):
@@ -356,7 +357,7 @@ def _element(number: Any, e: int) -> Any:
 @intrinsic(_element)
 def of(typing: Any, number: Any, e: Any) -> Any:
     """Return the value for the agent in row `e` if roles differ in the number; else the number itself."""
-    if not hasattr(number, "ndim"):  # of arrays
+    if not hasattr(number, "ndim"):  # not an array
 
         def same(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
             return arguments[0]

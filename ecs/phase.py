@@ -20,7 +20,7 @@ class When(Enum):
 
 
 class _Phases(EnumType):
-    """The type of enumerations of phases, whose errors say where a phase is."""
+    """The metaclass of phases. Its error for an unknown phase says which enumeration has one of that name."""
 
     def __getattr__(cls, name: str) -> NoReturn:
         if name.startswith("_"):

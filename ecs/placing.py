@@ -27,12 +27,12 @@ class Place:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the column."""
+        """The type of the column's elements."""
         return self.component.columns[self.name].dtype
 
     @property
     def nbytes(self) -> int:
-        """Of the column in one world."""
+        """The bytes of the column in one world."""
         return self.dtype.itemsize * math.prod(self.shape)
 
     def view(self, block: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -43,7 +43,7 @@ class Place:
 
 
 def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -> tuple[list[Place], int]:
-    """The places of all columns, one behind the other, and the bytes of a state: whole cache lines, at least one."""
+    """The places of all columns, one behind the other, and the bytes of a state: a whole number of cache lines."""
     places, offset = list[Place](), 0
     for component in components:
         for name, column in component.columns.items():
@@ -58,7 +58,7 @@ def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -
 
 
 def touched_lines(layout: Any, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
-    """Where the cache lines lie that hold these components, of entities that have them, and the engine's own.
+    """The cache lines that hold these components, for entities that have them, and the engine's own components.
 
     Args:
         layout: An ecs.layout.Layout.

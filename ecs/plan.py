@@ -22,12 +22,12 @@ from .schedule import Schedule, check_brought, order
 from .segments import Segment, segments
 from .system import System
 
-KEPT = 16  # plans, of the games that were made last
+KEPT = 16  # the most plans that are kept: those that were used last
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a plan is made for: the arguments of Worlds, but for sizes."""
+    """What a plan is made for: the arguments of Worlds, except `count` and `threads`."""
 
     modules: tuple[Module, ...]
     varied: tuple[tuple[str, Distribution], ...]
@@ -44,13 +44,13 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Of a batch of worlds, all but their memory.
+    """All that a batch of worlds needs except memory.
 
     Attributes:
-        layout: Of each world.
+        layout: The layout of each world.
         schedule: The systems, in order.
         segments: The units of the tick.
-        units: Their machine code, and that of functions and parts.
+        units: The machine code of units, functions and parts.
     """
 
     layout: Layout
@@ -60,9 +60,9 @@ class Plan:
 
 
 def plan(wanted: Wanted) -> Plan:
-    """A plan, maybe one that was made before. For what it raises, see Worlds.
+    """The plan for what is wanted, maybe one that was made before. For what it raises, see Worlds.
 
-    Games with mechanics of a user's have a new one each time, as these may refer to what has changed since.
+    Games with a user's mechanics get a new plan each time, as these may refer to something that has changed since.
     Outlast's own code is taken not to change while a process runs.
     """
     systems = tuple(system for module in wanted.modules for system in module.systems())
@@ -77,7 +77,7 @@ def plan(wanted: Wanted) -> Plan:
 
 @functools.lru_cache(maxsize=KEPT)
 def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_code: bool) -> Plan:
-    """The plan. text: it tells apart what is equal and yet differs, as 1 and 1.0, 0.0 and -0.0."""
+    """The plan. text: tells apart games whose numbers are equal and yet differ, as 1 and 1.0, or 0.0 and -0.0, do."""
     return _made(wanted)
 
 
@@ -99,7 +99,7 @@ def _made(wanted: Wanted) -> Plan:
 
 
 def _widths(layout: Layout, module: str) -> dict[str, int]:
-    """Columns of the fields that a mechanic adds, by names of Offsets, with its own that lie right behind them."""
+    """For each field that a mechanic adds, by name of its Offset, how many columns from there on are the mechanic's."""
     found = dict[str, int]()
     for mechanic in layout.modules:
         for key, added in mechanic.fields().items() if mechanic.name == module else ():
@@ -112,7 +112,7 @@ def _widths(layout: Layout, module: str) -> dict[str, int]:
 
 
 def _applies(system: System, layout: Layout) -> bool:
-    """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
+    """Whether a system is scheduled: the components that it needs are there, and none of its lists of rows is empty."""
     rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
     return {*system.needs} <= {*layout.components} and all(map(len, rows))
 

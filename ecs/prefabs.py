@@ -1,4 +1,4 @@
-"""Prefab values: those that entities and singletons begin an episode with."""
+"""Prefab values: those with which entities and singletons begin an episode."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from .errors import DeclarationError
 
 
 def one_of_each(modules: Sequence[Any]) -> dict[type[Component], Singleton]:
-    """The singletons of the modules, by type. DeclarationError if two modules give one different values."""
+    """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
     found: dict[type[Component], tuple[str, Singleton]] = {}
     for module in modules:
         for own in listed(module, "singletons", Singleton):
@@ -30,14 +30,14 @@ def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str,
     """Write the prefab values of a component into a part of its table.
 
     Args:
-        table: Columns.
+        table: The columns of the component.
         where: The index of the part.
-        part: The values.
+        part: The component with its values.
         label: What errors begin with.
-        dims: The sizes of the scenario.
+        dims: The sizes of the scenario's dimensions.
 
     Raises:
-        DeclarationError: One is not of its column's type or shape, or out of its range.
+        DeclarationError: A value does not fit its column's type or shape, or is out of its range.
     """
     for name, column in part.columns.items():
         there = getattr(table, name)[where]

@@ -7,7 +7,7 @@ a game from which one mechanic (one stream) is removed has the same draws in all
 A `Key` is the tuple of uint64 (seed, world, episode, tick, stream); an `index`, 0 <= index < 2**63, numbers
 the draws under one key. Philox gets (seed, world) as its key and (episode, tick, stream, index) as its
 counter. Each function below uses the same four words of one (key, index): two draws need two indices.
-Uncompiled, products and sums overflow on purpose: call under np.errstate(over="ignore").
+Products and sums overflow on purpose: call uncompiled functions under np.errstate(over="ignore").
 """
 
 import hashlib
@@ -97,8 +97,8 @@ def integer(key: Key, index: int, bound: int) -> np.int64:
 def normal(key: Key, index: int) -> Real:
     """Draw a standard normal float32 (Box-Muller on words 0 and 1); |value| < NORMAL: the logarithm gets 53 bits.
 
-    Computed in float64 and rounded once: compiled and uncompiled call the same libm, and a last-bit
-    difference between the libms of two machines changes a result only about once in 2**28 draws.
+    It is computed in float64 and rounded once. Compiled and uncompiled code call the same libm; a difference in the
+    last bit between the libms of two machines changes a result only about once in 2**28 draws.
     """
     first, second, _, _ = words(key, index)
     distance = np.float64((first >> TO_53_BITS) + np.uint64(1)) * ULP_53  # (0, 1]: its logarithm is finite

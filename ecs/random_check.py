@@ -1,6 +1,6 @@
-"""What is wrong with how a system draws random numbers, as far as its code tells.
+"""Checks of how a system draws random numbers, as far as its code shows it.
 
-The functions of ecs.random make all their numbers of (key, index): two draws with the same index are the same number.
+The functions of ecs.random compute their numbers from (key, index): two draws with the same index give the same number.
 """
 
 from collections.abc import Hashable, Mapping
@@ -12,13 +12,13 @@ from numba.core import ir
 from . import random
 from .abstract_values import Constant, Values, floating
 
-DRAWS = ("integer", "normal", "uniform", "uniform2", "words")  # of ecs.random
+DRAWS = ("integer", "normal", "uniform", "uniform2", "words")  # functions of ecs.random
 FUNCTIONS = {getattr(getattr(random, name), "py_func", getattr(random, name)) for name in DRAWS}
 PURE = ("numpy", "math", "builtins")  # modules whose functions write no column here
 
 
 def refusal(arguments: Mapping[str, Values]) -> str:
-    """Why a draw is refused; "": it is not. arguments: what is known of them, by name."""
+    """Why a draw is refused; "" if it is not. arguments: the values of its arguments, by name."""
     for name in ("index", "bound"):
         if floating(arguments.get(name, frozenset())):
             return f"draws with a float as {name}, which cuts it off; an integer is needed, as in int({name})"
@@ -29,7 +29,7 @@ def refusal(arguments: Mapping[str, Values]) -> str:
 
 
 def repeated_draw(code: Any) -> int | None:
-    """The line of a draw with the key and the index of another one ahead of it in the same straight piece of code.
+    """The line of a draw with the same key and index as an earlier one in the same basic block; None: there is none.
 
     Args:
         code: The intermediate representation of a function, numba's FunctionIR.
@@ -39,7 +39,11 @@ def repeated_draw(code: Any) -> int | None:
 
 
 def _repeated(statements: Any) -> int | None:
-    """Variables are followed by what they were computed of, columns by how often they had been written."""
+    """The line of a repeated draw in a block.
+
+    A variable is known by what it was computed from, an element of a column also by how often the column had been
+    written. Calls of functions that are not PURE count as writes of all columns.
+    """
     terms, writes, drawn = dict[str, Hashable](), dict[Hashable, int](), set[Hashable]()
 
     def term(variable: Any) -> Hashable:

@@ -1,6 +1,7 @@
-"""What follows a system from outside of outlast: a check that integers it may have written are in their columns' range.
+"""The check that follows a system from outside of outlast: integers it wrote must be in the range of their columns.
 
-Other systems take them for indices without looking, or as bits, so one that cannot be would read and write elsewhere.
+Other systems use them as indices or bits without a check, so an impossible one would make them read and write memory
+that is not meant.
 """
 
 from collections.abc import Iterator
@@ -17,9 +18,13 @@ from .system import System
 
 @kernel
 def check_range(values: Any, rows: Any, low: int, high: int) -> None:
-    """RangeError unless all integers of these rows are in the range.
+    """Raise RangeError unless all integers of these rows are in the range.
 
-    values: (rows of the world, numbers of a row). rows: int32, those of entities that have the component.
+    Args:
+        values: A column of integers, (rows of the world, numbers of a row).
+        rows: The rows to check, int32, see `checked_rows`.
+        low: The lowest integer that is allowed.
+        high: The highest one.
     """
     for k in range(rows.size):
         for c in range(values.shape[1]):
@@ -28,7 +33,7 @@ def check_range(values: Any, rows: Any, low: int, high: int) -> None:
 
 
 def ranges(layout: Layout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
-    """The columns to check behind a system, each with its lowest and highest integer."""
+    """The columns to check after a system: component, name, and the lowest and the highest integer of each."""
     for component in layout.components:
         if system.touches(component, "write", "add"):
             for name, column in component.columns.items():
@@ -37,7 +42,7 @@ def ranges(layout: Layout, system: System) -> Iterator[tuple[type[Component], st
 
 
 def checked_rows(layout: Layout, component: type[Component], name: str) -> np.ndarray[Any, Any]:
-    """int32, those of entities that have the component; of a column of a Singleton, all."""
+    """The rows to check, int32: those of entities that have the component; of a column of a Singleton, all rows."""
     if issubclass(component, Singleton):
         return np.arange(component.row_shape(name, layout.dims)[0], dtype=np.int32)
     return layout.rows(component)

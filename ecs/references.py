@@ -11,17 +11,17 @@ from .errors import DeclarationError
 
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
-ARRAYS = ("Array", "Any")  # the alias in text, and what it stands for
+ARRAYS = ("Array", "Any")  # the last part of an annotation by the alias `Array`: as text, and what the alias stands for
 NDARRAYS = ("numpy.ndarray", "np.ndarray", "<class 'numpy.ndarray'>")
-RANDOM = ("random.", "numpy.random.")  # modules of generators with a state, with what is in them
+RANDOM = ("random.", "numpy.random.")  # prefixes of modules with random generators that have a state
 
 
 def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """(name as it is written, value) of everything that `function` and the functions nested in it refer to.
 
-    Names are globals, variables of enclosing functions and defaults of parameters; of modules and classes, the members
-    that the code accesses ("package.module.LIMIT", "Color.RED"), at any depth. Names that are not defined (yet) are
-    left out.
+    Names are globals, variables of enclosing functions and defaults of parameters. For modules and classes, they are
+    the members that the code accesses, at any depth ("package.module.LIMIT", "Color.RED"). Names that are not defined
+    (yet) are left out.
     """
     cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
     for chain in _chains(function.__code__):
@@ -44,12 +44,12 @@ def is_outside(target: Any) -> bool:
 
 
 def annotated(cls: type) -> list[str]:
-    """The names that a class itself annotates, but for those of a ClassVar."""
+    """The names that a class itself annotates, except ClassVars."""
     return [name for name, kind in inspect.get_annotations(cls).items() if "ClassVar" not in str(kind)]
 
 
 def annotated_arrays(cls: type) -> list[str]:
-    """The names that a class itself annotates as `Array`, as columns are, or as an array of NumPy."""
+    """The names that a class itself annotates as `Array`, like columns, or as an array of numpy."""
     texts = {name: str(kind) for name, kind in inspect.get_annotations(cls).items()}
     return [name for name, text in texts.items() if text.rpartition(".")[2] in ARRAYS or text.startswith(NDARRAYS)]
 
@@ -63,7 +63,7 @@ def codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) -> Iterator[FunctionType]:
-    """A function and all Python functions that it, or one of them, refers to. follow: which of these count."""
+    """A function and all Python functions that it refers to, directly or through others. follow: which ones count."""
     ahead, seen = [function], {function}
     while ahead:
         yield (one := ahead.pop())
@@ -75,7 +75,7 @@ def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) ->
 
 
 def check_random(function: Callable[..., Any], label: str) -> None:
-    """DeclarationError if the system `label` draws from a generator that has a state."""
+    """Raise DeclarationError if the system `label` draws from a random generator that has a state."""
     root = function.__module__.partition(".")[0]
     if isinstance(function, FunctionType):
         for each in reachable(function, lambda inner: inner.__module__.partition(".")[0] == root):
@@ -84,7 +84,7 @@ def check_random(function: Callable[..., Any], label: str) -> None:
 
 
 def refuse_random(label: str, name: str, value: Any) -> None:
-    """DeclarationError if `value`, which `label` refers to by `name`, is Python's or numpy's random generator."""
+    """Raise DeclarationError if `value`, which `label` refers to by `name`, is Python's or numpy's random generator."""
     if isinstance(value, ModuleType):
         homes = [value.__name__]
     else:

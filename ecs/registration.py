@@ -1,4 +1,4 @@
-"""What a system is registered with, checked: see Module.system."""
+"""Checks of what a system is registered with: see Module.system."""
 
 from collections.abc import Callable
 from pathlib import PurePath
@@ -10,7 +10,7 @@ from .system import Neighbour
 
 
 def components(label: str, given: Any) -> tuple[type[Component], ...]:
-    """What was given as `needs`, as a tuple. DeclarationError if it is no component."""
+    """What was given as `needs`, as a tuple. DeclarationError if a part of it is no component."""
     needed = given if isinstance(given, tuple) else (given,)
     for each in needed:
         if not isinstance(each, type) or not issubclass(each, Component):
@@ -22,15 +22,15 @@ def components(label: str, given: Any) -> tuple[type[Component], ...]:
 
 
 def redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
-    """Whether both are one definition, run twice. Functions within functions may differ in what encloses them."""
+    """Whether both functions come from one definition, run twice. Functions within functions never count as such."""
     same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
     return same and "<locals>" not in new.__qualname__
 
 
 def check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], same: bool) -> None:
-    """DeclarationError if one file has two functions of one name, of which the first would be no system any more.
+    """Raise DeclarationError if a file has two functions of the same name, as the second would replace the first.
 
-    same: whether both are of one phase.
+    The same function cannot be registered for two phases either. same: whether both are for the same phase.
     """
     if new is old and not same:
         raise DeclarationError(f"{label} is registered for two phases: write a function for each")
@@ -43,7 +43,7 @@ def check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], sa
 
 
 def neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
-    """What was given as `after` or `before`, as a tuple. DeclarationError if it is neither text nor component."""
+    """What was given as `after` or `before`, as a tuple. DeclarationError if a part is neither text nor component."""
     neighbours = given if isinstance(given, tuple) else (given,)
     for each in neighbours:
         if not isinstance(each, str) and not (isinstance(each, type) and issubclass(each, Component)):

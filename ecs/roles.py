@@ -15,8 +15,8 @@ from .errors import NumberError
 from .whole import is_whole
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
-OPTIONS = ("drawn", "observed")  # of Scenario.roles
-LONGEST = 64  # characters of a name, and roles of a scenario
+OPTIONS = ("drawn", "observed")  # options of Scenario.roles
+LONGEST = 64  # the most characters of a name, and the most roles of a scenario
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class Roles:
 def plain(roles: Roles) -> dict[str, Any]:
     """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
 
-    A distribution is ["uniform", low, high], by the name of its kind.
+    A distribution becomes a list that begins with the name of its kind: ["uniform", low, high].
     """
     return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
 

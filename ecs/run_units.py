@@ -1,7 +1,8 @@
 """The tick in machine code: it takes a few worlds at a time through all units (see ecs.tick).
 
-Their state stays in the processor's cache meanwhile, and each unit fetches a part of that of the next ones, a few lines
-for each of its worlds: more at once would have to wait for each other. Lines that no tick touches are left out.
+The state of these worlds stays in the processor's cache meanwhile. Each unit also prefetches a part of the state of the
+next ones, a few cache lines for each of its worlds: more lines at once would wait for each other. Lines that no tick
+touches are left out.
 """
 
 from .arguments import AHEAD, STRIDE
@@ -11,7 +12,7 @@ from .machine_code import call_address, prefetch
 CHUNK = 32  # worlds that go through all units together
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
 UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, TABLE = range(6)  # words of a frame, see run_units
-NONE = -1  # FAILED, if no unit did
+NONE = -1  # the word FAILED, if no unit has failed
 RUN, CALL = "run_units", "call"  # labels
 read_word, write_word = loader("int64"), storer("int64")
 
@@ -21,9 +22,9 @@ def run_units(frame: int, start: int, stop: int) -> int:
     """The tick of the worlds from `start` to `stop`, in machine code.
 
     Args:
-        frame: Address of int64 words, see the names above: how many units; the index of the one that raised an
-            exception, or NONE, the first of its worlds, and the exception; a word for a function that runs the tick
-            in its midst; and for each unit the address of its function and that of its arguments.
+        frame: Address of int64 words, see the names above: the number of units; the index of the one that raised an
+            exception, or NONE, the first of its worlds, and the exception; a word for the use of a function that runs
+            the tick as a part of its own work; and for each unit the address of its function and of its arguments.
         start: The first world.
         stop: One after the last world.
 
@@ -46,13 +47,13 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
 @kernel
 def call(function: int, arguments: int, first: int, last: int, error: int) -> int:
-    """What Python calls a part by: see `call_address`."""
+    """Call a part from Python: see `call_address`."""
     return int(call_address(function, arguments, first, last, error))
 
 
 @kernel
 def begin_fetch(arguments: int, first: int) -> int:
-    """The address of the state of the world that comes a chunk after `first`; there need be none."""
+    """The address of the state of the world that comes a chunk after `first`, even if there is no such world."""
     return int(read_word(arguments + 8 * AHEAD) + first * read_word(arguments + 8 * STRIDE))
 
 

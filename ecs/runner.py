@@ -31,12 +31,12 @@ class Runner:
         """Make it; nothing is compiled or loaded yet.
 
         Args:
-            worlds: Their tables, `count` and `threads`.
+            worlds: The Worlds: their tables, `count` and `threads`.
             segments: The tick.
-            units: Its machine code, and that of the functions.
+            units: The machine code of the tick and of the functions.
             functions: Kernels of integers by label, see `function`.
         """
-        self._worlds = weakref.ref(worlds)  # which refer to this, and are freed when nobody refers to them
+        self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
         self._segments, self._functions = segments, functions
         self.units = units
         self.times = {segment.units[0].label: 0.0 for segment in segments}
@@ -69,7 +69,7 @@ class Runner:
         return self.units.function(label) if compiled() else self._functions[label]
 
     def single(self) -> CompiledExecution | None:
-        """The execution that is a whole tick; None if that is several calls."""
+        """The execution of the whole tick; None if the tick takes several calls."""
         self._load()
         execution = self._execution(0) if len(self._segments) == 1 else None
         return execution if isinstance(execution, CompiledExecution) else None
@@ -89,7 +89,7 @@ class Runner:
         execution = self._executions[k]
         if execution is None:
             segment = self._segments[k]
-            with self.lock:  # of no more than one thread at a time, as modules' scratch() is not made for several
+            with self.lock:  # one thread at a time: modules' scratch() need not be thread-safe
                 worlds = self._worlds()
                 if segment.compiled:
                     execution = CompiledExecution(segment, worlds, self.units, self._team)

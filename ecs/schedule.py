@@ -48,8 +48,8 @@ def order(
 
     Args:
         systems: The systems of a scenario.
-        present: Its components.
-        chains: Labels of systems or names of mechanics, each of which runs before the next one of its chain.
+        present: The components of the scenario.
+        chains: Labels of systems or names of mechanics; in each chain, every one runs before the next.
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
@@ -96,9 +96,9 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
 
 
 def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
-    """ScheduleError if a system reads an event before any of the tick can be there: its list would be empty always.
+    """Raise ScheduleError if a system reads an event before any system can emit it: the list would always be empty.
 
-    known: those of mechanics that are left out, too, as one of them may emit the event in time.
+    known: all systems, also those of mechanics that are left out, as one of them may emit the event in time.
     """
     labels = {system.label for system in systems}
     events = {c for s in systems for p in s.parameters for c in p.components if issubclass(c, Event)}
@@ -144,21 +144,21 @@ def check_brought(systems: Iterable[System], brought: Collection[type[Component]
 
 
 def _bringing(component: type[Component]) -> str:
-    """What to do so that a scenario has the component."""
+    """Say, as a part of a message, what to do so that a scenario has the component."""
     shared = issubclass(component, Event)  # whoever emits or reads an event may bring it
     providers = "" if shared else Module.providers(_brings(component))
     return f"add {providers}" if providers else _bring(component)
 
 
 def _bring(component: type[Component]) -> str:
-    """How a mechanic brings the component."""
+    """Say how a mechanic brings the component."""
     if issubclass(component, Singleton):
         return f"bring it, as in def singletons(self): return [{component.__name__}()]"
     return f'bring it, as in def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
 
 
 def _brings(component: type[Component]) -> Callable[[Module], bool]:
-    """Whether a mechanic brings the component."""
+    """Return a function that tells whether a mechanic brings the component."""
 
     def brings(module: Module) -> bool:
         parts = [part for archetype in module.archetypes() for part in archetype.parts]
@@ -180,10 +180,10 @@ def _check_streams(systems: Sequence[System]) -> None:
 
 
 def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]) -> list[System]:
-    """Topological order by after/before, ties by label; then every conflicting pair must be connected.
+    """Sort topologically by after/before, ties by label; then check that all conflicting pairs have an order.
 
-    known: the systems of the scenario, and of all mechanics that are imported, to distinguish a typo in after/before
-    from a mechanic that is left out.
+    known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
+    that is left out.
     """
     earlier = _predecessors(systems, known, pairs)
     ordered: list[System] = []
@@ -207,7 +207,10 @@ def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iter
 def _predecessors(
     systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]
 ) -> dict[str, set[str]]:
-    """By label, what is to run earlier: by labels and names, and by components where these say nothing else."""
+    """By label of each system, the labels of those that are to run earlier.
+
+    Labels, names and chains win: a component orders two systems only if those do not say the opposite.
+    """
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
     by_component: set[tuple[str, str]] = set()  # (first, second)
     for system in systems:
@@ -244,7 +247,7 @@ def _all_earlier(label: str, earlier: dict[str, set[str]]) -> set[str]:
 
 
 def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
-    """Labels of those of the phase's `systems` that `name` stands for in the after/before of the system `asking`."""
+    """Labels of the systems of a phase that `name` stands for in the after/before of the system `asking`."""
     meant = _meant(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
     if not any(system.phase is asking.phase for system in meant):
         phases = " and ".join(sorted({system.phase.name for system in meant}))
@@ -256,10 +259,10 @@ def _named(name: str, asking: System, systems: Sequence[System], known: Sequence
 
 
 def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -> set[str]:
-    """Labels of those of `systems` that a label or a mechanic's name stands for.
+    """Labels of the `systems` that a label or a mechanic's name stands for.
 
-    A label stands for its system, also where another mechanic inherits it; a mechanic's name for all systems of the
-    mechanic in its slot. What is `known`, but not in the scenario, stands for nothing.
+    A label stands for its system, also if another mechanic inherits that system. A mechanic's name stands for all
+    systems of the mechanic that is in its slot. A name that is `known`, but not in the scenario, stands for nothing.
     """
     if "." in name:
         return {system.label for system in systems if name in (system.label, *system.aliases)}
@@ -268,7 +271,7 @@ def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -
 
 
 def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = None) -> list[System]:
-    """The known systems of that label or mechanic. ScheduleError, which begins with `who`, if there is none."""
+    """The known systems of that label or mechanic. If there are none, raise a ScheduleError that begins with `who`."""
     meant = [system for system in known if name in (system.label, system.module)]
     if meant:
         return meant
@@ -282,7 +285,7 @@ def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = N
 
 
 def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
-    """ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
+    """Raise ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
     first, second = ({s.phase for s in _meant(name, f"the scenario orders '{name}'", known)} for name in pair)
     if not first & second:
         phases = [" and ".join(sorted(phase.name for phase in each)) for each in (first, second)]
@@ -301,11 +304,11 @@ def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]
 
 
 def _ambiguous(first: System, second: System, shared: type[Component]) -> ScheduleError:
-    """The error for two systems without an order, with what to write on the one that is more likely the user's."""
+    """The error for two systems without an order. It says what to write on the one that is more likely the user's."""
     asked, other = (first, second) if first.outside and not second.outside else (second, first)
     keyword = "after" if other.touches(shared, "write", "add") else "before"
     said = (*first.after, *first.before, *second.after, *second.before)
-    taken = shared in said  # by both, which then have no order, or by that which is asked
+    taken = shared in said  # the component is named there already: by both, which cancels out, or by the one asked
     return ScheduleError(
         f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both touch "
         f'{shared.__name__} and one of them writes it. Say after="{other.label}" on {asked.label} ('
@@ -329,5 +332,5 @@ def _conflict(first: System, second: System) -> type[Component] | None:
 
 
 def _fields(system: System, component: type[Component]) -> set[str]:
-    """Names of its Offsets into an observation, which is all that it touches there; empty: it touches everything."""
+    """Names of a system's Offsets into an observation: it touches only these fields. Empty: it touches all of them."""
     return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

@@ -1,4 +1,4 @@
-"""The units of a tick in order, in segments: those that a thread runs by one call."""
+"""The units of a tick, in order and in segments; a thread runs a segment by one call."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from .varied import NumbersView
 
 @dataclass(frozen=True)
 class Segment:
-    """Units that a thread runs by one call: those between two that run as Python, or one of these."""
+    """Successive units that a thread runs by one call: all are machine code, or all run as Python."""
 
     units: Sequence[Unit]
     compiled: bool
@@ -33,11 +33,11 @@ def segments(
     """Generate the units of a tick.
 
     Args:
-        layout: Of the worlds.
-        systems: In the order of the schedule.
-        split: Whether each system gets a segment of its own, the first with the clock.
+        layout: The layout of the worlds.
+        systems: The systems, in the order of the schedule.
+        split: Whether each unit gets a segment of its own.
         interpret: Labels of systems to run as Python.
-        specialize: Whether machine code is for this layout alone.
+        specialize: Whether the machine code is for this layout alone.
     """
     modules = {module.name: module for module in layout.modules}
 
@@ -71,7 +71,7 @@ def segments(
 
 
 def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
-    """The actions that are read in the tick that starts an episode: those in the table are of the episode before."""
+    """The actions that are read in the tick that starts an episode: the table still has those of the last episode."""
     for component in layout.components:
         if issubclass(component, Action):
             reading = [system for system in systems if system.touches(component, "read", "write", "add")]
@@ -80,7 +80,7 @@ def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[
 
 
 def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
-    """The observations that only systems from outside of outlast write, which may leave some of the last episode."""
+    """The observations that only systems from outside of outlast write; these may leave some of the last episode."""
     for component in layout.components:
         if issubclass(component, Observation):
             writing = [system for system in systems if system.touches(component, "write", "add")]
@@ -89,7 +89,7 @@ def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[typ
 
 
 def _own_signals(layout: Layout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
-    """The signals that only systems from outside of outlast write, which may but add to them; and the first system."""
+    """The signals that only systems from outside of outlast write, which may just add; each with the first system."""
     for component in layout.components:
         if issubclass(component, Signal):
             writing = [system for system in systems if system.touches(component, "write", "add")]

@@ -6,10 +6,10 @@
         e = 16 * b + trailing_zeros(hits)
         hits &= hits - 1
 
-A kernel that tests all rows, of which few pass, finds these in a few vector instructions. Vectors have sums,
-differences, products and comparisons, each lane rounded as a scalar would be. In kernels they are types of their own,
-in plain Python numpy arrays of 16. A bitset has 16 bits for each block: bit j of block b is row 16 b + j (Bitset in
-ecs.access).
+A kernel that tests all rows, of which few pass, finds these few with a few vector instructions. Vectors have sums,
+differences, products and comparisons, each lane rounded as a scalar would be. In kernels, vectors and masks are types
+of their own; in plain Python, they are numpy arrays of 16. A bitset has 16 bits for each block: bit j of block b is row
+16 b + j (Bitset in ecs.access).
 
 A column may be read past its end. The values there are arbitrary, and no bitset includes these rows.
 """
@@ -71,7 +71,7 @@ def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...
 
 
 def _broadcast(builder: Any, value: Any) -> Any:
-    """A scalar in every lane; a vector as it is."""
+    """A vector with a scalar in every lane; a vector is returned as it is."""
     if value.type == FLOATS:
         return value
     nothing = ir.Constant(FLOATS, ir.Undefined)
@@ -136,7 +136,7 @@ def _python_to_bits(mask: Any) -> int:
 
 @intrinsic(_padded)
 def load(typing: Any, column: Any, start: Any) -> Any:
-    """(float32 column, start) -> vector."""
+    """(float32 column, start) -> vector of the 16 elements from the index `start` on."""
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
@@ -146,7 +146,7 @@ def load(typing: Any, column: Any, start: Any) -> Any:
 
 @intrinsic(_python_store)
 def store(typing: Any, column: Any, start: Any, value: Any) -> Any:
-    """(float32 array, start, vector): all 16 must be in the array."""
+    """(float32 array, start, vector): write a vector from the index `start` on; all 16 must be in the array."""
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS)
@@ -160,7 +160,7 @@ def store(typing: Any, column: Any, start: Any, value: Any) -> Any:
 
 @intrinsic(_python_load_flags)
 def load_flags(typing: Any, column: Any, start: Any) -> Any:
-    """(uint8 column, start) -> mask."""
+    """(uint8 column, start) -> mask of the elements from the index `start` on that are not 0."""
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         vector = ir.VectorType(ir.IntType(8), SIMD_WIDTH)

@@ -27,10 +27,10 @@ class System:
     after: tuple[Neighbour, ...]
     before: tuple[Neighbour, ...]
     compiled: bool
-    stream: str  # its random stream: the stream of its mechanic and its own name
-    slot: type  # of its mechanic: see Module.slot
-    needs: tuple[type[Component], ...] = ()  # without these it is not scheduled
-    aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
+    stream: str  # its random stream: its mechanic's stream, a dot and its own name
+    slot: type  # its mechanic's slot: see Module.slot
+    needs: tuple[type[Component], ...] = ()  # it is not scheduled unless the scenario has all of these
+    aliases: tuple[str, ...] = ()  # its labels in the modules that it is inherited from
 
     @property
     def label(self) -> str:
@@ -43,11 +43,11 @@ class System:
         return is_outside(self.function)
 
     def touches(self, component: type[Component], *kinds: str) -> bool:
-        """Whether a parameter of one of these kinds ("read", "write", "add") is of the component."""
+        """Whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
         return any(component in p.components and p.kind in kinds for p in self.parameters)
 
     def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
-        """Its Offsets, by component and column of the observation that has the fields."""
+        """The names of its Offsets, by component and column of the observation that has their fields."""
         owners = {
             column.key or name: (component, name)
             for parameter in self.parameters
@@ -62,13 +62,13 @@ class System:
         return found
 
     def instead_of(self, other: "System | None") -> "System":
-        """The same system, which labels of `other`, of a base class, stand for, too."""
+        """The same system, for which labels of `other` stand, too: the one that it replaces, of a base class."""
         if other is None:
             return self
         return dataclasses.replace(self, aliases=tuple(dict.fromkeys((*self.aliases, other.label, *other.aliases))))
 
     def inherited(self, subclass: str) -> "System":
-        """The same system as one of a subclass of that name; the order among systems of one module stays."""
+        """The same system as one of the mechanic `subclass`, with the same order among the mechanic's own systems."""
 
         def renamed(neighbours: tuple[Neighbour, ...]) -> tuple[Neighbour, ...]:
             return tuple(

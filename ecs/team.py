@@ -1,12 +1,12 @@
 """A team of threads that takes worlds through a tick together, without the GIL.
 
 Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
-(`spread`), the caller and they take ranges of worlds, each of its own share first and then of the others', until none
-is left. The caller does not wait for threads that have not woken up by then: they find the round closed.
+(`spread`), the caller and the threads take ranges of worlds, first from their own shares and then from the others',
+until none is left. The caller does not wait for threads that have not woken up by then: they find the round closed.
 
-The words of a team are read and written by sequentially consistent atomic operations. These order all other memory,
-too: what the caller writes before a round opens, and what threads write before they are no longer active. The mutex and
-the conditions are for sleeping only.
+The words of a team are read and written by sequentially consistent atomic operations. These also order all other
+memory: threads see what the caller wrote before it opened the round, and the caller sees what threads wrote before they
+stopped being active. The mutex and the conditions are for sleeping only.
 """
 
 import _thread
@@ -25,14 +25,14 @@ from .jit import external, has_symbol, kernel, loader, storer
 from .machine_code import atomic_add, atomic_load, atomic_store, call_address
 from .run_units import CALLER, EXCEPTION, FAILED, FIRST_WORLD, NONE
 
-LINE = 8  # words of a cache line: what different threads write lies in different ones
+LINE = 8  # words of a cache line: different threads write to different lines
 ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
 DISMISSED, HIRED, PLAN = ROUND + 1, ROUND + 2, OPEN + 1
-MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # of pthreads, which need 64 bytes at most
-NEXT = 11 * LINE  # a line for each thread: the next world of its share
+MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # pthreads' objects: they need 64 bytes at most
+NEXT = 11 * LINE  # from here, a line for each thread, with the next world of its share
 TEAM, FUNCTION, COUNT, SHARE, RANGE, THREADS, FRAMES = range(7)  # words of a plan, see `spread`
 GLANCES = 100  # how often a thread looks for what it waits for before it sleeps: some 50 microseconds
-MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
+MIN_RANGE = 16  # the fewest worlds that a thread takes at a time: enough to pay for the call
 RANGES_PER_THREAD = 8  # enough for all threads to end at about the same time
 
 SPREAD = "spread"  # label
@@ -58,7 +58,7 @@ def prepare(team: int) -> int:
 
 @kernel
 def serve(team: int, others: int) -> int:
-    """What a thread of the team does until the team is dismissed. Of more than `others`, each returns at once."""
+    """What a thread of the team does until the team is dismissed. Threads beyond the number `others` return at once."""
     thread = atomic_add(team + 8 * HIRED, 1) + 1
     if thread > others:
         return 0
@@ -70,7 +70,7 @@ def serve(team: int, others: int) -> int:
             pause()
         if atomic_load(team + 8 * ROUND) == seen:
             lock(team + 8 * MUTEX)
-            atomic_add(team + 8 * ASLEEP, 1)  # ahead of the look at ROUND: see `announce`
+            atomic_add(team + 8 * ASLEEP, 1)  # before it looks at ROUND: see `announce`
             while atomic_load(team + 8 * ROUND) == seen:
                 wait(team + 8 * BEGUN, team + 8 * MUTEX)
             atomic_add(team + 8 * ASLEEP, -1)
@@ -78,7 +78,7 @@ def serve(team: int, others: int) -> int:
         seen = atomic_load(team + 8 * ROUND)
         if atomic_load(team + 8 * DISMISSED):
             return 0
-        atomic_add(team + 8 * ACTIVE, 1)  # ahead of the look at OPEN: an open round waits for it
+        atomic_add(team + 8 * ACTIVE, 1)  # before it looks at OPEN: an open round waits for it
         if atomic_load(team + 8 * OPEN):
             take_ranges(read_word(team + 8 * PLAN), thread)
         if atomic_add(team + 8 * ACTIVE, -1) == 1 and atomic_load(team + 8 * WAITING):
@@ -92,7 +92,7 @@ def announce(team: int) -> int:
     """Tell the threads of a new round."""
     atomic_add(team + 8 * ROUND, 1)
     if atomic_load(team + 8 * ASLEEP):
-        lock(team + 8 * MUTEX)  # who has looked at ROUND before sleeps by now
+        lock(team + 8 * MUTEX)  # threads that saw the old ROUND are asleep by now
         wake_all(team + 8 * BEGUN)
         unlock(team + 8 * MUTEX)
     return 0
@@ -100,7 +100,7 @@ def announce(team: int) -> int:
 
 @kernel
 def take_ranges(plan: int, thread: int) -> None:
-    """Take ranges of worlds through the tick until none is left, or a unit raises an exception: first of its own share.
+    """Take ranges of worlds, first of the thread's own share, through the tick until none is left or a unit fails.
 
     The shares are the same in each round, so that a processor finds its worlds in its cache.
     """
@@ -122,19 +122,20 @@ def take_ranges(plan: int, thread: int) -> None:
 
 @kernel
 def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
-    """Of the share of a thread, the address of the next world, and one after the last."""
+    """For a thread's share, the address of the word with the number of the next world, and one after the last world."""
     following = read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread)
     return following, min((thread + 1) * read_word(plan + 8 * SHARE), read_word(plan + 8 * COUNT))
 
 
 @kernel
 def spread(plan: int, first: int, last: int) -> int:
-    """A round: all worlds, taken through the tick by the team.
+    """Run a round: the team takes all worlds through the tick.
 
     Args:
         plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
-            as ecs.run_units.run_units; how many worlds there are, in a share, and in a range; the number of threads,
-            and the frame of each. That of the caller says which unit failed, if one did in any of them.
+            such as ecs.run_units.run_units; the number of all worlds, of those in a share and of those in a range; the
+            number of threads, and the frame of each. Afterwards, the caller's frame says which unit failed, if one did
+            in any thread.
         first: 0.
         last: The number of worlds.
 
@@ -178,7 +179,7 @@ def spread(plan: int, first: int, last: int) -> int:
 
 @kernel
 def dismiss(team: int) -> int:
-    """End what the threads do."""
+    """Let the threads return."""
     atomic_store(team + 8 * DISMISSED, 1)
     announce(team)
     return 0
@@ -186,12 +187,12 @@ def dismiss(team: int) -> int:
 
 @functools.cache
 def code() -> CompiledUnits:
-    """What teams run."""
+    """The machine code that teams run."""
     return CompiledUnits((), {"prepare": prepare, "serve": serve, "dismiss": dismiss}, {SPREAD: spread})
 
 
 def shared(count: int, threads: int) -> bool:
-    """Whether so many threads share so many worlds. Warns where the system has no threads that could."""
+    """Whether this many threads share this many worlds. Warns if the system has no POSIX threads."""
     possible = has_symbol("pthread_cond_wait") and has_symbol("sched_yield")
     if threads > 1 and not possible:
         warnings.warn(f"threads={threads} has no effect: this system has no POSIX threads", stacklevel=2)
@@ -202,8 +203,8 @@ class Team:
     """The caller's thread and others that serve it, started when they are needed, and again in a fork.
 
     Attributes:
-        size: How many threads, the caller's among them.
-        code: What they run; to be loaded first.
+        size: How many threads there are, including the caller's.
+        code: The machine code that they run; it must be loaded first.
     """
 
     def __init__(self, size: int) -> None:
@@ -212,18 +213,18 @@ class Team:
 
     @property
     def spread(self) -> int:
-        """The address of a function, see there."""
+        """The address of the function `spread`."""
         return self.code.address(SPREAD)
 
     def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
-        """What `spread` takes, but for the team's address, which `ready` returns."""
+        """The plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
         share = max(MIN_RANGE, -(-count // self.size))
         size = max(MIN_RANGE, -(-share // RANGES_PER_THREAD))
         return np.array([0, function, count, share, size, self.size, *frames], np.int64)
 
     def ready(self) -> int:
-        """The team's address. Its threads have been started."""
-        if self._owner != os.getpid():  # the first ones; or this is a fork, which inherits no threads
+        """Start the threads that are not running yet, and return the team's address."""
+        if self._owner != os.getpid():  # there are none yet, or this is a fork, which inherits none
             self._words, self._threads = aligned(NEXT + LINE * self.size), list[tuple[int, threading.Lock]]()
             self._address = int(self._words.ctypes.data)
             self.code.function("prepare")(self._address)
@@ -235,7 +236,7 @@ class Team:
             running.acquire()
             serving = self.code.function("serve"), self._words, self.size - 1, running
             thread = _thread.start_new_thread(_serve, serving)
-            self._threads.append((thread, running))  # Ctrl-C just before this starts one too many, which returns
+            self._threads.append((thread, running))  # after Ctrl-C just before this, one too many starts: it returns
         return self._address
 
     def close(self) -> None:
@@ -246,7 +247,7 @@ class Team:
 
 
 def aligned(words: int) -> Any:
-    """Zeros, int64 (words,), that begin with a cache line."""
+    """Zeros, int64 (words,), that begin at a cache line."""
     memory = np.zeros(words + LINE - 1, np.int64)
     start = -memory.ctypes.data // 8 % LINE
     return memory[start : start + words]
@@ -260,7 +261,7 @@ def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None
 
 
 def _end(dismiss: Any, words: Any, threads: list[tuple[int, threading.Lock]], owner: int) -> None:
-    if owner != os.getpid():  # a fork, which has none of them
+    if owner != os.getpid():  # a fork, which has none of these threads
         return
     dismiss(words.ctypes.data)
     for thread, running in threads:

@@ -1,15 +1,15 @@
-"""The code generator: every system of a schedule becomes a function of its own that takes a range of worlds through it.
+"""The code generator: it makes each system of a schedule a function that takes a range of worlds through the system.
 
     unit(arguments, first, last)
 
 loops over these worlds, makes the tables of each from the argument block (see ecs.arguments), and calls the system's
-kernel. What the block holds is data: the mode of each world (SKIP, STEP or RESET), the addresses of columns, lists of
-rows and scratch memory, the mechanics' numbers. So a unit's source depends on its own system only, and the compile
-cache (ecs.cache) keeps machine code for a system, not for a scenario. Each has an argument layout of its own for the
-same reason.
+kernel. The block holds data only: the mode of each world (SKIP, STEP or RESET), the addresses of columns, of lists of
+rows and of scratch memory, and the mechanics' numbers. So a unit's source depends on its own system only, and the
+compile cache (ecs.cache) keeps machine code for a system, not for a scenario. For the same reason, each unit has an
+argument layout of its own.
 
-Each iteration also fetches memory of a world that comes later. ecs.run_units is the tick: it takes a few worlds at a
-time through all units. A system that runs as Python splits the tick into several such calls.
+Each iteration also prefetches memory of a later world. ecs.run_units is the tick: it takes a few worlds at a time
+through all units. A system that runs as Python splits the tick into several such calls.
 """
 
 import linecache
@@ -54,24 +54,24 @@ from .system import System
 from .varied import NumbersView, Varied, VariedNumber
 
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
-MOST_VALUES = 64  # of a constant that becomes part of machine code
+MOST_VALUES = 64  # the largest constant array whose values become part of machine code
 CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
 
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A system as a function of a range of worlds, or one of the engine's own, such as the clock.
+    """A system as a function of a range of worlds, or a function of the engine's own, such as the clock.
 
     Attributes:
-        label: That of the system.
-        system: None for the engine's own.
-        kernel: What it calls.
+        label: The system's label.
+        system: The system; None for the engine's own.
+        kernel: The kernel that it calls.
         source: Its source.
-        names: What its source refers to.
+        names: The objects that its source refers to, by name.
         arguments: The layout of its arguments.
         compiled: False if it runs as Python.
-        only_at_reset: Whether it does nothing in other ticks.
-        needed: What an exception of it adds; no part of the machine code.
+        only_at_reset: Whether it does nothing in ticks that are no reset.
+        needed: What is added to the message of its exceptions; no part of the machine code.
     """
 
     label: str
@@ -96,11 +96,11 @@ class Generator:
     """Generates a unit.
 
     Args:
-        layout: Of the worlds.
-        python: Whether it runs as Python.
+        layout: The layout of the worlds.
+        python: Whether the unit runs as Python.
         outside: Whether its system is from outside of outlast.
         specialize: Whether shapes, places and lists of rows become part of its machine code.
-        tables: What it generates for tables of this layout, shared with other generators.
+        tables: The views that were made for tables of this layout, which generators share.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Generator:
 
     def assign(self) -> Unit:
         """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
-        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written there
+        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written
         arguments = [
             self._table(Clock, "r"),
             self._table(Entity, "r"),
@@ -170,7 +170,7 @@ class Generator:
         return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
 
     def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
-        """The unit that clears the rows of who is absent, in a column that learners get."""
+        """The unit that sets the rows of absent entities to 0 in a column that learners get."""
         rows = self._column_as("rows", component, column, axes=2, writable=True)
         arguments = [rows, self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
@@ -181,12 +181,12 @@ class Generator:
         return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [row])
 
     def check_absent(self, system: System) -> Unit:
-        """The unit that follows a system that can make entities alive."""
+        """The unit that follows a system that can make entities alive, and refuses absent ones."""
         label, entities = f"absent rows after {system.label}", self._table(Entity, "r")
         return self._unit(label, None, check_absent, IDLE[system.phase.when], [entities])
 
     def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
-        """The unit that follows a system that can write integers out of a column's range."""
+        """The unit that follows a system that can write integers out of a column's range, and refuses these."""
         label = f"{_full_name(component, column)} after {system.label}"
         values = self._column_as("values", component, column, axes=2)
         rows = self._constant("rows", checked_rows(self.layout, component, column))
@@ -298,7 +298,7 @@ class Generator:
         return f"{self._view(View(dtype, ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
 
     def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
-        """Memory of a world that a function of the worlds finds."""
+        """Memory of a world as an array, which the function `view` finds in the Worlds."""
         return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
 
     def _column_as(self, name: str, component: type[Component], column: str, axes: int, writable: bool = False) -> str:
@@ -306,7 +306,7 @@ class Generator:
 
         def view(worlds: Any) -> np.ndarray[Any, Any]:
             values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-            return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # also of none
+            return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # -1 would fail for 0 numbers
 
         return self._view_of(name, view, component.columns[column].dtype, writable, axes)
 
@@ -316,7 +316,7 @@ class Generator:
         return constant
 
     def _unique(self, wanted: str, owner: Any) -> str:
-        """A name for `owner`: the one that is wanted, with underscores behind it if that is another one's."""
+        """A name for `owner`: the wanted one, with underscores appended if it belongs to another owner."""
         while self._owners.setdefault(wanted, owner) != owner:
             wanted += "_"
         return wanted
@@ -331,7 +331,7 @@ class Generator:
         slot = self.arguments.add_scratch(module, parameter)
         if not self.compiled:
             return f"arguments.scratch[{slot}]"
-        memory = module.scratch(parameter, self.layout.dims)  # made for its type only
+        memory = module.scratch(parameter, self.layout.dims)  # made only to learn its type
         if not (isinstance(memory, np.ndarray) and memory.flags.c_contiguous and memory.ndim <= MAX_DIMENSIONS):
             raise DeclarationError(
                 f"{module.name}.scratch({parameter!r}) returned {type(memory).__name__}: an array in order of rows (C) "
@@ -341,7 +341,7 @@ class Generator:
         return self._array(f"scratch_{parameter}", slot, View(memory.dtype, memory.ndim, writable=True, shape=shape))
 
     def _named(self, component: type[Component]) -> str:
-        """The class's name as in the source: with a number if another component has the same."""
+        """The class's name in the source, with a number if another component has the same name."""
         alike = [c for c in self.layout.components if c.__name__ == component.__name__]
         return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
@@ -358,7 +358,7 @@ class Generator:
         return name
 
     def _table_view(self, component: type[Component], writable: bool) -> tuple[Any, str]:
-        """A table's view, and in words all that decides on its machine code, as the cache's key has it from there."""
+        """A table's view, and a text with all that decides on its machine code: the source, the cache's key, has it."""
         views = tuple(self._column(component, column, writable) for column in component.columns)
         kinds = zip(component.columns, views, strict=True)
         types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
@@ -379,18 +379,18 @@ class Generator:
 
 
 def _full_name(component: type[Component], column: str) -> str:
-    """Of a column that is published, no two the same: a key tells classes apart that one function has made."""
+    """The name of a column; the key, if it is published, tells apart classes that one function has made."""
     key = component.columns[column].key
     return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
 
 def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
-    """What finds a varied number in the worlds, and its type."""
+    """A function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
 
 
 def _value(module: Module, system: System, parameter: Parameter) -> Any:
-    """The number of a parameter's name. DeclarationError if its type is not the annotated one."""
+    """The number that a parameter names. DeclarationError if its type is not the annotated one."""
     value = module.value(parameter.name)
     if type(value) is not parameter.type:
         raise DeclarationError(

@@ -1,9 +1,9 @@
-"""Numbers that differ from world to world: how they are drawn at resets, where they lie, and which ones can.
+"""Numbers that differ from world to world: how they are drawn at resets, where they lie in memory, and which ones can.
 
-A varied number has four-byte words in the state of its world: the bits of a float32, an int32, or several of either for
-a tuple. The systems of its mechanic read them there instead of from their argument blocks, so what varies nothing is
-compiled to what it was. Prefab values that are the number itself, such as hit points at the start, are written into the
-state at each reset.
+A varied number has four-byte words in the state of its world: the bits of a float32, an int32, or, for a tuple, several
+float32. The systems of its mechanic read them there instead of from their argument blocks, so systems without varied
+numbers compile to the same code as ever. Prefab values that are the number itself, such as hit points at the start, are
+written into the state at each reset.
 """
 
 import math
@@ -22,8 +22,8 @@ from .made_once import differences, is_read, reasons
 from .numbers import owners, rule_of
 
 DIM = "varied words"
-EXACT = 2**24  # up to here, float32 has all integers
-CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
+EXACT = 2**24  # float32 has all integers up to this one
+CORNERS = 64  # the most combinations of extreme values; beyond, only all lowest, all highest, and each one by itself
 
 
 class Varied(Singleton):
@@ -33,7 +33,7 @@ class Varied(Singleton):
 
 
 class NumbersView(Observation):
-    """What agents are told of varied numbers: the same for every agent that is there, dead or alive."""
+    """What agents observe of varied numbers: the same for every agent that exists in the episode, dead or alive."""
 
     numbers: Array = column("f4", "agents", "numbers fields")
 
@@ -50,9 +50,9 @@ class VariedNumber:
         kind: Its type in Python: int, float, bool, str or tuple.
         start: The first of its words.
         width: How many words it has.
-        archetypes: Of a count, the kinds of entities whose number it is. Tables have room for its highest value; the
-            last entities of a world that has fewer are absent.
-        dims: Of a count, the dimensions that it is the size of.
+        archetypes: For a count, the kinds of entities that it counts. Tables have room for its highest value; in a
+            world with fewer of them, the last ones are absent.
+        dims: For a count, the dimensions whose size it is.
     """
 
     name: str
@@ -67,22 +67,25 @@ class VariedNumber:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of its words."""
+        """The type of its words."""
         return np.dtype("f4" if self.kind in (float, tuple) else "i4")
 
     @property
     def words(self) -> slice:
-        """Which words are its."""
+        """The range of its words."""
         return slice(self.start, self.start + self.width)
 
     def field(self, start: int, module: Any) -> Field:
-        """It as a field of NumbersView; of a choice among words, their indices."""
+        """The field that shows it in NumbersView; for a number that is text, it shows the index among its choices.
+
+        start: the field's first column. module: the mechanic.
+        """
         ends = self.distribution.extremes()
         plain = [value for end in ends for value in (end if self.kind is tuple else (end,))]
         if self.kind is str:
             plain = [rule_of(module, self.number)["choices"].index(word) for word in plain]
         plain = [int(value) if isinstance(value, bool) else value for value in plain]
-        low, high = min(0, *plain), max(0, *plain)  # 0: of who is absent
+        low, high = min(0, *plain), max(0, *plain)  # 0 is in the rows of absent agents
         scale = max(abs(low), abs(high), 1e-3)
         if self.distribution.kind == FREE:
             low, high = -math.inf, math.inf
@@ -96,7 +99,7 @@ class VariedNumber:
             module: The mechanic.
 
         Returns:
-            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). Numbers are views of `words`.
+            int32, float32, bool or str (worlds,); for a tuple float32 (worlds, width). Numbers are views of `words`.
         """
         values: Array = words[self.words if self.kind is tuple else self.start].view(self.dtype)
         if self.kind is str:
@@ -105,11 +108,14 @@ class VariedNumber:
 
 
 def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
-    """Where the words of varied numbers lie, by name.
+    """Assign words to varied numbers.
 
     Args:
-        modules: The mechanics, in order, which become as `hold` makes them.
+        modules: The mechanics, in order; `hold` changes the list.
         distributions: By name, "module_number".
+
+    Returns:
+        The varied numbers by name.
 
     Raises:
         NumberError: There is no such number, or it cannot have the values.
@@ -133,11 +139,11 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
 
 
 def hold(modules: list[Any], numbers: Iterable[VariedNumber]) -> None:
-    """Replace mechanics with varied counts by ones with the highest, and values that no world has by the highest, too.
+    """Give mechanics the highest value of varied counts, and of varied numbers whose own value no world can have.
 
     Args:
-        modules: The mechanics, in order.
-        numbers: Those that vary.
+        modules: The mechanics, in order; they are replaced in this list.
+        numbers: The varied numbers.
     """
     for number in numbers:
         module, highest = modules[number.module], number.distribution.extremes()[-1]
@@ -147,7 +153,7 @@ def hold(modules: list[Any], numbers: Iterable[VariedNumber]) -> None:
 
 
 def _counted(module: Any, field: str, distribution: Distribution) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The archetypes and the dimensions of whose size a number is."""
+    """The names of the archetypes and of the dimensions whose size is the number `field`."""
     values = distribution.probes()
     probes = [module.replace(**{field: value}) for value in values]
     counts: list[list[tuple[str, Any]]] = [[(each.name, each.count) for each in probe.archetypes()] for probe in probes]
@@ -167,7 +173,7 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
 
 
 def check_kind(name: str, kind: type, distribution: Distribution, free: bool = False) -> None:
-    """NumberError unless a number of this type can be drawn so. free: whether it is declared to be."""
+    """Raise NumberError unless a number of this type can have the distribution. free: whether it is declared free."""
     allowed = {float: (UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
     if distribution.kind == FREE and not free:
         raise NumberError(
@@ -181,7 +187,7 @@ def check_kind(name: str, kind: type, distribution: Distribution, free: bool = F
 
 
 def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]]:
-    """Extreme values of varied numbers together: what holds for all of these is taken to hold for all between."""
+    """Combinations of extreme values of varied numbers: what holds for all of these is taken to hold between them."""
     ends = [number.distribution.extremes() for number in numbers]
     if math.prod(map(len, ends)) <= CORNERS:
         combined: Iterable[Sequence[Any]] = product(*ends)
@@ -194,7 +200,7 @@ def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]
 
 
 def replaced(modules: Sequence[Any], values: Mapping[VariedNumber, Any]) -> list[Any]:
-    """The mechanics with these values of varied numbers. Raises what they say to them."""
+    """The mechanics with these values of varied numbers. Raises what the mechanics raise for them."""
     found = list(modules)
     for number, value in values.items():
         found[number.module] = found[number.module].replace(**{number.number: value})
@@ -207,14 +213,14 @@ def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
 
 
 def extreme_layouts(layout: Any) -> list[Any]:
-    """Layouts with the extreme values of varied numbers, and of those that differ by role; without these, itself."""
+    """Layouts with the extreme values of numbers that vary or differ by role; without any, the layout itself."""
     numbers = [*layout.varied.values()]
     there = [with_values(layout, values) for values in corners(numbers)] if numbers else [layout]
     return [form for each in there for form in each.forms]
 
 
 def differing_modules(layout: Any) -> list[Any]:
-    """Mechanics with other values of the numbers in which worlds or agents differ."""
+    """The mechanics whose numbers vary or differ by role, once with each of several values."""
     found = [module for form in (layout.forms if layout.per_agent else ()) for module in form.modules]
     for number in layout.varied.values():
         found += [replaced(layout.modules, {number: value})[number.module] for value in number.distribution.probes()]
@@ -222,16 +228,17 @@ def differing_modules(layout: Any) -> list[Any]:
 
 
 def patches(layout: Any) -> list[tuple[int, int, int]]:
-    """Which prefab values are varied numbers: rows as in Plan.patches.
-
-    Found by comparing what worlds with other values of the numbers would begin with.
+    """Find the prefab values that are varied numbers, by comparing initial states for different values of the numbers.
 
     Args:
         layout: An ecs.layout.Layout.
 
+    Returns:
+        Rows as in draw.Plan.patches.
+
     Raises:
-        NumberError: More depends on a varied number than what systems get, and prefab values that are the number
-            itself; or nothing does.
+        NumberError: Something depends on a varied number other than systems that get it and prefab values that are the
+            number itself; or nothing does.
     """
     numbers, found = list(layout.varied.values()), list[tuple[int, int, int]]()
     for number in numbers:
@@ -239,7 +246,7 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
     for values in corners(numbers):
         fewer = _without_room(layout, values)
         for module in fewer.modules:
-            module.check(fewer)  # raises what mechanics say to fewer entities
+            module.check(fewer)  # raises if a mechanic cannot do with fewer entities
         image = layout.initial_image.copy()
         for number, value in values.items():
             encoded = encode(layout.modules[number.module], number.number, value)
@@ -253,14 +260,14 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
 
 
 def _without_room(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
-    """The layout of worlds in which varied numbers have these values, and that have as many entities as they say."""
+    """The layout of worlds in which varied numbers have these values, with room for just so many entities."""
     fewer = type(layout)(replaced(layout.modules, values), checks=False)
     fewer.roles, fewer.fewer = layout.roles, True
     return fewer
 
 
 def _with_room(layout: Any, fewer: Any) -> Array:
-    """What worlds with fewer entities begin with, in memory with room for all: uint8 (layout.world_bytes,)."""
+    """The initial state of worlds with fewer entities, with room for all of them: uint8 (layout.world_bytes,)."""
     image: Array = layout.initial_image.copy()
     for component in fewer.components:
         if not component.packed:
@@ -277,7 +284,7 @@ def _with_room(layout: Any, fewer: Any) -> Array:
 
 
 def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]]:
-    """Those of one number."""
+    """The `patches` of one number."""
     probes, k = number.distribution.probes(), number.module
     by_agent = rule_of(layout.modules[k], number.number).get("per_agent", False)
     if shared := [name for name in number.archetypes if layout.archetypes[name].count > max(probes)]:
@@ -287,15 +294,15 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
         there = with_values(layout, {number: value})
         for other in layout.varied.values():
             for each in other.distribution.probes() if other.module == k and other is not number else ():
-                there.modules[k].replace(**{other.number: each})  # raises what they cannot be together
-        if reason := next(reasons(layout, there, k, systems=not by_agent), ""):  # systems take what agents have
+                there.modules[k].replace(**{other.number: each})  # raises if they exclude each other
+        if reason := next(reasons(layout, there, k, systems=not by_agent), ""):  # see Layout.systems
             raise NumberError(f"{number.name} cannot vary: {reason}")
         images.append(_with_room(there, _without_room(layout, {number: value})))
     for where, i, values in differences(layout.places, images):
         width = values.dtype.itemsize
         if number.kind is tuple or width not in (1, 4) or not _is_number(values[1:], number, probes):
             column = f"{where.component.__name__}.{where.name}"
-            if number.kind is not tuple and values[1:].tolist() == list(probes):  # of another type only
+            if number.kind is not tuple and values[1:].tolist() == list(probes):  # only the type differs
                 own = "f4" if number.kind is float else "i4"
                 raise NumberError(
                     f"{number.name} cannot vary: {column}, with which episodes begin, is {values.dtype}, and the "
@@ -309,6 +316,6 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
 
 
 def _is_number(values: Array, number: VariedNumber, probes: Sequence[Any]) -> bool:
-    """Whether a prefab value is the number, whatever it is, and has the same bits."""
+    """Whether a prefab value is the number for each of its probes, and has the same bits."""
     same = values.dtype == number.dtype if values.dtype.itemsize == 4 else number.dtype.kind == "i"
     return same and values.tolist() == np.array(probes).astype(values.dtype).tolist()

@@ -1,4 +1,4 @@
-"""What is a whole number where somebody gives one."""
+"""What counts as a whole number among values that users give."""
 
 import math
 from numbers import Integral
@@ -6,10 +6,10 @@ from typing import Any, TypeGuard
 
 
 def as_whole(value: Any) -> Any:
-    """The integer that a float without a fraction stands for, as 1e6 does; anything else as it is."""
+    """The integer that a float without a fraction, such as 1e6, stands for; anything else unchanged."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def is_whole(value: Any, least: float = -math.inf, most: float = math.inf) -> TypeGuard[int]:
-    """Whether it is an integer of Python or numpy from `least` to `most`; a truth value is none."""
+    """Whether `value` is an integer of Python or numpy from `least` to `most`; bools are not."""
     return not isinstance(value, bool) and isinstance(value, Integral) and least <= int(value) <= most

@@ -304,7 +304,7 @@ class Worlds:
         ready, alone = execution.ready, execution.team is None
 
         def call(address: int) -> int:
-            if not alone:  # a call that one world can do without
+            if not alone:  # without a team, as in a single world, this call would be a waste
                 ready()
             result: int = function(address, frame, *target)
             if result < 0:
@@ -367,7 +367,7 @@ class Worlds:
 
 
 def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
-    """State of `count` worlds, each aligned to cache lines; ecs.simd may read one line past the last."""
+    """Memory for the state of `count` worlds, each aligned to cache lines; ecs.simd may read one line past the end."""
     memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + count * world_bytes].reshape(count, world_bytes)

@@ -36,7 +36,7 @@ from outlast.ecs import Array, Bitset, Entity, Module, Read, RowIndex, Rows, Sin
 from .geometry.blocks import first_row
 from .geometry.rays import NO_HIT, raycast_entity
 
-MOST_CELLS = 32  # each way: a kilobyte an agent
+MOST_CELLS = 32  # each way: they take a kilobyte for each agent
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
@@ -181,7 +181,7 @@ def expose(
     entities: Read[Entity],
     agents: Rows[Side],
 ) -> None:
-    """Count the ticks that living agents spend outside the safe zone; everybody is outside a void zone."""
+    """Average whether the living are outside of the safe zone; if it is void, all are."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:

@@ -232,7 +232,7 @@ def break_boxes(
 def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
     """Fill 8 numbers: the vertices of box `e` in its own frame, counter-clockwise.
 
-    They begin at the lower left; rolled: at the lower right.
+    They begin at the lower left, or, if `rolled`, at the lower right.
     """
     x, y = shape.half_width[e], shape.half_height[e]
     k = 6 if rolled else 0

@@ -81,7 +81,7 @@ def see(
     items_occlude: bool,
     mode: int,
 ) -> None:
-    """Compute visibility while everything is still in the world."""
+    """Compute visibility, while agents that die in this tick are still in the world."""
     sight.mode[0] = mode
     if mode == OMNISCIENT:
         return
@@ -115,7 +115,7 @@ def see(
         for b in range(bodies.size):
             pending = sight.visible[i, b]
             while pending:
-                e = first_row(b, pending)  # blocks of walls hide, and nobody observes them
+                e = first_row(b, pending)  # inner walls hide others, but are not observed themselves
                 if is_inner_wall(entities, e) or not line_of_sight(blocks, hiding, aabbs, body, shape, me, e):
                     sight.visible[i, b] ^= pending & -pending
                 pending &= pending - 1
@@ -181,7 +181,7 @@ def see_in_crowd(
                 targets[wanted] = rows[start + trailing_zeros(inside)]
                 inside &= inside - 1
                 wanted += 1
-            while around:  # in place: what may hide others is a part of what was near
+            while around:  # listed in place: the rows that may hide others are some of the near ones
                 e = rows[start + trailing_zeros(around)]
                 around &= around - 1
                 if occluders[e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1) & 1:
@@ -256,7 +256,7 @@ def in_view(
         inside = in_sector(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
     else:
         inside = in_kite(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
-    radius = load(half_x, SIMD_WIDTH * b) + load(half_y, SIMD_WIDTH * b)  # more than that of the circle around
+    radius = load(half_x, SIMD_WIDTH * b) + load(half_y, SIMD_WIDTH * b)  # at least that of the circle around it
     far, aside = to_local(x - eye_x, y - eye_y, cosine, sine)
     around = (half_cos * abs(aside) - half_sin * far <= radius) & (far <= radius + depth)
     return to_bits(inside), to_bits(around)

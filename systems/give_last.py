@@ -102,7 +102,7 @@ def choose(
     passes_on: bool,
 ) -> None:
     """Choose all receivers before anything changes hands."""
-    givers = 0  # with an item; without one, there is nothing to pass on either
+    givers = 0  # givers that have an item: if there are none, there is nothing to pass on either
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1

@@ -45,7 +45,7 @@ from .geometry.blocks import alive_bits, block_span, first_row
 from .geometry.mazes import make_grid_memory
 from .geometry.places import ENTRY, fill_floor, measure, place_all
 
-SPARE = 0.1  # metres that a passage is wider than the widest agent, at least
+SPARE = 0.1  # metres by which a passage must be wider than the widest agent
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,14 @@ class InnerWalls(Module):
         return width * (1 - thick), height * (1 - thick)
 
     def check_passage(self, layout: Layout, what: str, wide: float, cure: str) -> None:
-        """NumberError unless the widest agent fits through a passage of this width, metres."""
+        """Raise NumberError unless the widest agent fits through a passage.
+
+        Args:
+            layout: What all modules of the scenario bring.
+            what: The passage, for the message.
+            wide: How wide the passage is, in metres.
+            cure: What to change, for the message.
+        """
         if wide < (needed := passage(layout)):
             raise NumberError(
                 f"{self.name}: {what} would be {wide:.3g} m wide, and agents need {needed:.3g} m "

@@ -42,7 +42,7 @@ class Maze(InnerWalls):
             )
         whole, sides, cells = self.whole(layout), self.inside(layout), (self.columns, self.rows)
         for side, inner, count, what in zip(whole, sides, cells, ("columns", "rows"), strict=True):
-            thick = max(self.thickness, (side - inner + self.thickness) / 2)  # of the walls on both sides, half each
+            thick = max(self.thickness, (side - inner + self.thickness) / 2)  # of both walls beside it, half each
             self.check_passage(layout, "a corridor", side / count - thick, f"fewer {what} or thinner walls")
 
 

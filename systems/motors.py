@@ -95,7 +95,7 @@ def push_all(
         if give == 0:
             push.x[e], push.y[e], push.turn[e] = x, y, around
         else:
-            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
+            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # left from ticks in which `give` was the other choice
             inverse_mass = inverse(solid.mass[e])
             body.vx[e] += inverse_mass * x
             body.vy[e] += inverse_mass * y

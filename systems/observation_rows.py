@@ -8,8 +8,8 @@ from outlast.ecs.simd import trailing_zeros
 
 from .geometry.blocks import block_span, first_row
 
-FEW = 3  # blocks of a kind: with so many, a branch for each is faster
-WORD = 64  # blocks that are looked at together
+FEW = 3  # if a kind has no more blocks than this, a branch for each is faster
+WORD = 64  # how many blocks are looked at together
 
 
 @kernel

@@ -42,7 +42,7 @@ from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, make_blocks, nonempty_blocks, without_row
 from .geometry.broad_phase import gap, outer_radius, travel
 
-MARGIN = np.float32(0.02)  # metres: what counts as touching; Box2D's skins and slops are below 0.02 together
+MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
 PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
@@ -114,7 +114,7 @@ class Physics(Module):
 
 @Physics.system(Phase.SPAWN, after=Shape)
 def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
-    """Return mass and moment of inertia of a disc or rectangle, in Box2D's own order of operations, all in float32."""
+    """Compute mass and moment of inertia of discs and rectangles, in Box2D's order of operations, all in float32."""
     for e in solids:
         radius, width, height = shape.radius[e], shape.half_width[e], shape.half_height[e]
         if radius > ZERO:
@@ -193,7 +193,6 @@ def collider(solve: Any) -> Any:
         batch: Scratch,
         rate: float,
         substeps: int,
-        # More iterations than these would go on for very long, and could not be stopped.
         velocity_iterations: int,
         position_iterations: int,
         friction: float,
@@ -261,7 +260,7 @@ def fly(
                     integrate(body, push, inverse_mass, inverse_inertia, e, dt, linear_scale, angular_scale, parts)
             body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
             if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
-                fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets it
+                fault.physics[0] = 1  # also for NaN: such a body is near nothing, so Box2D never gets it
 
 
 @kernel

@@ -28,8 +28,8 @@ from .geometry.mazes import place_block
 from .geometry.points import gap_circle_box
 from .inner_walls import InnerWalls
 
-TRIES = 256  # places that are drawn for a pillar, at most
-MOST, FIRST = 512, 1024  # the first index of the draws of angles, and of places
+TRIES = 256  # the most places that are drawn for a pillar
+MOST, FIRST = 512, 1024  # the first index for draws of angles, and for draws of places
 FILLED = 0.3  # share of the floor that pillars and the passages around them may take: then there is a place for each
 HALF, ZERO = np.float32(0.5), np.float32(0)
 ROOT, QUARTER = np.float32(math.sqrt(2)), np.float32(math.pi / 2)

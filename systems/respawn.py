@@ -31,7 +31,7 @@ from outlast.ecs.random import uniform2
 
 from .geometry.broad_phase import gap
 
-TRIES = 32  # places that are tried in a tick
+TRIES = 32  # the most places that are tried for an agent in a tick
 INDEX = 0xFFFFFFFF  # the part of an identity that numbers the entities of a kind
 HALF, ZERO = np.float32(0.5), np.float32(0)
 

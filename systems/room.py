@@ -99,7 +99,7 @@ def keep_inside(
     solids: Bitset[Solid],
     thickness: float,
 ) -> None:
-    """Put bodies that were pushed through a wall, by a box that overlaps it, say, back inside, at rest."""
+    """Put bodies that were pushed through a wall, by a box that overlaps it, say, back, without the speed that way."""
     middle_x, middle_y = HALF * floor.size[0], HALF * floor.size[floor.size.size - 1]
     inside_x, inside_y = middle_x * (ONE - thickness), middle_y * (ONE - thickness)
     for b in range(solids.size):
@@ -115,7 +115,11 @@ def keep_inside(
 
 @kernel
 def clamp(position: Any, speed: Any, middle: Any, room: Any) -> Any:
-    """Correct position and speed along one axis of a body whose centre may be beyond the middle of a wall."""
+    """Correct position and speed along one axis of a body whose centre may be beyond the middle of a wall.
+
+    Beyond it, the position becomes `room`, and only speed away from the wall is kept. middle, room: distances from the
+    centre of the room.
+    """
     if position > middle:
         return room, min(speed, ZERO)
     if position < -middle:

@@ -7,7 +7,7 @@ from outlast.components import Body, Floor, Phase, Spawned
 from outlast.ecs import Array, Entity, Layout, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
 from outlast.ecs.random import integer
 
-SIDE = 256  # cells: their square is MANY
+SIDE = 256  # the most cells on a side: their square is limits.MANY
 
 
 class Cells(Singleton):

@@ -1,4 +1,4 @@
-"""Steering: agents set their velocity, in their own frame, in seven levels. FineSteering: in hundredths."""
+"""Steering: agents set their velocity, in their own frame, in seven levels; with FineSteering, in hundredths."""
 
 import math
 from collections.abc import Iterable, Mapping

@@ -79,7 +79,7 @@ def split(
     count: int,
     sizes: tuple[float, ...],
 ) -> None:
-    """Split agents into teams of consecutive ids and equal size (the last may have one more), immune to their own."""
+    """Split agents by id, evenly (the last teams larger by one if need be) or by `sizes`; immune to their own team."""
     there = present(entities, agents)
     team, end = 0, np.float32(0)
     for i in range(there):

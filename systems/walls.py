@@ -17,7 +17,7 @@ from .inner_walls import InnerWalls, passage
 
 HALF = np.float32(0.5)
 THINNEST = 0.004  # metres: Box2D takes half sides of more than a millimetre
-ROUNDING = 0.01  # metres beyond the room that are allowed
+ROUNDING = 0.01  # metres by which rectangles may reach beyond the room
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Walls(InnerWalls):
         self._check_space(found, layout)
 
     def _check_entry(self, what: str, entry: tuple[float, ...], sides: tuple[float, float], layout: Layout) -> None:
-        """NumberError for a rectangle that cannot be."""
+        """Raise NumberError for an impossible rectangle. what: its name in messages. sides: of the room, metres."""
         if min(entry[WIDTH], entry[HEIGHT]) < THINNEST:
             raise NumberError(
                 f"{what} is {entry[WIDTH]:g} x {entry[HEIGHT]:g} m: at least {THINNEST:g} m are needed either way, or "
@@ -81,7 +81,7 @@ class Walls(InnerWalls):
             )
 
     def _check_space(self, found: list[tuple[float, ...]], layout: Layout) -> None:
-        """NumberError if the blocks leave too little floor for who starts."""
+        """Raise NumberError if the blocks leave too little floor for agents to start on."""
         radius, sides = passage(layout) / 2, self.inside(layout)
         blocks = [entry for entry in found if entry[USE] == WALL]
         for use in sorted({entry[USE] for entry in found if entry[USE] > WALL}):

@@ -11,7 +11,7 @@ from . import layout as at
 def may_hit(workspace: int) -> bool:
     """False only if no moving body can have come into a static one; then SolveTOI would change nothing.
 
-    Without this test it costs half a microsecond for every pair that merely rests or passes by.
+    Without this test, SolveTOI costs half a microsecond for every pair that merely rests or passes by.
     """
     contact = at.load_i8(workspace + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
     while contact:
@@ -29,7 +29,7 @@ def may_hit(workspace: int) -> bool:
 
 @noinline_kernel
 def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
-    """Whether one side of the static box has the circle on its outside all along the circle's path.
+    """Whether the circle stays on the outer side of one of the static box's sides all along its path.
 
     Box2D stops a circle's centre at radius - 3.75 mm from the box; the whole radius leaves room for rounding.
     """

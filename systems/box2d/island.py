@@ -1,7 +1,8 @@
 """b2World::Solve without its clocks: bodies that touch are an island, and Box2D's contact solver resolves it.
 
 Box2D reads the clock sixteen times a step, which can cost as much as the step itself, and repeats iterations
-that change nothing. Both are left out here; the order of operations is its own, in float32: the bits agree.
+that change nothing. Both are left out here. The order of operations is Box2D's own, in float32, so results agree to
+the bit.
 """
 
 import numpy as np
@@ -50,7 +51,11 @@ def _clear_flags(workspace: int) -> None:
 
 @noinline_kernel
 def _gather(workspace: int, seed: int) -> tuple[int, int]:
-    """Collect what touches `seed`, depth first as Box2D does; a static body ends the search."""
+    """Collect what touches `seed`, depth first as Box2D does, but not beyond static bodies.
+
+    Returns:
+        How many bodies there are, and how many contacts.
+    """
     bodies, contacts, waiting = 0, 0, 1
     at.store_i8(workspace + STACK, seed)
     at.store_u2(seed + at.BODY_FLAGS, at.load_u2(seed + at.BODY_FLAGS) | at.IN_ISLAND)

@@ -1,6 +1,6 @@
 """Where things lie inside the objects of Box2D 2.3 (LP64), and its functions by symbol.
 
-Read out of pybox2d 2.3.10's library; `verify` checks every number before it is used.
+The numbers were read out of pybox2d 2.3.10's library; `verify` checks every one before it is used.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from outlast.ecs.jit import external, has_symbol, load_library, loader, storer
 
 FILE: Final[str] = Box2D._Box2D.__file__
 with contextlib.suppress(OSError):  # then its symbols are missing, which `verify` reports
-    load_library(FILE)  # here, so that a kernel from the disk cache finds them too
+    load_library(FILE)  # at import, so that kernels from the disk cache find the symbols, too
 
 load_f4, load_i4, load_i8, load_u2 = loader("float32"), loader("int32"), loader("intp"), loader("uint16")
 store_f4, store_i4, store_i8 = storer("float32"), storer("int32"), storer("intp")
@@ -82,7 +82,7 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
     "_ZN15b2ContactSolver24SolveVelocityConstraintsEv": ("void", "intp"),
     "_ZN15b2ContactSolver13StoreImpulsesEv": ("void", "intp"),
     "_ZN15b2ContactSolver24SolvePositionConstraintsEv": ("uint8", "intp"),
-    "sincosf": ("void", "float32", "intp", "intp"),  # as Box2D itself: other sines may differ in the last bit
+    "sincosf": ("void", "float32", "intp", "intp"),  # which Box2D calls, too: other sines may differ in the last bit
 }
 
 

@@ -149,7 +149,7 @@ def _shape(body: int, batch: ContactBatch, k: int) -> int:
 
 @noinline_kernel
 def _step(base: int, settings: Settings, batch: ContactBatch, count: int, substep: int) -> None:
-    """One substep, as b2World::Step; impulses from the substep before start the solver (ratio)."""
+    """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
         if batch[k, DYNAMIC] != 0:
             _push(base + SLOTS + SLOT * k, batch, k)

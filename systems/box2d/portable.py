@@ -37,7 +37,7 @@ from .batch import (
 
 
 def make_workspace() -> None:
-    """Nothing: every call builds a world of its own."""
+    """Return None: every call builds a world of its own."""
     return None
 
 

@@ -1,6 +1,6 @@
-"""What no public object of Box2D shows, found by running its functions on memory where a wrong number does no harm.
+"""Checks of what no public object of Box2D shows, by running its functions on memory where wrong numbers do no harm.
 
-`verify` runs these last, when all that can be read is as expected.
+`verify` runs these last, once all that can be read has been found as expected.
 """
 
 import ctypes
@@ -14,10 +14,10 @@ import Box2D
 from . import layout as at
 from .sample import Check, Sample, read
 
-WORDS = 16  # of a definition that is handed to Box2D, with room behind
+WORDS = 16  # in a definition that is handed to Box2D: more than it needs
 POINTERS = ("SOLVER_CONTACTS", "SOLVER_POSITIONS", "SOLVER_VELOCITIES", "SOLVER_STACK")
-PLACES = (*range(1, 64), *range(0x2000, 0x2040))  # times 4 GiB: where usually nothing is
-STEP_WORDS = 3  # of a b2TimeStep, which comes first in a definition and in the solver
+PLACES = (*range(1, 64), *range(0x2000, 0x2040))  # addresses in units of 4 GiB, where there is usually nothing
+STEP_WORDS = 3  # in a b2TimeStep, which comes first in a definition and in the solver
 
 
 def _call(symbol: str, *addresses: int) -> None:
@@ -25,14 +25,14 @@ def _call(symbol: str, *addresses: int) -> None:
 
 
 def _construct(symbol: str, size: int, *addresses: int) -> tuple[Any, bool]:
-    """Run a constructor in a buffer; also whether it wrote the last word before `size` and nothing beyond."""
+    """Run a constructor in a buffer: the buffer, and whether the last word before `size` was written, and no more."""
     buffer = (ctypes.c_uint8 * (size + 64))(*[0xA5] * (size + 64))
     _call(symbol, ctypes.addressof(buffer), *addresses)
     return buffer, bytes(buffer[size:]) == b"\xa5" * 64 and bytes(buffer[size - 8 : size]) != b"\xa5" * 8
 
 
 def _construction(sample: Sample) -> Iterator[Check]:
-    """The sizes of what is constructed in place."""
+    """Check the sizes of what is constructed in place."""
     zeros = ctypes.c_int64()
     definition = Box2D.b2BodyDef()
     _, fits = _construct("_ZN6b2BodyC1EPK9b2BodyDefP7b2World", at.BODY_SIZE, int(definition.this), 0)
@@ -41,14 +41,14 @@ def _construction(sample: Sample) -> Iterator[Check]:
     _call("_ZN7b2WorldD1Ev", ctypes.addressof(world))
     yield "WORLD_SIZE", fits, True
     border = bytes(world[at.WORLD_STACK - 1 : at.WORLD_STACK + 1])
-    yield "WORLD_STACK", border, b"\x00\xa5"  # free lists, zero, before; data, as found, after
+    yield "WORLD_STACK", border, b"\x00\xa5"  # before it the free lists, zero; after it data, untouched
 
 
 def _solver(sample: Sample) -> Iterator[Check]:
-    """Where b2ContactSolver's constructor finds its pointers: it keeps a copy of each in what it makes.
+    """Check where b2ContactSolver's constructor finds its pointers: it keeps a copy of each in what it makes.
 
-    Each word of its definition is the address of a stack allocator without anything in it, which as a number of
-    contacts is 0: wherever it looks for which, it does no harm.
+    Each word of its definition is the address of an empty stack allocator, whose lower half, read as a number of
+    contacts, is 0: wherever the constructor looks for the one or the other, it does no harm.
     """
     for name in (*POINTERS, "SOLVER_COUNT", "STEP_DT", "STEP_RATIO", "STEP_VELOCITY", "STEP_WARM"):
         size = 8 if name in POINTERS else 1 if name == "STEP_WARM" else 4
@@ -66,12 +66,12 @@ def _solver(sample: Sample) -> Iterator[Check]:
 
 @contextmanager
 def _decoy() -> Iterator[int]:
-    """Zeros, as large as a stack allocator, at an address of which the lower 32 bits are 0."""
+    """Zeros, as large as a stack allocator, at an address whose lower 32 bits are 0."""
     system, size, flags = ctypes.CDLL(None), ctypes.c_size_t(at.WORLD_SIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
     system.mmap.restype = ctypes.c_int64
     for k in PLACES:
         hint, access = ctypes.c_void_p(k << 32), mmap.PROT_READ | mmap.PROT_WRITE
-        found = system.mmap(hint, size, access, flags, -1, ctypes.c_long(0))  # there, if nothing is in the way
+        found = system.mmap(hint, size, access, flags, -1, ctypes.c_long(0))  # at the hint, if nothing is in the way
         try:
             if found == k << 32:
                 yield found
@@ -84,7 +84,7 @@ def _decoy() -> Iterator[int]:
 
 @contextmanager
 def _solving(definition: Any) -> Iterator[int]:
-    """The address of a b2ContactSolver."""
+    """Construct a b2ContactSolver, yield its address, and destroy it."""
     solver = (ctypes.c_int64 * (2 * WORDS))()
     address = ctypes.addressof(solver)
     _call("_ZN15b2ContactSolverC1EP18b2ContactSolverDef", address, ctypes.addressof(definition))
@@ -105,13 +105,13 @@ def _impulses(sample: Sample) -> Iterator[Check]:
         "SOLVER_VELOCITIES": (ctypes.c_int64, ctypes.addressof(places)),
         "SOLVER_STACK": (ctypes.c_int64, int(sample.world.this) + at.WORLD_STACK),
     }
-    for name, (kind, value) in values.items():  # pointers last: no number may stand in their place
+    for name, (kind, value) in values.items():  # pointers come last, so that no number overwrites one
         kind.from_buffer(definition, getattr(at, name)).value = value
     data = int(sample.world.this) + at.WORLD_STACK
     with _solving(definition) as solver:
         constraints = read(solver, "SOLVER_CONSTRAINTS", ctypes.c_int64)
         yield "SOLVER_CONSTRAINTS", data < constraints < data + 1024, True
-        for k, contact in enumerate(reversed(sample.world.contacts)):  # the first has two points
+        for k, contact in enumerate(reversed(sample.world.contacts)):  # the first contact has two points
             for name, point in zip(("IMPULSES_0", "IMPULSES_1"), contact.manifold.points, strict=False):
                 for extra, impulse in (0, point.normalImpulse), (4, point.tangentImpulse):
                     found = read(constraints + k * at.CONSTRAINT_SIZE, name, extra=extra)
@@ -119,7 +119,7 @@ def _impulses(sample: Sample) -> Iterator[Check]:
 
 
 def _impacts(sample: Sample) -> Iterator[Check]:
-    """b2World::SolveTOI after a step without it does what a step with it does, if it finds its numbers."""
+    """Check that b2World::SolveTOI finds its numbers: after a step without it, it does what a step with it does."""
     (_whole, expected), (parts, found) = (_thrown(continuous) for continuous in (True, False))
     step = (ctypes.c_int64 * WORDS)()
     for name, kind, value in ("STEP_DT", ctypes.c_float, 1 / 60), ("STEP_VELOCITY", ctypes.c_int32, 7):

@@ -10,33 +10,33 @@ import numpy as np
 
 from . import layout as at
 
-Check = tuple[str, Any, Any]  # offset's name, found, expected
+Check = tuple[str, Any, Any]  # the offset's name, what was found there, what was expected
 
 
 def read(address: int, offset: str, kind: type = ctypes.c_float, extra: int = 0) -> Any:
-    """One number of an object, at the offset of that name."""
+    """Read one number of an object, at the offset of that name in `layout`, plus `extra` bytes."""
     return kind.from_address(address + getattr(at, offset) + extra).value  # type: ignore[attr-defined]
 
 
 def floats(item: Any, **expected: Iterable[float]) -> Iterator[Check]:
-    """The numbers at these offsets, one behind the other."""
+    """Check the floats at each of these offsets, one behind the other."""
     for name, values in expected.items():
         for k, value in enumerate(values):
             yield name, read(int(item.this), name, extra=4 * k), float(np.float32(value))
 
 
 def pointer(item: Any, name: str, target: Any) -> Check:
-    """A pointer to another object, or to none."""
+    """Check a pointer to another object, or to none."""
     return name, read(int(item.this), name, ctypes.c_int64), int(target.this) if target else 0
 
 
 def integer(item: Any, name: str, expected: int) -> Check:
-    """An integer of 4 bytes."""
+    """Check an integer of 4 bytes."""
     return name, read(int(item.this), name, ctypes.c_int32), expected
 
 
 def readable(address: int, size: int) -> bool:
-    """Whether so many bytes, at most 4096, can be read there: the kernel is asked, and refuses where they cannot."""
+    """Whether `size` bytes, at most 4096, can be read: if not, the operating system refuses to copy them."""
     ends = os.pipe()
     try:
         return int(ctypes.CDLL(None).write(ends[1], ctypes.c_void_p(address), ctypes.c_size_t(size))) == size

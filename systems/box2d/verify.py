@@ -1,7 +1,7 @@
 """Check that the installed Box2D has the memory layout that the native backend expects, before its memory is touched.
 
-Objects made by pybox2d's public interface are read at the offsets of `layout` here, and `probe` runs a few of Box2D's
-functions on guarded memory; whatever differs is named.
+Here, objects made by pybox2d's public interface are read at the offsets of `layout`; `probe` runs a few of Box2D's
+functions on guarded memory. The error names the first offset that differs.
 """
 
 import ctypes
@@ -60,7 +60,7 @@ def _definition(sample: Sample) -> Iterator[Check]:
     yield integer(definition, "DEF_TYPE", at.MOVING)
     yield from floats(definition, DEF_POSITION=(1, 2), DEF_ANGLE=(3,), DEF_VELOCITY=(4, 5), DEF_OMEGA=(6,))
     yield from floats(definition, DEF_LINEAR_DAMPING=(7,), DEF_ANGULAR_DAMPING=(8,))
-    yield "DEF_SIZE", read(int(definition.this), "DEF_SIZE", extra=-8), 9.0  # each size: by what comes last
+    yield "DEF_SIZE", read(int(definition.this), "DEF_SIZE", extra=-8), 9.0  # a size is checked by what comes last
 
 
 def _body(sample: Sample) -> Iterator[Check]:
@@ -110,7 +110,7 @@ def _fixture(sample: Sample) -> Iterator[Check]:
     yield integer(box, "SHAPE_TYPE", at.POLYGON)
     yield from floats(fixture.shape, CIRCLE_RADIUS=(0.5,))
     yield "CIRCLE_SIZE", read(int(fixture.shape.this), "CIRCLE_SIZE", extra=-8), float(np.float32(0.1))
-    yield "POLYGON_SIZE", read(int(box.this), "POLYGON_SIZE", ctypes.c_int32, -8), 4  # corners
+    yield "POLYGON_SIZE", read(int(box.this), "POLYGON_SIZE", ctypes.c_int32, -8), 4  # number of corners
     yield from floats(box, POLYGON_VERTICES=(-0.75, -0.2, 0.75, -0.2, 0.75, 0.2, -0.75, 0.2))
 
 
@@ -140,7 +140,7 @@ def _tree(sample: Sample) -> Iterator[Check]:
     index = read(int(tree.this), "TREE_ROOT", ctypes.c_int32)
     yield "TREE_NODES", nodes % 8 == 0 and readable(nodes, 16 * at.NODE_SIZE), True
     yield "TREE_ROOT", index, 2
-    for proxy in (0, 1, 9):  # others are branches, or were those of bodies that are gone
+    for proxy in (0, 1, 9):  # the others are branches, or were leaves of bodies that are gone
         fat = tree.GetFatAABB(proxy)
         corners = (*fat.lowerBound, *fat.upperBound)
         yield "NODE_SIZE", tuple((ctypes.c_float * 4).from_address(nodes + proxy * at.NODE_SIZE)), corners

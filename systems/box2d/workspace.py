@@ -39,8 +39,8 @@ SIZE = SLOTS + CAPACITY * SLOT
 def make_workspace() -> NDArray[np.uint8]:
     """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
 
-    Holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
-    About 1 MiB, most of which is never touched.
+    It holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
+    It has about 3.4 MiB, most of which is never touched.
     """
     memory = np.zeros(SIZE + 64, np.uint8)
     owner = _Owner(memory)
@@ -56,7 +56,7 @@ def make_workspace() -> NDArray[np.uint8]:
 
 
 class _Owner:
-    """What views of the memory refer to. An array would not do: in numpy 2.5 its finalizers come after its memory."""
+    """What views of the memory refer to. An array would not do: in numpy 2.5, its finalizers run after it is freed."""
 
     def __init__(self, memory: NDArray[np.uint8]) -> None:
         self.__array_interface__ = memory.__array_interface__

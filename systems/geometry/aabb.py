@@ -1,4 +1,4 @@
-"""Axis-aligned bounding boxes (AABBs) of all rows, and culling: sixteen rows at a time, which ones a ray may hit.
+"""Axis-aligned bounding boxes (AABBs) of all rows, and culling: which of sixteen rows at a time a ray may hit.
 
 Rays and contacts test one body against all others, and nearly all answers are no. The functions here take a block of
 rows and return a bitset (see blocks) of all rows for which the answer may be yes, and few others; only these get the
@@ -21,7 +21,7 @@ AABBs: TypeAlias = tuple[Array, Array, Array, Array]
 """Columns of all rows: centre x and y, half extent along x and y; metres."""
 
 ALONG_X, ALONG_Y = 0, 1  # rows of `half_extents`
-SLACK = np.float32(1e-3)  # metres: more than float32 loses in a test
+SLACK = np.float32(1e-3)  # metres: more than a test in float32 loses by rounding
 HALF = np.float32(0.5)
 
 
@@ -56,6 +56,6 @@ def aabbs_hit_by_ray(aabbs: AABBs, b: int, ox: Real, oy: Real, dx: Real, dy: Rea
     xs, ys, halves_x, halves_y = aabbs
     wide, high = abs(dx), abs(dy)
     half_x, half_y = load(halves_x, SIMD_WIDTH * b), load(halves_y, SIMD_WIDTH * b)
-    x, y = load(xs, SIMD_WIDTH * b) - ox - HALF * dx, load(ys, SIMD_WIDTH * b) - oy - HALF * dy  # from its middle
+    x, y = load(xs, SIMD_WIDTH * b) - ox - HALF * dx, load(ys, SIMD_WIDTH * b) - oy - HALF * dy  # from the ray's middle
     near = (abs(x) <= half_x + HALF * wide) & (abs(y) <= half_y + HALF * high)
     return int(to_bits(near & (abs(x * dy - y * dx) <= half_x * high + half_y * wide)))

@@ -11,7 +11,7 @@ from .blocks import alive_bits, first_row
 from .points import to_local
 from .rays import NO_HIT, raycast_entity
 
-PASSES = 4  # over all blocks, where bodies are held back from several
+PASSES = 4  # over all walls, at most: a body that is held back from one may still be in another
 ZERO = np.float32(0)
 
 
@@ -56,9 +56,9 @@ def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
 def hold_back(
     body: Array, before: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, e: int
 ) -> None:
-    """Keep body `e` on the side of all blocks where it was before it moved.
+    """Keep body `e` on the side of all walls where it was before it moved.
 
-    walls: bitset of the blocks of walls. span: where it is not empty, see `block_span`.
+    walls: bitset of the rows of walls. span: the blocks of rows in which it is not empty, see `block_span`.
     """
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
     for _ in range(PASSES):

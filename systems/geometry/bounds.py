@@ -32,7 +32,7 @@ def floor_sides(layout: Layout) -> tuple[float, float]:
 
 
 def check_fits(layout: Layout, name: str, value: float, width: float) -> None:
-    """NumberError if something that is `width` metres wide, because of the number `name`, is wider than the room."""
+    """Raise NumberError if something is wider than the room: `width` metres, because the number `name` is `value`."""
     if width > (size := min(floor_sides(layout))):
         most = value / width * size
         raise NumberError(f"{name} = {value:g} does not fit into a room of side {size:g}: at most {most:g} is possible")

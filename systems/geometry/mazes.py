@@ -7,10 +7,10 @@ import numpy as np
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.random import integer, uniform
 
-MOST = 32  # cells along either side
-EDGES = 2 * MOST * (MOST - 1)  # walls between cells, at most
+MOST = 32  # the most cells along either side
+EDGES = 2 * MOST * (MOST - 1)  # the most walls between cells
 PARENT, ORDER, OPEN = range(3)  # lines of the scratch memory
-EXTRA, PLACE = EDGES, 2 * EDGES  # the first index of the draws for further openings, and of where doors are
+EXTRA, PLACE = EDGES, 2 * EDGES  # the first index for draws of further openings, and of places of doors
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 

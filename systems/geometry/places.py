@@ -16,13 +16,13 @@ from .blocks import first_row
 from .broad_phase import gap
 from .points import to_local
 
-X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # of an area; ENTRY: how many numbers
+X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # indices into an area; ENTRY: its length
 ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1
 MARGIN = np.float32(0.02)  # metres that are left between bodies
-SMALLEST = np.float32(0.1)  # metres: a box is not cut in half below it
-TRIES = 32  # random places that are tested before all of a lattice are
-LATTICE = 40  # its points along either side of an area
-STRIDE = 20  # bits between the indices of two draws for one body: there are fewer entities of a kind
+SMALLEST = np.float32(0.1)  # metres: a box is not cut any more once both its half sides are this short
+TRIES = 32  # random places that are tested before all points of a lattice
+LATTICE = 40  # points of the lattice along either side of an area
+STRIDE = 20  # indices of draws for one body are 2**20 apart: more than there are entities of a kind
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
@@ -229,7 +229,7 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
     missed = 0
     for n in range(2 * placed.size):
         e = placed[n % placed.size]
-        if entities.identity[e] < 0 or (tables[1].radius[e] > ZERO) != (n < placed.size):  # absent, or another turn
+        if entities.identity[e] < 0 or (tables[1].radius[e] > ZERO) != (n < placed.size):  # absent, or not its turn
             continue
         use = side.side[e] + 1 if agents[e] >= 0 else ITEMS
         if not has_area(areas, use):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 Rectangle = Sequence[float]
-POINTS = 100  # along either side, by which free floor is measured
+POINTS = 100  # along either side of a rectangle: by these, free floor is measured
 
 
 def corners(rectangle: Rectangle) -> list[complex]:
@@ -74,7 +74,7 @@ def connected(free: Any) -> Any:
         The number of each point's part, from 1 on, int (rows, columns); 0 for points in no part.
     """
     first = np.diff(free, axis=1, prepend=False) & free
-    runs = np.cumsum(first).reshape(free.shape) * free  # of neighbours in a row
+    runs = np.cumsum(first).reshape(free.shape) * free  # numbers of runs of free neighbours in a row
     label = np.arange(int(runs.max(initial=0)) + 1)
     shifted = (runs[:-1, :-1], runs[1:, 1:]), (runs[:-1, 1:], runs[1:, :-1]), (runs[:-1], runs[1:])
     pairs = np.concatenate([(one * label.size + two)[(one > 0) & (two > 0)] for one, two in shifted])

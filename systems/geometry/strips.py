@@ -20,12 +20,12 @@ from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 from .aabb import AABBs, make_half_extents
 from .blocks import BITS, BLOCK, first_row, make_blocks
 
-FEW = 16  # blocks: of so many, testing each is faster
+FEW = 16  # if there are no more blocks than this, testing each is faster
 STRIPS = 16  # along each axis
-BEGIN, END = 0, 1  # of `strips`: (axis, BEGIN or END, strip, block)
+BEGIN, END = 0, 1  # indices into `strips`, which has the axes (axis, BEGIN or END, strip, block)
 X, Y = 0, 1
 ZERO, ONE, LAST = np.float32(0), np.float32(1), np.float32(STRIPS - 1)
-SHARE, PART = np.float32(0.01), np.float32(1e-6)  # of a strip, of the coordinates: more than float32 loses
+SHARE, PART = np.float32(0.01), np.float32(1e-6)  # slack, of a strip and of coordinates: more than float32 loses
 
 
 def make_strips(dims: dict[str, int]) -> np.ndarray[Any, Any]:
@@ -50,7 +50,7 @@ def make_scratch(name: str, dims: dict[str, int]) -> np.ndarray[Any, Any]:
 def strip(extent: Array, axis: int, at: Real) -> int:
     """Return the strip of a coordinate; one beyond all strips belongs to the first or the last one."""
     k = (at - extent[axis, 0]) / extent[axis, 1]
-    k = k if k > ZERO else ZERO  # NaN, too
+    k = k if k > ZERO else ZERO  # also for NaN
     return int(k if k < LAST else LAST)
 
 
@@ -60,7 +60,7 @@ def fill_strips(strips: Array, extent: Array, blocks: Array, count: int, aabbs: 
     xs, ys, half_x, half_y = aabbs
     for s in range(STRIPS):
         for b in range(strips.shape[3]):
-            strips[X, BEGIN, s, b] = 0  # of blocks that have no line
+            strips[X, BEGIN, s, b] = 0  # so blocks that have no line are never near
     sort_rows(strips[X], extent, X, blocks, count, xs, half_x)
     sort_rows(strips[Y], extent, Y, blocks, count, ys, half_y)
 
@@ -95,7 +95,7 @@ def rows_near(blocks: Array, strips: Array, extent: Array, low_x: Real, high_x: 
         x_too = strips[X, BEGIN, last_x, b] & strips[X, END, first_x, b]
         blocks[BITS, b] = x_too & strips[Y, BEGIN, last_y, b] & strips[Y, END, first_y, b]
     count = 0
-    for b in range(strips.shape[3]):  # by itself, so that the loop before becomes SIMD instructions
+    for b in range(strips.shape[3]):  # a loop of its own, so that the one before becomes SIMD instructions
         bits = blocks[BITS, b]
         blocks[BITS, count], blocks[BLOCK, count] = bits, b
         count += bits != 0
