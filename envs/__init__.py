@@ -1,7 +1,7 @@
-"""Environments: worlds for people, learners and the command line.
+"""Environments: worlds that people play, learners train in and commands run.
 
 Read in this order: scenarios (which game), core (many worlds of it, stepped together), rollout (policies that play),
-rendering (pictures). Then adapters (the same worlds for other libraries), snapshots (state, saved and restored),
-recording (runs that are repeated to the bit), datasets, inspect and web (replays and play in the browser), storage
+rendering (pictures). Then adapters (the same worlds for other libraries), snapshots (saved and restored states),
+recording (runs that replay bit for bit), datasets, inspect and web (replays and play in the browser), storage
 (files), cli (the command line).
 """

@@ -1,4 +1,4 @@
-"""Checks of a game: does it keep what its mechanics declare, and is it the same whenever it is played again?
+"""Checks of a game: does it keep to what its mechanics declare, and is it the same whenever it is played again?
 
 A step trusts declarations, such as the bounds of a field, as checking them would take time. Here random agents play,
 and everything that the environment returns is checked.
@@ -20,10 +20,10 @@ from .scenarios.naming import resolve
 from .scenarios.scenario import Scenario
 
 Array = np.ndarray[Any, Any]
-Moment = dict[str, Array]  # what a step returns, by name: (worlds, ...)
+Moment = dict[str, Array]  # the arrays that a step returns, by name: (worlds, ...)
 
-AS_PYTHON = 20  # steps: Python and machine code may differ in the last bit, and collisions make that grow
-CLOSE = 1e-3  # apart, and relative to the number: such differences are of rounding
+AS_PYTHON = 20  # steps; not more, as Python and machine code may differ in the last bit, which collisions amplify
+CLOSE = 1e-3  # absolute and relative difference up to which numbers differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def check(
 
 
 class _Game:
-    """A scenario, and what it was like to play it for the first time."""
+    """A scenario, and what it returned when it was played for the first time."""
 
     def __init__(self, scenario: Scenario, worlds: int, steps: int, seed: int) -> None:
         self.scenario, self.worlds, self.steps, self.seed = scenario, worlds, steps, seed
@@ -97,7 +97,7 @@ class _Game:
         )
 
     def played(self, env: SurvivalVectorEnv, steps: int = -1) -> Iterator[Moment]:
-        """What comes out of a reset and of each step; the state in the middle is kept."""
+        """Yield what a reset and each step return, and keep the state in the middle."""
         act, (seen, info) = random_policy(env, self.seed), env.reset(seed=self.seed)
         yield _moment(seen, [info])
         for step in range(self.steps if steps < 0 else steps):
@@ -108,7 +108,7 @@ class _Game:
 
 
 def _moment(observations: Mapping[str, Array], results: Sequence[Any]) -> Moment:
-    """results: what a step, or a reset, returns behind them."""
+    """Return the arrays of a step or a reset by name. results: what it returns after the observations."""
     *signals, info = results
     named = dict(zip(("reward", "terminated", "truncated"), signals, strict=False))
     ended = {f"statistics {key}": values for key, values in info.get("statistics", {}).items()}
@@ -150,7 +150,7 @@ def _state(game: _Game) -> str:
     half, act = game.steps // 2, random_policy(game.env, game.seed)
     seen, run = game.env.set_state(game.halfway), list[Moment]()
     for _ in range(half):
-        act(seen)  # its actions go by how often it was asked
+        act(seen)  # asked only to be counted: its actions depend on how often it was asked before
     for _ in range(game.steps - half):
         seen, *results = game.env.step(act(seen))
         run.append(_moment(seen, results))
@@ -185,7 +185,7 @@ def _difference(
     worlds: slice = slice(None),
     close: float = 0.0,
 ) -> str:
-    """The first number that is another one than it was; "" if there is none. start: the first step of `other`."""
+    """Describe the first number that differs from the first play; "" if none does. start: the first step of `other`."""
     for step, (was, now) in enumerate(zip(game.first[start:], other, strict=False), start):
         for key, values in now.items():
             if key not in was:
@@ -200,7 +200,7 @@ def _difference(
 
 
 def _named(game: _Game, key: str, place: tuple[int, ...], step: int) -> str:
-    """A number of a step in words: "own.stamina of agent 1 in world 3, step 17"."""
+    """Describe a number of a step: "own.stamina of agent 1 in world 3, step 17"."""
     world, *rest = place
     name, fields = key, game.env.fields.get(key, {})
     for field, found in fields.items():

@@ -17,7 +17,7 @@ def install(extra: str) -> str:
     """
     try:
         lines = requires("outlast") or []
-    except PackageNotFoundError:  # imported from a folder, without having been installed
+    except PackageNotFoundError:  # outlast was imported from a folder without being installed
         lines = []
     given = [line.partition(";") for line in lines]
     named = [name.strip() for name, _, marker in given if f"'{extra}'" in marker.replace('"', "'")]
@@ -40,10 +40,10 @@ class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
 class PendingError(OutlastError, error.AlreadyPendingCallError, error.NoAsyncCallError, RuntimeError):
     """A call between send() and recv() or while another thread is in a call, or recv() without send()."""
 
-    name = "step"  # the call, as in Gymnasium
+    name = "step"  # the pending call, which Gymnasium's errors name in this attribute
 
     def __init__(self, message: str) -> None:
-        Exception.__init__(self, message)  # Gymnasium's two constructors cannot be called one after the other
+        Exception.__init__(self, message)  # the constructors of Gymnasium's two errors cannot both be called
 
 
 class FaultError(OutlastError, RuntimeError):

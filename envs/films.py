@@ -1,4 +1,4 @@
-"""outlast.film: worlds as a film in one call. `outlast frames` and `outlast replay --out` are front ends to it."""
+"""outlast.film: a film of worlds in one call. `outlast frames` and `outlast replay --out` are front ends to it."""
 
 import contextlib
 import logging
@@ -27,10 +27,10 @@ from .scenarios.naming import resolve
 from .scenarios.scenario import Number, Scenario
 
 LOGGER = logging.getLogger(__name__)
-STEPS, REPLAYED = 300, 16  # steps if nothing else is asked for; and at most so many worlds of a recording
-HOLD = 0.8  # seconds for which films show the end of an episode; folders have a picture for each tick
-SOURCES = (".py", ".json")  # what scenarios' files end in; all other files are taken for recordings
-RECORDINGS = ".rec"  # what the names of recordings end in, mostly
+STEPS, REPLAYED = 300, 16  # by default: steps of a film, and worlds of a recording at most
+HOLD = 0.8  # seconds for which films show the end of an episode; folders of pictures do not
+SOURCES = (".py", ".json")  # endings of files of scenarios; all other files are taken for recordings
+RECORDINGS = ".rec"  # the usual ending of recordings
 
 Progress = Callable[[int], object]
 
@@ -133,7 +133,7 @@ def film(
 
 
 def _check(steps: Any, mosaic: Any, views: Any) -> None:
-    """FilmError for what a film cannot be, before worlds are made; for the rest see footage."""
+    """Raise FilmError before worlds are made if a film is not possible; footage checks the rest."""
     try:
         check_count("steps", steps, 0)
         if mosaic is not None:
@@ -147,7 +147,7 @@ def _check(steps: Any, mosaic: Any, views: Any) -> None:
         raise FilmError(f'views = {views!r}: a text is needed, as in "+vision,-scores"')
 
 
-OPTIONS = tuple(film.__kwdefaults__ or ())  # its keywords
+OPTIONS = tuple(film.__kwdefaults__ or ())  # names of its keyword-only arguments, which are not numbers of a scenario
 
 
 def write_film_of(
@@ -183,13 +183,13 @@ def write_film_of(
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
     rate: Any = looks.fps
-    stands = is_whole(rate) and ending(Path(out)) != ""  # what is no number is refused below
+    stands = is_whole(rate) and ending(Path(out)) != ""  # other rates are refused below
     hold = round(HOLD * int(rate)) if stands else 0
     settings["layers"] = [*select(looks.views), *layers]
     frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
     scene = Scene(worlds, shown[0])
     for layer in settings["layers"]:
-        if layer not in FILM_LAYERS and not layer.fits(scene):  # it was asked for
+        if layer not in FILM_LAYERS and not layer.fits(scene):  # the user asked for this layer
             lacking = " and ".join(need.__name__ for need in layer.needs if need not in scene)
             LOGGER.warning("%s shows nothing: the game has no %s", type(layer).__name__, lacking or "use for it")
     write_film(out, _counted(frames, progress), looks.fps)
@@ -203,7 +203,7 @@ def _counted(frames: Iterable[Any], progress: Progress) -> Iterator[Any]:
 
 
 def _players(policy: Other, others: Others | None) -> str:
-    """Who plays, in words."""
+    """Return in words who plays."""
     names = [_name(each) for each, _ in checked_others(others)] if others is not None else []
     return f"{_name(policy)} policy" + (f" against {' or '.join(names)}" if names else "")
 
@@ -215,7 +215,7 @@ def _name(policy: Any) -> str:
 
 
 def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
-    """How many worlds to play. Raises FilmError."""
+    """Return how many worlds to play. Raises FilmError if `worlds` is no such number."""
     if worlds is None:
         rows, columns = looks.mosaic or (1, 1)
         return max(1, rows * columns)
@@ -231,14 +231,14 @@ def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording
     name = os.fspath(game)
     if os.path.isfile(name) and not name.endswith(SOURCES):
         return Recording.open(name)
-    place = name.partition("+")[0]  # of "FILE.json+health_cap", which is a scenario
+    place = name.partition("+")[0]  # "FILE.json+health_cap" is a scenario: its file comes before "+"
     if place.endswith(RECORDINGS) or (os.path.dirname(place) and ":" not in place and not place.endswith(SOURCES)):
         raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'there is no such file'}")
     return None
 
 
 def _refuse(**given: object) -> None:
-    """FilmError for what a recording has decided."""
+    """Raise FilmError if options are given that a recording has decided."""
     if decided := [name for name, value in given.items() if value is not None]:
         raise FilmError(f"{', '.join(decided)}: the recording has that already; leave it out, or give a scenario")
 
@@ -246,7 +246,7 @@ def _refuse(**given: object) -> None:
 def _replayed(
     replay: Replay, steps: int | None, worlds: int | Sequence[int] | None, looks: Looks
 ) -> tuple[Sequence[int], Iterator[int]]:
-    """The worlds to show, and what replays them."""
+    """Return the worlds to show, and an iterator that replays them."""
     most = replay.worlds.count
     room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
     asked: Any = min(room, most) if worlds is None else worlds

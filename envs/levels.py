@@ -1,4 +1,4 @@
-"""Levels: what one episode of one world is made from, as data to keep, change and play again.
+"""Levels: all that one episode of one world is made from, as data that can be kept, changed and played again.
 
 A level has values of the numbers that vary in its scenario (see Scenario.vary), which may include the floor plan, and
 the key of its random numbers, from which drawn walls and roles, start places and everything else follow. Environments
@@ -28,7 +28,7 @@ from .storage.atomic_write import atomic_write
 
 VERSION = 1
 KEYS, LEVEL_KEYS = ("version", "varied", "levels"), ("numbers", "key")
-MOST = 2**64  # seeds, worlds and episodes are below it
+MOST = 2**64  # seeds and numbers of worlds and episodes are below it
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Level:
         if key is None:
             return
         whole = type(key) is tuple and len(key) == 3 and all(type(each) is int and 0 <= each < MOST for each in key)
-        if not (whole and key[2]):  # worlds that have not begun are in episode 0
+        if not (whole and key[2]):  # episode 0 means that a world has not begun
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0, 0 and 1 to 2**64 - 1")
         object.__setattr__(self, "key", key)
 
@@ -187,7 +187,7 @@ def check_free(levels: Sequence[Level], layout: Any) -> None:
 
 
 def _check_playable(levels: Any, scenario: Scenario) -> None:
-    """`check_all`, and where numbers are free `check_free`."""
+    """Do `check_all` and, if any number is free, `check_free`."""
     check_all(levels, dict(scenario.varied))
     if any(distribution.kind == FREE for _, distribution in scenario.varied):
         check_free(levels, scenario.worlds(1).layout)

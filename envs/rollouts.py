@@ -32,8 +32,8 @@ Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
 Progress = Callable[[Summary], None]
 Watch = Callable[[Array], None]
-Play = Callable[[int, int, Progress], Summary]  # of steps, episodes and `progress` of rollout
-WORLDS = 1024  # if nothing else is asked for
+Play = Callable[[int, int, Progress], Summary]  # takes `steps`, `episodes` and `progress` of rollout
+WORLDS = 1024  # how many worlds play by default
 
 
 def rollout(
@@ -137,11 +137,12 @@ def rollout(
         try:
             return play(steps, episodes or 1, progress)
         except KeyboardInterrupt as stop:
-            stopped = stop  # raised when the files are closed, which are whole then
+            stopped = stop  # raised after the files are closed, so that they are complete
     raise stopped
 
 
-OPTIONS = tuple(rollout.__kwdefaults__ or ())  # its keywords
+# names of its keyword-only arguments, which are not numbers of a scenario
+OPTIONS = tuple(rollout.__kwdefaults__ or ())
 
 
 def worlds_of(
@@ -151,7 +152,7 @@ def worlds_of(
     entries = _entries(policy, others)
     names = [each for each, _ in entries]
     fitting, players = load_policies(names, asked, settings["seed"])
-    foreign = any(map(callable, names))  # nobody knows what these do with observations, nor what they return
+    foreign = any(map(callable, names))  # users' functions may keep observations, and return anything
     env = make_vec(fitting, worlds, copy=foreign, check_actions=foreign, **settings)
     try:
         return env, *_playing(env, players, entries, settings["seed"])
@@ -167,7 +168,7 @@ def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> 
 
 
 def _entries(policy: Other, others: Others | None) -> Entries:
-    """The policy, and the others, with weights. Raises UsageError."""
+    """Return the policy and the others, with weights. Raises UsageError if any is not valid."""
     entries = [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
     check_memories([each for each, _ in entries])
     return entries
@@ -219,7 +220,7 @@ def prepared(
     _check_distinct(record=record, events=events, csv=csv)
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
-    numbers = np.ones(env.num_worlds, np.int64)  # of the episode that each world is in
+    numbers = np.ones(env.num_worlds, np.int64)  # number of the episode that each world is in
     whole = list[Summary]()
     try:
         with left_whole() as stack:
@@ -259,7 +260,7 @@ def prepared(
 
 
 def _titles(policies: Sequence[str | Policy]) -> list[str]:
-    """A name for each, no two the same."""
+    """Return a name for each policy, no two the same."""
     titles: list[str] = []
     for each in policies:
         title = each if isinstance(each, str) else getattr(each, "__name__", type(each).__name__)
@@ -276,14 +277,14 @@ def _all_of(functions: Sequence[Callable[..., None]]) -> Callable[..., None]:
 
 
 def _check_counts(**counts: tuple[Any, int]) -> None:
-    """ValueError for what is neither None nor an integer of at least so many."""
+    """Raise ValueError for a count that is neither None nor an integer of at least its minimum."""
     for name, (value, least) in counts.items():
         if value is not None:
             check_count(name, value, least)
 
 
 def _check_distinct(**files: File | None) -> None:
-    """UsageError if two of the files are one."""
+    """Raise UsageError if two of the files are the same."""
     found: dict[str, str] = {}
     for name, path in files.items():
         if path is not None and (other := found.setdefault(os.path.realpath(path), name)) != name:
@@ -291,7 +292,7 @@ def _check_distinct(**files: File | None) -> None:
 
 
 def _check_decided(**given: Any) -> None:
-    """UsageError for options that an environment has decided."""
+    """Raise UsageError if options are given that an environment has decided."""
     if decided := [name for name, value in given.items() if value is not None]:
         raise UsageError(
             f"rollout: {', '.join(decided)}: the environment has that already; leave it out, or give a scenario"

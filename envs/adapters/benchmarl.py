@@ -20,10 +20,10 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"this needs BenchMARL: {install('benchmarl')}", name="benchmarl") from error
 
-DEFAULTS = {"groups": "sides", "scaled": True}  # arguments of make_torchrl
-EVALUATION = 1 << 32  # number of the first world of evaluation
-LONGEST = 10_000  # ticks of an evaluation, where the scenario has no limit
-TAKEN = {  # arguments of make_torchrl that a task cannot have, and where else they are
+DEFAULTS = {"groups": "sides", "scaled": True}  # defaults for arguments of make_torchrl
+EVALUATION = 1 << 32  # evaluations play the worlds from this number on, which training never reaches
+LONGEST = 10_000  # ticks of an evaluation's episodes if the scenario has no time limit
+TAKEN = {  # arguments of make_torchrl that a task does not take, and what to use instead
     "seed": "take seed= of BenchMARL's Experiment",
     "device": "take sampling_device of BenchMARL's ExperimentConfig",
     "num_worlds": "take on_policy_n_envs_per_worker or off_policy_n_envs_per_worker of BenchMARL's ExperimentConfig",
@@ -42,7 +42,7 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         ValueError: BenchMARL sets an argument of make_torchrl by itself; see TAKEN.
     """
 
-    _evaluates = False  # whether the worlds that were asked for last are those of evaluation
+    _evaluates = False  # whether the worlds that were asked for last are for evaluation, as every second time
 
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
         for argument in TAKEN.keys() & config.keys():
@@ -160,7 +160,7 @@ def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
 
 
 def _entries(env: SurvivalTorchEnv, name: str) -> Composite:
-    """The specs of one entry of all groups, for one world."""
+    """Return the specs of the entry `name` of every group, for one world."""
     groups = {group: env.full_observation_spec_unbatched[group] for group in env.group_map}
     parts = {group: Composite({name: own[name].clone()}, shape=own.shape) for group, own in groups.items()}
     return Composite(parts)

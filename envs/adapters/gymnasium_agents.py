@@ -1,4 +1,4 @@
-"""Every agent of every world as a sub-environment: for learners whose agents share one policy."""
+"""A vector environment in which every agent of every world is a sub-environment: for agents that share one policy."""
 
 from typing import Any
 

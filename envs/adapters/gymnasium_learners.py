@@ -127,17 +127,17 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         joint[:, self._opponents.agent_indices] = self._opponents.actions()
         try:
             return self.base_env.step(joint)
-        except ActionError as error:  # the learner's have been checked
+        except ActionError as error:  # the learner's actions are already checked, so the others' are wrong
             raise ActionError(f"others: {error}") from None
 
     def _stops(self) -> tuple[Array, Array]:
-        """Which worlds end with their learner, and which at the time limit; see SurvivalVectorEnv.stop_when."""
+        """Return which worlds end as their learner died, and which at the time limit, for `stop_when` of base_env."""
         worlds, nowhere = self.base_env.worlds, np.zeros(self.num_worlds, bool)
         late = nowhere if self.max_episode_steps is None else worlds[Clock].tick[:, 0] >= self.max_episode_steps
         return ~alive(worlds)[:, self.learner] if self.dead == "end" else nowhere, late
 
     def _info(self, where: Array) -> dict[str, Any]:
-        """Whether the learner is alive, and the statistics of the episode so far."""
+        """Return info about the worlds `where`: whether the learner is alive, and statistics of the episode so far."""
         info = super()._info(where)
         for key, values in self._statistics(statistics(self.base_env.worlds, where)).items():
             info |= {key: values, f"_{key}": where.copy()}

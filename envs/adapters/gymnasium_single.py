@@ -124,7 +124,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         """
         if seed is not None:
             keys(seed, 1, 0)
-            seed = int(seed)  # Gymnasium knows no integers of numpy
+            seed = int(seed)  # Gymnasium does not accept numpy's integers
         super().reset(seed=seed)
         observations, info = self._batch.reset(seed=seed)
         self._show()
@@ -197,13 +197,13 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
     def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
         """An environment that goes on from where this one is, with `others` of its own."""
         other: SurvivalEnv = type(self).__new__(type(self))
-        memo[id(self)] = other  # a policy may know the environment that it plays in
+        memo[id(self)] = other  # a policy may refer to the environment that it plays in
         options = self._recipe.keywords
         own = {"others": copied_others(options["others"], memo)}
         other.__init__(*self._recipe.args, **options | own)  # type: ignore[misc]
         copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
-        other.spec, other.action_space = self.spec, copy.deepcopy(self.action_space)  # with what it draws next
+        other.spec, other.action_space = self.spec, copy.deepcopy(self.action_space)  # with its random generator
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -216,5 +216,5 @@ def _first(observations: Observation) -> Observation:
 
 
 def _numbers(info: dict[str, Any]) -> dict[str, Any]:
-    """The values without their masks, as Python's own numbers; arrays where there are several."""
+    """Return the entries of info without their masks, single values as Python's numbers and several as arrays."""
     return {key: values[0].tolist() if values.ndim == 1 else values[0] for key, values in info.items() if key[0] != "_"}

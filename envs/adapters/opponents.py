@@ -15,7 +15,7 @@ from ..rollout.mixture import Entries, Mixture, checked_entries, parse_mixture
 from ..rollout.policies import Policy
 
 Other = str | os.PathLike[str] | Policy
-Others = Other | Mapping[Any, float]  # by Other
+Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several
 
 
 class Opponents:
@@ -46,13 +46,14 @@ class Opponents:
     def __init__(self, others: Others, base_env: SurvivalVectorEnv, learner: int) -> None:
         self.base_env = base_env
         ids = [i for i in range(base_env.num_agents) if i != learner]
-        self.agent_indices: Any = ids  # a slice where that is possible, which copies nothing
+        self.agent_indices: Any = ids  # replaced by a slice where that is possible, as that copies nothing
         if learner in (0, base_env.num_agents - 1):
             self.agent_indices = slice(1, None) if learner == 0 else slice(0, learner)
         self.shape = (base_env.num_worlds, len(ids), len(base_env.action_sizes))
         words = "others: the actions that {0} returned", "(worlds, agents but the learner, actions)"
         entries = checked_others(others)
-        self._foreign = any(callable(policy) for policy, _ in entries)  # which may keep what they get
+        # users' functions, which may keep the arrays that they get
+        self._foreign = any(callable(policy) for policy, _ in entries)
         mixture = Mixture(entries, base_env, ids, (), *words)
         self._policy = mixture if mixture.forgetful else told(mixture, base_env)
 

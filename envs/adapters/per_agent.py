@@ -1,4 +1,4 @@
-"""What the adapters share in which each agent, rather than each world, is an environment."""
+"""The base of adapters in which each agent, rather than each world, is a sub-environment."""
 
 import sys
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 
-DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until its world ends
+DEAD = ("end", "keep")  # whether an agent's death ends its episode, or it stays until its world ends
 
 
 def check_dead(dead: str, worlds: Worlds) -> None:
@@ -40,7 +40,7 @@ def requested(
     make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
 ) -> Scenario:
     """Return the scenario that the factory `make` was called with; its time limit becomes the number ending_limit."""
-    if (dead := numbers.pop("dead", "keep")) != "keep":  # of those that have no such keyword
+    if (dead := numbers.pop("dead", "keep")) != "keep":  # for factories that have no keyword `dead`
         cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
         raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
     if max_episode_steps is not None:
@@ -136,7 +136,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
         self.base_env.reset(seed=self._seeds(seed), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))  # for np_random_seed
+            super().reset(seed=int(seed))  # for np_random_seed only
         return self._observe(), self._info(mask)
 
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -163,7 +163,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
         try:
             _, reward, terminated, truncated, _ = self._play(rows)
-        except FaultError:  # of one world; the others have taken the step
+        except FaultError:  # one world failed; the others have taken the step
             if (ended := self.base_env._tracker.done).any():
                 self._begin_next(ended)
             raise
@@ -211,19 +211,19 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close base_env."""
-        if hasattr(self, "base_env"):  # gymnasium also closes what could not be made
+        if hasattr(self, "base_env"):  # missing if the constructor failed: Gymnasium closes the environment then, too
             self.base_env.close()
 
     def _choose(self) -> slice:
-        """Which agents of a world are sub-environments."""
+        """Return which agents of a world are sub-environments."""
         return slice(0, None)
 
     def _play(self, rows: Array) -> Any:
-        """What the step of base_env returns, given the checked actions of the sub-environments."""
+        """Take a step of base_env with the checked actions of the sub-environments, and return its results."""
         return self.base_env.step(rows.reshape(self.num_worlds, self._each, -1))
 
     def _seeds(self, seed: Any) -> Any:
-        """What base_env is to be seeded with: one seed, or one for each world."""
+        """Return the seed of base_env: one for all worlds, or one for each world."""
         if as_array(seed).ndim == 0:
             return seed  # base_env checks it
         seeds = np.asarray(seed, object)
@@ -233,11 +233,11 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return self._of_worlds("seed", seeds).tolist()
 
     def _report(self, done: Array) -> dict[str, Any]:
-        """What info has about the worlds that are `done`, bool (worlds,), and at no other time."""
+        """Return entries that info has only when worlds end, about the worlds that are `done`, bool (worlds,)."""
         return {}
 
     def _info(self, where: Array) -> dict[str, Any]:
-        """What info has after every call, about the worlds `where`, bool (worlds,)."""
+        """Return entries that info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
         info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
         if self._masked:
@@ -269,11 +269,11 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return observed
 
     def _views(self) -> Any:
-        """What the sub-environments observe now, in memory that base_env overwrites."""
+        """Return what the sub-environments observe now, in memory that base_env will overwrite."""
         return each(self.base_env._observe(), self._rows)
 
     def _statistics(self, statistics: Arrays) -> Arrays:
-        """Each sub-environment's own entry of statistics of worlds, (num_envs,) by key."""
+        """Return each sub-environment's own entry of the worlds' statistics, (num_envs,) by key."""
         own = agent_statistics(self.base_env.worlds, statistics, self._indices)
         return {key: values.reshape(self.num_envs, *values.shape[2:]) for key, values in own.items()}
 
@@ -281,15 +281,15 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return self._rows(self._actions.masks())
 
     def _rows(self, values: Array) -> Array:
-        """(worlds, agents, ...) as (num_envs, ...), sub-environments only; a view where that is possible."""
+        """Reshape (worlds, agents, ...) to (num_envs, ...), sub-environments only; a view where that is possible."""
         return values[:, self._indices].reshape(self.num_envs, *values.shape[2:])
 
     def _spread(self, values: Array) -> Array:
-        """(worlds,) as (num_envs,): a copy in which every sub-environment has what its world has."""
+        """Return values of worlds, (worlds,), for each sub-environment, (num_envs,): a copy."""
         return np.repeat(values, self._each, axis=0)
 
     def _of_worlds(self, name: str, rows: Array) -> Array:
-        """(num_envs,) as (worlds,): the one value that the sub-environments of a world have in common."""
+        """Return values of sub-environments, (num_envs,), for each world, (worlds,). Those of a world must agree."""
         by_world = rows.reshape(self.num_worlds, self._each)
         differ = (by_world != by_world[:, :1]).any(1)
         if differ.any():
@@ -301,7 +301,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return by_world[:, 0]
 
     def _check_running(self) -> None:
-        """ClosedError or NotResetError unless every world can take a step."""
+        """Raise ClosedError or NotResetError unless every world can take a step."""
         self.base_env._check_running("step")
         if self.autoreset_mode is AutoresetMode.DISABLED and (done := self.base_env._tracker.done).any():
             raise NotResetError(

@@ -33,7 +33,7 @@ except ModuleNotFoundError as error:
     hint = f"parallel_env and aec_env need PettingZoo: {install('pettingzoo')}"
     raise ModuleNotFoundError(hint, name=error.name) from error
 
-Observations = dict[str, Any]  # by agent
+Observations = dict[str, Any]  # by name of the agent
 Infos = dict[str, dict[str, Any]]
 
 RENDER_MODES = (*modes.RENDER_MODES, "human")
@@ -175,7 +175,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         """
         self._check_open()
         if not self.agents and not actions and self.base_env._tracker.running[0]:
-            return {}, {}, {}, {}, {}  # as wrappers expect that step on when the last agent is gone
+            return {}, {}, {}, {}, {}  # wrappers take another step after the last agent is gone
         if not self.agents:
             raise NotResetError("step() with no agents: the episode is over or has not begun; call reset() first")
         _, reward, terminated, truncated, _ = self.base_env.step(self._joint(actions))
@@ -224,7 +224,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.base_env._check_running("render")
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
-        from ..rendering.rgb import draw, text  # here, as OpenCV takes a while to load
+        from ..rendering.rgb import draw, text  # imported here, as OpenCV takes a while to load
 
         if self.render_mode == "ansi":
             return text(self.base_env.worlds, 0)
@@ -248,14 +248,15 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
         other.statistics_present = copy.deepcopy(self.statistics_present)
         drawing = self._action_spaces, self.np_random
-        other._action_spaces, other.np_random = copy.deepcopy(drawing)  # with what they draw next
+        # with their random generators, so that both go on with the same draws
+        other._action_spaces, other.np_random = copy.deepcopy(drawing)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._recipe, ()
 
     def _joint(self, actions: Mapping[str, Any]) -> Array:
-        """The actions of all agents, int64 (1, agents, actions)."""
+        """Return the actions of all agents, int64 (1, agents, actions)."""
         if not isinstance(actions, Mapping):
             raise ActionError(f"actions are {actions!r}: a dict of agent -> action is needed")
         idle = inactive(self.base_env.worlds)[0]
@@ -269,12 +270,12 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return joint
 
     def _beginning(self) -> list[str]:
-        """Those that the episode has; all that are kept."""
+        """Return the agents that an episode begins with: all of them if `dead` is "keep", otherwise those present."""
         there = present(self.base_env.worlds, 0)
         return [agent for agent, i in self._index.items() if self.dead == "keep" or there[i]]
 
     def _remaining(self, agents: Iterable[str]) -> list[str]:
-        """Those of `agents` whose episode goes on: none if the world has ended."""
+        """Return those of `agents` whose episode goes on: none if the world has ended."""
         if self.base_env._tracker.done[0]:
             return []
         living = alive(self.base_env.worlds, 0)
@@ -380,4 +381,4 @@ def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     return parallel_to_aec(parallel_env(scenario, **options))
 
 
-env = aec_env  # the name that PettingZoo's modules have for it
+env = aec_env  # PettingZoo's own modules call it `env`

@@ -117,7 +117,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         self.base_env, self.check_actions, self.render_mode = base_env, check_actions, render_mode
         self.num_worlds, self.num_agents = base_env.num_worlds, base_env.num_worlds * base_env.num_agents
         self._actions = ActionSpace(base_env.worlds, actions)
-        self.single_observation_space = base_env._reader.of_agent(0)  # all are alike
+        self.single_observation_space = base_env._reader.of_agent(0)  # all agents have the same space
         self.single_action_space = self._actions.single
         super().__init__(buf)
 
@@ -186,7 +186,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         self.base_env.close()
 
     def _beginning(self) -> Array:
-        """Observations and masks of worlds that did not come from a step, with which nothing was paid or ended."""
+        """Write observations and masks that do not follow from a step, so without rewards and ends, and return them."""
         self.rewards[:] = 0
         self.terminals[:] = self.truncations[:] = False
         self._observe()
@@ -198,6 +198,6 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         self.masks[:] = alive(self.base_env.worlds).ravel()
 
     def _by_world(self, rows: Array) -> Array:
-        """(num_agents, ...) as (worlds, agents, ...): a view, also of a part of a larger array."""
+        """Reshape (num_agents, ...) to (worlds, agents, ...): a view, even if `rows` is part of a larger array."""
         view: Array = np.reshape(rows, (self.num_worlds, -1, *rows.shape[1:]))
         return view

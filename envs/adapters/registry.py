@@ -1,4 +1,4 @@
-"""All scenarios in the registries of Gymnasium and PettingZoo. Their modules are imported when an environment is made.
+"""Registers all scenarios with Gymnasium and PettingZoo. Adapters are imported when an environment is made.
 
 Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
 ``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says
@@ -15,8 +15,8 @@ import gymnasium
 from ..scenarios.plugins import installed
 from ..scenarios.variants import VARIANTS
 
-VERSION = "v1"  # of the environments: another one where behaviour changes
-DEFAULT = 3  # number of the variant that a family's own name stands for
+VERSION = "v1"  # version of the environments, to be raised when their behaviour changes
+DEFAULT = 3  # a family's name without a number means the variant with this number
 IDS = {
     f"outlast/{family}{number or ''}-{VERSION}": f"{kind}_{number or DEFAULT}"
     for kind, family in {"ffa": "FreeForAll", "teams": "Teams"}.items()
@@ -38,7 +38,7 @@ def register() -> None:
         import pettingzoo
 
         registries = {"parallel": pettingzoo.parallel_registry, "aec": pettingzoo.aec_registry}
-    except (ImportError, AttributeError):  # no PettingZoo, or one without registries
+    except (ImportError, AttributeError):  # PettingZoo is not installed, or too old to have registries
         return
     for kind, registry in registries.items():
         for scenario in (*VARIANTS, *installed()):

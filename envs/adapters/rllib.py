@@ -20,7 +20,7 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
-# Seed and options by which check_multiagent_environments resets; runs themselves have no options.
+# RLlib's check_multiagent_environments resets with this seed and these options; runs themselves pass no options.
 CHECK: tuple[int, dict[str, Any]] = (42, {})
 
 
@@ -66,7 +66,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
         self._config, self.base_env = config, self._parallel.base_env
-        self._seed: int | None = int(self.base_env.worlds[Clock].seed[0, 0])  # that of config, or one that is drawn
+        self._seed: int | None = int(self.base_env.worlds[Clock].seed[0, 0])  # the seed in config, or a drawn one
         self._unchecked = isinstance(config, EnvContext)
         self.base_env.first_world = _world(config)
         self._cut = False
@@ -87,7 +87,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         """Take a step as SurvivalParallelEnv does; terminated also has "__all__", and truncated has nothing else."""
         observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
         self.agents = self._parallel.agents
-        self._cut |= any(truncated.values())  # what ended is not stepped, and still has ended so
+        self._cut |= any(truncated.values())  # stays so if step is called again after the end
         terminated["__all__"] = not self.agents and not self._cut
         return self._with_masks(observations, infos), rewards, terminated, {"__all__": self._cut}, infos
 
@@ -118,14 +118,14 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._parallel.close()
 
     def _space(self, own: Any) -> Any:
-        """The space of what an agent observes, of that of `parallel_env`."""
+        """Return an agent's observation space, given its space in `parallel_env`: with masks, if there are masks."""
         if not self._masked:
             return own
         masks = spaces.Box(0, 1, (self._parallel._actions.mask_size,), np.float32)
         return spaces.Dict({"action_mask": masks, "observations": own})
 
     def _with_masks(self, observations: Observations, infos: Infos) -> Observations:
-        """The masks are in the infos, too."""
+        """Add the masks in `infos` to the observations, if there are masks."""
         if not self._masked:
             return observations
         return {
@@ -138,10 +138,11 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
 
 def _world(config: Any) -> int:
-    """The number of this copy's world; 0 outside of RLlib.
+    """Return the number of the world of this copy of the environment; 0 outside of RLlib.
 
-    RLlib does not distinguish copies: those of one worker get the same context object, and when RLlib checks them, all
-    copies in all workers get the same seed, from which they go on if the run has none.
+    It has to differ, or copies would play the same episodes. RLlib does not tell them apart: all copies in a worker get
+    the same context object, and when RLlib checks environments, it gives all copies in all workers the same seed, from
+    which they go on if the run has none.
     """
     if not isinstance(config, EnvContext):
         return 0

@@ -239,7 +239,8 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     def render(self, mode: str | None = None) -> Array | None:
         """Draw the first `render_worlds` worlds side by side, uint8 (height, width, 3); mode "human": in a window."""
         if self.render_mode != "rgb_array" or mode not in (None, "rgb_array", "human"):
-            nothing: Array | None = super().render(mode)  # warns
+            # Stable-Baselines3 warns that there is nothing to draw, and returns None
+            nothing: Array | None = super().render(mode)
             return nothing
         picture: Array = tile_images(self._pictures(range(min(self.render_worlds, self.num_worlds))))
         if mode != "human":
@@ -252,7 +253,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
         return [range(self.num_envs)[i] for i in self._get_indices(indices)]
 
     def _pictures(self, worlds: Iterable[int]) -> list[Array]:
-        from ..rendering.rgb import draw  # with what draws, which training has no use for
+        from ..rendering.rgb import draw  # imported here, as training needs no OpenCV
 
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
@@ -262,7 +263,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
 
 
 def _infos(info: dict[str, Any]) -> list[dict[str, Any]]:
-    """What infos have in every step: 1 or 0, for each sub-environment a new dict."""
+    """Return a new dict for each sub-environment, with 1 or 0 for "alive" and, if counts vary, "present"."""
     columns = [info[key].astype(int).tolist() for key in ("alive", "present") if key in info]
     if len(columns) == 1:
         return [{"alive": alive} for alive in columns[0]]

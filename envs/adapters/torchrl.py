@@ -1,6 +1,6 @@
-"""TorchRL: many worlds as one batched EnvBase, whose agents are in groups that share networks."""
+"""TorchRL: many worlds as one batched EnvBase, in which the agents of a group share networks."""
 
-from __future__ import annotations  # the site is built without TorchRL, whose stand-ins know no "|"
+from __future__ import annotations  # the site is built with stand-ins for TorchRL's classes, which lack "|"
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,12 +29,12 @@ except ImportError as error:
     raise ModuleNotFoundError(f"make_torchrl needs TorchRL: {install('torchrl')}", name="torchrl") from error
 
 GROUPS = ("all", "sides", "roles")
-TAKEN = (  # names of entries, which groups cannot have
+TAKEN = (  # names of entries, which no group may have
     *("observation", "action", "action_mask", "mask", "present", "reward", "state"),
     *("done", "terminated", "truncated", "next", "_reset"),
 )
 Groups = str | Mapping[str, Sequence[str]]
-STEP = exclusive(SurvivalVectorEnv._step)  # of some worlds only
+STEP = exclusive(SurvivalVectorEnv._step)  # a step that worlds can be left out of
 
 
 def make_torchrl(
@@ -126,8 +126,9 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self.statistics, self.statistics_present = dict[str, Array](), dict[str, Array]()
         self._masked = base_env.action_mask_size > 0
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
-        self._waiting = np.ones(base_env.num_worlds, bool)  # worlds that get it when they are reset
-        self._cut_off = torch.from_numpy(np.zeros(base_env.num_worlds, bool))  # worlds that their last step truncated
+        self._waiting = np.ones(base_env.num_worlds, bool)  # worlds whose next reset uses the seed
+        # worlds whose last step truncated their episode
+        self._cut_off = torch.from_numpy(np.zeros(base_env.num_worlds, bool))
         names = [f"agent_{i}" for i in range(base_env.num_agents)]
         self.group_map = _group_map(base_env, groups, names)
         self._members = {
@@ -136,7 +137,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self._make_specs()
 
     def _make_specs(self) -> None:
-        """What TorchRL allocates and checks by, for one world."""
+        """Make the specs by which TorchRL allocates and checks tensors, for one world."""
         env, device = self.vector_env, self.device
         seen, acts, rewards = (Composite(device=device) for _ in range(3))
         for group, own in self._members.items():
@@ -174,7 +175,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         env = self.vector_env
         some = None if tensordict is None else tensordict.get("_reset", None)
         where = np.ones(env.num_worlds, bool) if some is None else some.cpu().numpy()[:, 0]
-        where = where | ~env._tracker.running  # all, at first
+        where = where | ~env._tracker.running  # worlds that do not run have to be reset, too: at first, all of them
         keyed = where & self._waiting
         for seed, mask in ((self._seed, keyed), (None, where & ~keyed)):
             if mask.any():
@@ -185,15 +186,15 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self.vector_env.state(out["state"])
         if self._masked:
             self.vector_env.action_masks(out["action_mask"])
-        done = torch.from_numpy(self.vector_env._tracker.done)  # of worlds that are not reset
+        done = torch.from_numpy(self.vector_env._tracker.done)  # worlds that had ended and were not reset now
         out["truncated"] = done & self._cut_off
         out["terminated"] = done & ~self._cut_off
         return self._entries(out, ())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
-        some = tensordict.get("_step", None)  # worlds that are to be stepped; rollout(break_when_all_done=True) has it
-        going: Array = ~env._tracker.done  # a FrameSkipTransform goes on with worlds that have ended under it
+        some = tensordict.get("_step", None)  # which worlds to step; rollout(break_when_all_done=True) sets it
+        going: Array = ~env._tracker.done  # FrameSkipTransform goes on stepping worlds that have ended
         if some is not None:
             going &= some.cpu().numpy().reshape(env.num_worlds)
         where = None if going.all() else going
@@ -202,7 +203,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             given = tensordict[group, "action"].detach().cpu().numpy()
             shape = (env.num_worlds, len(self.group_map[group]))
             who, what = f"agent {{1}} of {group} in world {{0}}", f"actions of the group {group}"
-            # numpy would round numbers and repeat single ones
+            # checked before they are assigned, as numpy would round numbers, and repeat a single one
             actions[:, own] = env._actions.checked(given, shape, False, axes="worlds, n", who=who, what=what)
         out |= {name: _empty((env.num_worlds,), torch.bool) for name in ("terminated", "truncated")}
         out["rewards"] = _empty((env.num_worlds, env.num_agents))
@@ -212,7 +213,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self._cut_off = out["truncated"] & ~out["terminated"]
         ended = info.get("_statistics")
         if ended is not None and where is not None:
-            ended = ended & where  # others have ended before
+            ended = ended & where  # other worlds had ended before this step
         if ended is not None and ended.any():
             there = info.get("statistics_present", {})
             self.statistics = {name: values[ended] for name, values in info["statistics"].items()}
@@ -226,7 +227,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self._waiting[:] = seed is not None
 
     def _room(self) -> dict[str, Any]:
-        """Tensors that a step, or a reset, writes into."""
+        """Return new tensors for a step, or a reset, to write into."""
         env = self.vector_env
         rows = env.num_worlds, env.num_agents
         room = {
@@ -238,7 +239,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         return room
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
-        """What TorchRL gets of a reset, or with rewards of a step."""
+        """Return what TorchRL gets from a reset, and from a step, which has rewards, too."""
         living = torch.from_numpy(alive(self.vector_env.worlds))
         there = torch.from_numpy(present(self.vector_env.worlds)) if self._counts_vary else living
         told: dict[str, Any] = {"state": out["state"]}
@@ -264,7 +265,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
 
 def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict[str, list[str]]:
-    """Names of agents by group. Raises ValueError."""
+    """Return the names of agents by group. Raises ValueError if `groups` is not valid."""
     if isinstance(groups, Mapping):
         given = [name for own in groups.values() for name in own]
         if any(type(name) is not str for name in given) or sorted(given) != sorted(names):
@@ -277,7 +278,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
         raise ValueError("groups = 'roles': this scenario has no roles, or draws who has them; take 'all' or 'sides'")
     if counts_vary(env.worlds):
         raise ValueError(f"groups = {groups!r}: the number of agents varies, so groups would, too; take 'all'")
-    env.reset()  # of the first worlds of this seed, which the first reset begins again
+    env.reset()  # to see who is on which side, or has which role; the first reset begins these episodes again
     numbers = (side(env.worlds) if groups == "sides" else env.worlds[AgentRoles].role)[0]
     called = env.sides if groups == "sides" else env.roles
     found: dict[str, list[str]] = {}
@@ -287,7 +288,7 @@ def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict
 
 
 def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
-    """Groups that can be. Raises ValueError."""
+    """Return the groups if their names are allowed and none is empty. Raises ValueError otherwise."""
     for group, own in groups.items():
         if type(group) is not str or not group or group in TAKEN:
             raise ValueError(f"groups: a group cannot be called {group!r}; take a text other than {', '.join(TAKEN)}")
@@ -297,13 +298,13 @@ def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
 
 
 def _selection(indices: list[int]) -> Any:
-    """Agents as an index: a slice where that is possible, which copies nothing."""
+    """Return an index of agents: if possible a slice, as that copies nothing."""
     run = range(indices[0], indices[0] + len(indices))
     return slice(run.start, run.stop) if indices == list(run) else indices
 
 
 def _spec(space: Any, agents: Any, device: Any) -> Any:
-    """Of what a Box, or a Dict of Boxes, says of some agents: Bounded if it is."""
+    """Return the spec of some agents' part of a Box or a Dict of Boxes: Bounded if all ends are finite."""
     if isinstance(space, spaces.Dict):
         parts = {key: _spec(box, agents, device) for key, box in space.items()}
         return Composite(parts, shape=next(iter(parts.values())).shape[:1], device=device)
@@ -318,5 +319,5 @@ def _flags(shape: tuple[int, ...], device: Any) -> Any:
 
 
 def _empty(shape: Sequence[int], dtype: Any = torch.float32) -> Any:
-    """Room for what the worlds write, whatever PyTorch's default type and device are."""
+    """Return an empty tensor for worlds to write into, whatever PyTorch's default type and device are."""
     return torch.empty(tuple(shape), dtype=dtype, device="cpu")

@@ -1,4 +1,4 @@
-"""What agents choose from: an integer for each action, or one for all of them; and which would do nothing."""
+"""The spaces of actions: an integer for each action, or one integer for all of them; and masks of useless actions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from .spaces import published
 from .validation import Array, as_array, check_choice, checked_actions, checked_fractions
 
 KINDS = ("multi", "joint", "continuous")
-MOST = 1 << 16  # joint actions: learners have an output for each
-MASKED = 20  # actions: there is a mask for each set of them
+MOST = 1 << 16  # joint actions at most, as learners have an output for each
+MASKED = 20  # actions at most, as a mask is stored for every subset of them
 
 
 class MaskedMultiDiscrete(spaces.MultiDiscrete):
@@ -62,7 +62,7 @@ class ActionSpace:
         self.sizes = np.array([int(column.high - column.low) + 1 for *_, column in columns])
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
         self._readers = [_readers(worlds, component) for _, component, *_ in columns]
-        self._table: Array | None = None  # integers (joint actions, actions)
+        self._table: Array | None = None  # the actions of each joint action, integers (joint actions, actions)
         self.mask_size = int(self.sizes.sum())
         if kind == "joint":
             self.mask_size = math.prod(self.sizes.tolist())
@@ -166,7 +166,8 @@ class ActionSpace:
             ActionError: As for `rows`.
         """
         plain = self.kind == "multi" and not ranges and isinstance(given, np.ndarray)
-        if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):  # the usual case takes no time
+        # the usual actions are written without conversion
+        if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):
             given = self.rows(given, actions.shape[:2], ranges, axes="worlds, agents")
         actions[...] = given
 
@@ -193,7 +194,8 @@ class ActionSpace:
         """
         self.check_masked()
         said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
-        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)  # a bit for each action, 1: idle
+        # a bit for each action: 1 if it would do nothing
+        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             idle: Any = True
             for name in readers:
@@ -204,10 +206,11 @@ class ActionSpace:
 
     @cached_property
     def _by_idle(self) -> Array:
-        """The mask for each set of actions that do nothing: bool (sets, mask_size). DeclarationError for too many."""
+        """Return a mask for each set of actions that would do nothing, bool (sets, mask_size); or DeclarationError."""
         if len(self.keys) > MASKED:
             raise DeclarationError(f"masks of {len(self.keys)} actions: at most {MASKED} are possible; leave masks out")
-        sets = np.arange(1 << len(self.keys))[:, None] >> np.arange(len(self.keys)) & 1  # (sets, actions)
+        # whether each set has each action, (sets, actions)
+        sets = np.arange(1 << len(self.keys))[:, None] >> np.arange(len(self.keys)) & 1
         allowed = [(sets[:, [k]] == 0) | (np.arange(size) == self.zeros[k]) for k, size in enumerate(self.sizes)]
         if self._table is None:
             return np.concatenate(allowed, 1)
@@ -216,13 +219,14 @@ class ActionSpace:
 
 
 def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:
-    """What a module's idle_actions() returns. DeclarationError if that is not what is said there."""
+    """Return what a module's idle_actions() returns. Raises DeclarationError if it is not what is specified there."""
     given, shape = module.idle_actions(worlds), (worlds.count, worlds.dims["agents"])
     if not isinstance(given, Mapping):
         raise DeclarationError(f"{module.name}.idle_actions() returned {type(given).__name__}: a dict is needed")
     found = {key: np.asarray(idle) for key, idle in given.items()}
     for key, idle in found.items():
-        if key not in known and not {key} & Action.keys():  # of those that a scenario lacks: only then looked for
+        # it may be an action that the scenario lacks; all actions are listed only in this case
+        if key not in known and not {key} & Action.keys():
             hint = did_you_mean(key, known) or f"there are: {', '.join(sorted(known))}"
             raise DeclarationError(f"{module.name}.idle_actions() names the action {key!r}, which is none; {hint}")
         if idle.shape != shape:
@@ -234,7 +238,7 @@ def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Arr
 
 
 def _readers(worlds: Worlds, action: type[Any]) -> set[str]:
-    """The mechanics with systems that run and look at an action."""
+    """Return the mechanics that have running systems which look at an action."""
     kinds = ("read", "write", "add")
     return {
         system.module

@@ -66,7 +66,7 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
     if not isinstance(given, np.ndarray) and hasattr(given, "__dlpack__") and hasattr(given, "__array__"):
         try:
             array = given.__array__()
-        except (TypeError, RuntimeError) as error:  # it is on a GPU, or has a gradient
+        except (TypeError, RuntimeError) as error:  # a tensor on a GPU, or one that requires gradients
             raise ValueError(f"{name} shares no memory with numpy: {error}") from None
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
         found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__

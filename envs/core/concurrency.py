@@ -24,7 +24,8 @@ class CallGuard:
         self._worker = Worker()
         self.pending: Job | None = None
         self._owner = os.getpid()
-        self.inside: dict[str, int] = {}  # the thread that is: what Ctrl-C leaves here, its next call clears
+        # the thread that is in a call; if Ctrl-C leaves it here, the thread's next call clears it
+        self.inside: dict[str, int] = {}
 
     def enter(self) -> None:
         """Begin a call; `leave` ends it. Raises PendingError while another thread is in a call."""
@@ -55,12 +56,12 @@ class CallGuard:
             raise PendingError("recv() without send()")
         self.check_owner()
         if not job.finished:
-            self._worker.submit(job)  # again, as Ctrl-C may have kept `begin` from it
+            self._worker.submit(job)  # again, as Ctrl-C may have interrupted `begin` before it did so
         try:
             result = job.result()
         finally:
             mine = self.pending is job
-            if mine and job.finished:  # it is not after Ctrl-C: then it can be fetched again
+            if mine and job.finished:  # after Ctrl-C it may be unfinished; it can be fetched later
                 self.pending = None
         if not mine:
             raise PendingError("another thread has received this step; recv() is for one thread")
@@ -96,10 +97,11 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
     @functools.wraps(call)
     def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
         guard: CallGuard = env._guard
-        if env.closed or guard.pending is not None:  # before the guard, which the call in the background needs
+        if env.closed or guard.pending is not None:  # without taking the guard, which a call in the background needs
             check_callable(env)
         me, inside = get_ident(), guard.inside
-        if inside.setdefault("thread", me) != me:  # what `enter` does: calls of it are a tenth of one world's step
+        # as in `enter`; calling that would add a tenth to a step of one world
+        if inside.setdefault("thread", me) != me:
             guard.enter()
         try:
             return call(env, *arguments, **options)

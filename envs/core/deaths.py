@@ -7,16 +7,18 @@ from outlast.ecs import SKIP, Worlds
 
 LOGGER = logging.getLogger("outlast.deaths")
 LEVEL = logging.INFO
-LOGGER.setLevel(logging.WARNING)  # set INFO here to see deaths; that of "outlast" is not enough
+# deaths are logged if this logger is set to INFO; setting "outlast" to INFO is not enough
+LOGGER.setLevel(logging.WARNING)
 
 
 def log(worlds: Worlds, first_world: int = 0) -> None:
     """Log the deaths of the last tick at level INFO: world, tick, agent, cause and the side that did it."""
     if not LOGGER.isEnabledFor(LEVEL):
         return
-    first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]  # of the number -1
+    # "no damage" is last, as its number is -1
+    first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]
     for death in worlds.entries(Death):
-        if worlds.mode[death["world"]] == SKIP:  # of an earlier tick
+        if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
             continue
         by = f" by side {death['side']}" if death["side"] >= 0 else ""
         w, i, cause = first_world + death["world"], death["agent"] - first, causes[death["damage_type"]]

@@ -1,4 +1,4 @@
-"""What a batch of worlds tells about itself: its spaces, the names of the columns of its arrays, its present state."""
+"""What a batch of worlds says about itself: its spaces, the names of its arrays' columns, its present state."""
 
 from functools import cached_property
 from typing import Any
@@ -39,7 +39,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     _actions: ActionSpace
     _masked: bool
     _step_events: StepEvents
-    _living: Actions  # whether each agent lives, uint8 (worlds, agents), a view
+    _living: Actions  # whether each agent is alive, a view of uint8 (worlds, agents)
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -223,15 +223,15 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return observed
 
     def _check_running(self, call: str) -> None:
-        """ClosedError, PendingError or NotResetError unless `call` can look at all worlds; for adapters."""
+        """Raise ClosedError, PendingError or NotResetError unless `call` can look at all worlds; for adapters."""
         check_callable(self)
         self._tracker.check_running(call)
 
     def _info(self) -> dict[str, Any]:
-        """What info has of the observations that are returned."""
+        """Return the entries of info about the observations that are returned."""
         info: dict[str, Any] = {"alive": self._living.astype(bool)}
         if self._masked:
-            info["action_mask"] = self._actions.masks().view(np.int8)  # as gymnasium's spaces sample with
+            info["action_mask"] = self._actions.masks().view(np.int8)  # the type that Gymnasium's Space.sample takes
         if self._varied:
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
         if self._roles:
@@ -239,7 +239,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return info
 
     def _ended(self, done: Actions) -> dict[str, Any]:
-        """What info has of the episodes that just ended, in the worlds `done`."""
+        """Return the entries of info about the episodes that just ended, in the worlds `done`."""
         info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
         if there := counted(self.worlds):
             info["statistics_present"] = there

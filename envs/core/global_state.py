@@ -66,7 +66,7 @@ class GlobalState:
         parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w)]
         parts += [self._bodies(w), self._numbers(w)]
         if ZoneView in self.worlds:
-            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # the same for all agents
+            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # that of agent 0, as it is the same for all agents
         flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
         state = np.concatenate(flat, -1, dtype=np.float32)
         if self._scale is not None:
@@ -74,7 +74,7 @@ class GlobalState:
         return state
 
     def _blocks(self) -> list[tuple[int, Array]]:
-        """(number of rows, low, high and scale of the numbers of a row, float32 (3, numbers)) of every block."""
+        """Return, for every block, its number of rows, and low, high and scale of a row, float32 (3, numbers)."""
         known, flag, carrier = bounds(self.worlds), _column(0, 1), _column(0, len(self.agents), len(self.agents))
         place = [_column(scale=scale) for scale in self._scales("own", *POSE)]
         half, health = _column(scale=VERTICES.scale), _column(scale=self._toughest())
@@ -91,7 +91,7 @@ class GlobalState:
         ]
 
     def _names(self) -> Iterator[str]:
-        """Of the numbers, in the order of the blocks."""
+        """Yield the names of the numbers, in the order of the blocks."""
         fields, half = self.worlds.layout.fields, ("half_width", "half_height")
         own, zone = (column_names(fields.get(key, {})) for key in ("own", "zone"))
         blocks = [
@@ -108,16 +108,16 @@ class GlobalState:
             yield from names
 
     def _called(self, row: int) -> str:
-        """An entity by its archetype and its number among those: "box_3"."""
+        """Return the name of an entity, from its archetype and its number in that: "box_3"."""
         return next(f"{name}_{row - span.start}" for name, span in self.worlds.layout.spans.items() if row in span)
 
     def _scales(self, key: str, *names: str) -> list[float]:
-        """Of these fields of an observation, or of all of them in order of columns."""
+        """Return the scales of the columns of these fields of an observation, or of all its fields."""
         fields = self.worlds.layout.fields[key]
         return [scale for name in names or fields for scale in [fields[name].scale] * fields[name].size]
 
     def _toughest(self) -> float:
-        """Hit points of the object that has most of them at first; 1 where there are no objects."""
+        """Return the most hit points that any object has at the start; 1 if there are no objects."""
         points = self.worlds.layout.prefab_values(Health, "points")
         spans = {name: self.worlds.span(name) for name in points}
         return max([1.0, *(float(np.max(points[name])) for name in points if spans[name].start in self.objects)])
@@ -132,7 +132,7 @@ class GlobalState:
     def _items(self, w: int | slice) -> Array:
         body = self.worlds[Body]
         rows = self._standing(w, self.items, [body.x, body.y])
-        if not len(self.items):  # nor, maybe, a component Item
+        if not len(self.items):  # then the component Item may be missing, too
             return np.zeros((*rows.shape[:-1], 4))
         holder = self.worlds[Item].holder[w][..., self.items]
         return np.concatenate([rows, np.where(holder >= 0, holder - self.first + 1, 0)[..., None]], -1)
@@ -144,25 +144,25 @@ class GlobalState:
         return self._standing(w, self.bodies, [getattr(self.worlds[Body], name) for name in POSE])
 
     def _rectangles(self) -> list[Array]:
-        """Pose and half sides of all bodies, (worlds, rows) each."""
+        """Return pose and half sides of all bodies, (worlds, rows) each."""
         body, shape = self.worlds[Body], self.worlds[Shape]
         return [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
 
     def _numbers(self, w: int | slice) -> Array:
-        """The varied numbers as a row: (..., 1, numbers)."""
+        """Return the varied numbers as a block of one row: (..., 1, numbers)."""
         if not self.numbers:
             return np.zeros(0)
         known = self.worlds.numbers()
         return np.stack([known[name][w] for name in self.numbers], -1)[..., None, :]
 
     def _standing(self, w: int | slice, rows: Array, columns: list[Array]) -> Array:
-        """Whether each row is in the world, and its columns, 0 if it is not."""
+        """Return whether each row is in the world, followed by its columns, which are 0 if it is not."""
         alive = self.worlds[Entity].alive[w][..., rows]
         return np.stack([alive, *(np.where(alive, column[w][..., rows], 0) for column in columns)], -1)
 
 
 def _extent(distribution: Distribution) -> tuple[float, float, float]:
-    """The lowest and the highest value, and what to divide by."""
+    """Return the lowest and highest value of a distribution, and the divisor that scales them to -1 to 1."""
     low, *_, high = map(float, distribution.extremes())
     return low, high, max(abs(low), abs(high), 1e-3)
 

@@ -1,4 +1,4 @@
-"""The episodes of worlds: when they begin and end, and worlds that cannot begin or go on."""
+"""The episodes of worlds: when they begin and end, and which worlds cannot begin or go on."""
 
 import contextlib
 from collections.abc import Iterator
@@ -77,7 +77,7 @@ class EpisodeTracker:
             column for component in worlds.components if not component.packed for column in worlds[component]
         ]
         end, taken = worlds[End], worlds.actions
-        self._arrays = {  # those that the words below are addresses of
+        self._arrays = {  # kept here, as the words below are their addresses
             "actions": self.actions,
             "sizes": sizes.astype(np.int64),
             "zeros": zeros.astype(np.int64),
@@ -162,7 +162,7 @@ class EpisodeTracker:
         """
         self.mode[:] = np.where(some, RESET, SKIP)
         if keys is not None and runner is not self._worlds and runner.recording:
-            runner.check(self.mode)  # ahead of new seeds
+            runner.check(self.mode)  # raises before worlds are seeded
         if not self.running[some].all():
             self._clear(some & ~self.running)
         self.run(runner, keys)
@@ -177,14 +177,14 @@ class EpisodeTracker:
                 self._worlds.seed(keys[0][seeded], keys[1][seeded], seeded)
             runner.run(self.mode)
             outcome = COMPLETED
-        except RecordingError:  # ahead of the run, or after it
+        except RecordingError:  # raised before or after the tick, so no world is half-way
             self.running[:], outcome = before, LEFT
             raise
         finally:
             self.flags = self._finish(self._address, outcome)
 
     def _clear(self, where: Array) -> None:
-        """Zero the buffers that systems write only where something changes (see components.sight)."""
+        """Zero the buffers that systems only write where something changes (see components.sight)."""
         for column in self._buffers:
             column[where] = 0
 
@@ -199,7 +199,7 @@ class EpisodeTracker:
         self.running[:] = False
         try:
             yield masks
-        except Exception:  # a refusal, ahead of it
+        except Exception:  # refused before anything was overwritten
             self.running[:] = before
             raise
         self.set_states[where] += 1

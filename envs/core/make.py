@@ -82,4 +82,5 @@ def make_vec(
     )
 
 
-OPTIONS = tuple(make_vec.__kwdefaults__ or ())  # its keywords
+# names of its keyword-only arguments, which are not numbers of a scenario
+OPTIONS = tuple(make_vec.__kwdefaults__ or ())

@@ -1,4 +1,4 @@
-"""A message for something that takes long for a reason that the user cannot see."""
+"""A message when something takes long and the user cannot see why."""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""The numbers of a running game: their values, and how they change."""
+"""The numbers of a running game: reading and changing them."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -93,7 +93,7 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     with _restored(worlds):
-        waiting = worlds[Given].words[rows]  # of levels that were set before, and not played
+        waiting = worlds[Given].words[rows]  # forget levels that were set before and have not been played
         waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
         waiting[:, KEY] = 0
         worlds[Given].words[rows] = waiting
@@ -105,7 +105,7 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
 
 @contextlib.contextmanager
 def _restored(worlds: Worlds) -> Iterator[None]:
-    """What was given before is given again if an exception comes."""
+    """Restore the numbers that were given before if an exception is raised."""
     before = worlds[Given].words.copy() if Given in worlds else None
     try:
         yield
@@ -116,7 +116,7 @@ def _restored(worlds: Worlds) -> Iterator[None]:
 
 
 def _chosen(name: str, value: Any, where: Array) -> Any:
-    """Of a value for each world, those of some worlds; one value, or None, as it is."""
+    """Return the values of the worlds `where`, if there is one for each world; a single value, or None, as it is."""
     if not has_one_each(value):
         return value
     if len(value) != len(where):

@@ -1,4 +1,4 @@
-"""What all agents observe, in the form that a learner wants: by key or flat, in units or scaled."""
+"""What agents observe, in the form that a learner wants: by key or flat, in units or scaled."""
 
 import math
 from collections.abc import Mapping
@@ -115,7 +115,7 @@ def each(observations: Any, change: Any) -> Any:
 
 
 def _names(key: str, row: Array, fields: Mapping[str, Field]) -> list[str]:
-    """Of the numbers of an agent's entry of a key, in order."""
+    """Return the names of the numbers that an agent has of a key, in order."""
     columns = column_names(fields) or [str(k) for k in range(row.shape[-1])]
     rows = [".".join(map(str, (key, *index))) for index in np.ndindex(row.shape[:-1])]
     return [f"{one}.{column}" for one in rows for column in columns]

@@ -10,7 +10,7 @@ from outlast.ecs.fields import Field, Fields
 
 from .validation import Array
 
-LIMIT = 10.0  # of scaled values whose range is not known, as wrappers that normalise have it, too
+LIMIT = 10.0  # scaled values without a known range are clipped to it, as normalising wrappers do
 
 
 @dataclass(frozen=True)

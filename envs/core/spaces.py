@@ -1,4 +1,4 @@
-"""Spaces, built from what the scenario's components declare."""
+"""Spaces, built from the declarations of the scenario's components."""
 
 import itertools
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
-Reported = tuple[Array, tuple[int | str, ...]]  # (worlds,) or (worlds, n), what there are n of
+Reported = tuple[Array, tuple[int | str, ...]]  # values (worlds,) or (worlds, n), and the dimensions behind `worlds`
 STATISTICS: WeakKeyDictionary[Worlds, dict[str, Reported]] = WeakKeyDictionary()  # see reported_statistics
 BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
@@ -48,7 +48,7 @@ def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Com
     return sorted(found, key=lambda entry: entry[0])
 
 
-USES = {Observation: ("write", "add"), Action: ("read", "write")}  # of a system
+USES = {Observation: ("write", "add"), Action: ("read", "write")}  # a system has to do one of these with the component
 NEEDS: dict[type[Component], str] = {
     Observation: "no system writes the observation {}, so agents would see zeros; its mechanic needs a system with a "
     "parameter Write[{}]",
@@ -59,7 +59,7 @@ NEEDS: dict[type[Component], str] = {
     Event: "no system emits the event {}, so it would never happen; its mechanic needs a system with a parameter "
     "Write[{}]",
 }
-INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # what infos have beside statistics
+INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # entries of infos other than statistics
 
 
 def check_published(worlds: Worlds) -> None:
@@ -96,12 +96,13 @@ def check_published(worlds: Worlds) -> None:
         if not any(system.touches(component, *USES[Observation]) for system in systems):
             raise DeclarationError(NEEDS[Statistic].format(f"{component.__qualname__}.{name}", component.__name__))
     for event in filter(is_outside, worlds.layout.events):
-        if not any(system.touches(event, "read", "write") for system in systems):  # who emits it may be left out
+        # reading is enough, as the mechanic that emits it may be left out
+        if not any(system.touches(event, "read", "write") for system in systems):
             raise DeclarationError(NEEDS[Event].format(event.__qualname__, event.__name__))
 
 
 def _check_signals(worlds: Worlds) -> None:
-    """DeclarationError if what a mechanic pays, or ends, is lost, as one of outlast's sets it later in the tick."""
+    """Raise DeclarationError if a user's system sets rewards or ends, and one of outlast's later overwrites them."""
     for component in worlds.components:
         if issubclass(component, Signal):
             writing = [system for system in worlds.schedule.systems if system.touches(component, *USES[Observation])]
@@ -114,14 +115,15 @@ def _check_signals(worlds: Worlds) -> None:
 
 
 def _check_fields(worlds: Worlds) -> None:
-    """DeclarationError if no system writes a field that a mechanic adds to the rows of another's observation."""
+    """Raise DeclarationError if no system writes a field that a mechanic adds to another mechanic's observation."""
     for key, component, column, _ in published(worlds, Observation):
         writing = [system for system in worlds.layout.systems if system.touches(component, *USES[Observation])]
         offsets = [system.offsets().get((component, column), set()) for system in writing]
-        for module in worlds.layout.modules if all(offsets) else ():  # without an Offset, whole rows are written
+        for module in worlds.layout.modules if all(offsets) else ():  # a system without an Offset writes whole rows
             added = [field.name for field in module.fields().get(key, ())]
             own = [system.offsets().get((component, column), set()) for system in module.all_systems()]
-            for k, name in enumerate(added):  # an Offset may do for those behind it; a number may switch the system off
+            # the Offset of an earlier field will do; `own` has systems that a number switches off, too
+            for k, name in enumerate(added):
                 if not any(f"{key}_{each}" in found for found in (*offsets, *own) for each in added[: k + 1]):
                     raise DeclarationError(
                         f"no system writes the field '{name}' that {module.name} adds to '{key}', so agents "
@@ -182,13 +184,13 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
 
 
 def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Array:
-    """The widest of several ends, NaN where none is given."""
+    """Return the widest of several ends, NaN where none is given."""
     result: Array = widest.reduce([np.full(shape, np.nan), *ends])
     return result
 
 
 def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:
-    """What a module says of a key, as arrays of the column's shape; NaN for fields that it does not mention."""
+    """Return a module's bounds of a key as arrays of the column's shape, NaN for fields that it does not mention."""
     if not fields:
         return _range(f"{module}.bounds() of '{key}'", ends, shape)
     known = ", ".join(fields)
@@ -252,5 +254,5 @@ def reported_statistics(worlds: Worlds) -> dict[str, Reported]:
 
 
 def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:
-    """The names under which a statistic is reported: its key, or one for each damage type ("deaths_zone")."""
+    """Return the names under which a statistic is reported: its key, or one per damage type ("deaths_zone")."""
     return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if column.dims == ("damage_types",) else [key]

@@ -1,4 +1,4 @@
-"""What a step does around the tick, as machine code: a single call from Python, whatever the number of worlds.
+"""What a step does before and after the tick, as machine code: one call from Python for any number of worlds.
 
 The functions take the address of a block of int64 words (see WORDS), and return flags.
 """
@@ -12,21 +12,24 @@ from outlast.ecs.run_units import CALLER, EXCEPTION, NONE, run_units
 from outlast.ecs.run_units import FAILED as UNIT_FAILED
 
 WORDS = (
-    *("worlds", "agents", "columns"),  # how many; columns: actions of an agent
-    *("ranges", "resets", "at_once"),  # 1 or 0: check ranges; reset worlds that ended; begin the next episode at once
-    *("actions", "sizes", "zeros"),  # int64 (worlds, agents, columns), and (columns,): the sizes, and which is the 0
-    *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, agents), and bytes of each
-    *("mode", "running", "ended", "stopped", "terminated", "truncated"),  # a byte a world
+    *("worlds", "agents", "columns"),  # counts; columns: how many actions an agent has
+    # 1 or 0, whether to: check ranges; reset worlds that ended; begin the next episode at once
+    *("ranges", "resets", "at_once"),
+    # int64 (worlds, agents, columns); (columns,): how many values; which of them means 0
+    *("actions", "sizes", "zeros"),
+    *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, agents); bytes of each action
+    *("mode", "running", "ended", "stopped", "terminated", "truncated"),  # a byte for each world
     "rewards",  # float32 (worlds, agents)
-    *("fault", "fault_stride", "unplaced", "unplaced_stride"),  # of the first world, and bytes to the next; 0: none
+    # the first world's, and bytes to the next one; 0: there is none
+    *("fault", "fault_stride", "unplaced", "unplaced_stride"),
 )
-PLACES = range(0, 8 * len(WORDS), 8)  # of the words, in bytes
+PLACES = range(0, 8 * len(WORDS), 8)  # offset of each word, in bytes
 WORLDS, AGENTS, COLUMNS, RANGES, RESETS, AT_ONCE, ACTIONS, SIZES, ZEROS, TAKEN, TAKEN_BYTES = PLACES[:11]
 MODE, RUNNING, ENDED, STOPPED, TERMINATED, TRUNCATED, REWARDS = PLACES[11:18]
 FAULT, FAULT_STRIDE, UNPLACED, UNPLACED_STRIDE = PLACES[18:]
 NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULTY = (1 << k for k in range(5))
-TILE = 64  # agents whose actions are taken column by column, while they are in the first-level cache
-FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: nothing is said of it
+TILE = 64  # agents whose actions fit into the first-level cache while they are taken column by column
+FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: `running` is left as it is
 
 read, read_byte, read_int = loader("int64"), loader("uint8"), loader("int32")
 write, write_byte, write_short, write_int = map(storer, ("int64", "int8", "int16", "int32"))
@@ -51,7 +54,7 @@ def check(block: int) -> int:
             if read_byte(ended + w) | read_byte(stopped + w):
                 return HAS_ENDED
     if read(block + RANGES):
-        outside = 0  # without a branch for each action
+        outside = 0  # errors are collected, so that no action needs a branch
         for first in range(0, rows, TILE):
             for k in range(columns):
                 most = read(sizes + 8 * k) - 1

@@ -14,8 +14,8 @@ from ..errors import ActionError
 Array = np.ndarray[Any, Any]
 
 Seeds: TypeAlias = int | Sequence[int | None] | np.ndarray[Any, Any]
-MAX_WORLDS = 10**12  # their numbers fit into 64 bits, and no memory holds more
-ROUNDING = 1e-6  # of continuous actions that were scaled to their range
+MAX_WORLDS = 10**12  # no memory holds more worlds, and their numbers fit into 64 bits
+ROUNDING = 1e-6  # error allowed in continuous actions, as scaling them to their range rounds
 
 
 def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
@@ -133,9 +133,10 @@ def checked_actions(
     if not ranges:
         return actions
     if sizes.max() <= np.iinfo(actions.dtype).max:
-        unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are larger than all sizes
+        # read as unsigned, a negative number exceeds all sizes
+        unsigned = np.dtype(actions.dtype.str.replace("i", "u"))
         bad = actions.view(unsigned) >= sizes.astype(unsigned)
-    else:  # sizes do not fit into their type
+    else:  # sizes do not fit into the type of the actions
         bad = (actions < 0) | (actions >= sizes)
     if bad.any():
         named, k, value = _first(bad, actions, who, keys)
@@ -152,7 +153,7 @@ def checked_fractions(
         ActionError: The wrong shape or type, or an action that is not from -1 to 1, apart from rounding to float32.
     """
     actions = _shaped(given, shape, "f", "floats", what, axes).astype(np.float32)
-    bad = ~(np.abs(actions) <= 1 + ROUNDING)  # also what is not a number
+    bad = ~(np.abs(actions) <= 1 + ROUNDING)  # in this form it is also true for NaN
     if bad.any():
         named, _, value = _first(bad, actions, who, keys)
         raise ActionError(f"{named} is {value:.7g}: -1 to 1 is allowed; numpy.clip brings others there")
@@ -160,7 +161,7 @@ def checked_fractions(
 
 
 def _shaped(given: Any, shape: tuple[int, ...], kinds: str, needed: str, what: str, axes: str) -> Array:
-    """`given` as an array of that shape and of one of numpy's `kinds`. Raises ActionError."""
+    """Return `given` as an array, if it has that shape and one of numpy's `kinds`. Raises ActionError otherwise."""
     actions: Array = as_array(given)
     if actions.shape != shape:
         raise ActionError(f"{what} have shape {actions.shape}: {axes} = {shape} is needed")
@@ -170,7 +171,7 @@ def _shaped(given: Any, shape: tuple[int, ...], kinds: str, needed: str, what: s
 
 
 def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[str, int, Any]:
-    """The first of the bad actions, (..., actions): what it is called, its index among those of an agent, its value."""
+    """Return the first bad action of (..., actions): its name, its index among an agent's actions, its value."""
     *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
     return f"action {k}{f' ({keys[k]})' if keys else ''} of {who.format(*agent)}", k, actions[index]
 

@@ -33,7 +33,7 @@ from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
 Stops = Callable[[], tuple[Actions, Actions]]
-Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
+Runner = TypeVar("Runner")  # has run, check, close and recording, as recording.Recorder does
 
 
 class SurvivalVectorEnv(Described):
@@ -115,7 +115,7 @@ class SurvivalVectorEnv(Described):
         self.worlds = scenario.worlds(
             int(num_worlds), int(threads), interpret=interpret, specialize=specialize, functions=FUNCTIONS, parts=PARTS
         )
-        self._runner: Any = self.worlds  # or what also records it
+        self._runner: Any = self.worlds  # or a Recorder, which runs and records them
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
@@ -137,7 +137,7 @@ class SurvivalVectorEnv(Described):
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world)[:2])
         with announce_compilation(self.worlds, scenario.name):
             self._tracker.load()
-            self.worlds.run(self._tracker.mode)  # nothing moves
+            self.worlds.run(self._tracker.mode)  # compiles or loads the tick; no world runs yet
 
     @exclusive
     def reset(
@@ -196,7 +196,7 @@ class SurvivalVectorEnv(Described):
             ValueError: `out` has other names, shapes or types.
             TypeError: The environment is inside a wrapper that cannot handle a reward for each agent.
         """
-        if not self._wrappers_checked:  # once between two resets
+        if not self._wrappers_checked:  # checked once after each reset
             refuse_reward_sums(sys._getframe(2))
             self._wrappers_checked = True
         return self._step(actions, out)
@@ -210,7 +210,7 @@ class SurvivalVectorEnv(Described):
         ranges = self.check_actions or self._recording
         flags = tracker.step(self._runner, ranges) if some is None else tracker.step_some(self._runner, some)
         if flags & OUT_OF_RANGE:
-            self._actions.write(actions, tracker.actions, ranges=True)  # raises what is wrong
+            self._actions.write(actions, tracker.actions, ranges=True)  # raises an error that names the action
             raise ActionError("actions were out of range, and are not any more: another thread has written to them")
         if self._step_events.some:
             self._step_events.forget()
@@ -224,7 +224,7 @@ class SurvivalVectorEnv(Described):
         try:
             if flags & FAULTY:
                 check_faults(self.worlds, self.first_world)
-        finally:  # the other worlds go on
+        finally:  # episodes of the other worlds may have ended
             if (flags & DONE or self._stops is not None) and (done := tracker.done).any():
                 ended = self._finish(done)
         info = self._info()
@@ -244,7 +244,7 @@ class SurvivalVectorEnv(Described):
         returned while it runs.
         """
         check_callable(self)
-        with contextlib.suppress(ActionError):  # which `recv` raises
+        with contextlib.suppress(ActionError):  # `recv` raises it
             actions = np.array(as_array(actions))
         self._guard.begin(self._step, actions)
 
@@ -356,7 +356,7 @@ class SurvivalVectorEnv(Described):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the threads and end a recording."""
-        if hasattr(self, "worlds"):  # it is not there when the constructor refused its arguments
+        if hasattr(self, "worlds"):  # it is missing if the constructor refused its arguments
             self._guard.close()
             self.worlds.close()
             self._runner.close()
@@ -372,7 +372,7 @@ class SurvivalVectorEnv(Described):
         return info
 
     def _stop(self, where: Any, *reported: Actions) -> None:
-        """Ask `stop_when` about the worlds `where`; it is added to what is reported of them."""
+        """Ask `stop_when` about the worlds `where`, and add its answers to `reported`: terminated and truncated."""
         if self._stops is None:
             return
         stops = self._stops()

@@ -1,8 +1,8 @@
-"""A worker thread that Ctrl-C cannot leave waiting for ever, nor its caller.
+"""A worker thread: Ctrl-C can leave neither it nor its caller waiting for ever.
 
 `concurrent.futures`, `threading.Thread.start` and `threading.Condition` are Python code: if Ctrl-C comes when they have
-taken a lock but not yet entered the block that releases it, the lock remains taken, and every thread that needs it
-waits for ever. Here each wait is one call into C, of a lock or a queue: Ctrl-C comes before or after it, not within it.
+taken a lock but not yet entered the block that releases it, the lock stays taken, and every thread that needs it waits
+for ever. Here each wait is a single C call of a lock or a queue, so Ctrl-C comes before or after it, not within it.
 """
 
 import _thread
@@ -34,7 +34,7 @@ class Job:
         except BaseException as error:
             self._error = error
         finally:
-            del self._call, call, arguments  # a finished job refers to its result only
+            del self._call, call, arguments  # a finished job keeps only its result alive
             self._unfinished.release()
 
     def wait(self) -> None:
@@ -63,7 +63,7 @@ class Worker:
 
     def submit(self, job: Job) -> None:
         """Queue a job. One whose submission was interrupted may be submitted again."""
-        if self._owner != os.getpid():  # the first one; or this is a fork, which inherits no threads
+        if self._owner != os.getpid():  # this is the first job, or a forked process, which inherits no threads
             self._jobs: SimpleQueue[Job | None] = SimpleQueue()
             self._threads: dict[int, threading.Lock] = {}
             self._end = weakref.finalize(self, _end, self._jobs, self._threads, os.getpid())
@@ -73,7 +73,7 @@ class Worker:
             running = threading.Lock()
             running.acquire()
             thread = _thread.start_new_thread(_work, (self._jobs, running))
-            self._threads[thread] = running  # Ctrl-C just before this leaves one thread too many, which is harmless
+            self._threads[thread] = running  # Ctrl-C just before this leaves an unlisted thread, which is harmless
 
     def close(self) -> None:
         """End the thread, after all submitted jobs."""
@@ -85,16 +85,16 @@ class Worker:
 def _work(jobs: "SimpleQueue[Job | None]", running: threading.Lock) -> None:
     while (job := jobs.get()) is not None:
         job.run()
-        del job  # a waiting thread keeps no job alive
-    jobs.put(None)  # for one too many, see `submit`
+        del job  # so that a waiting thread keeps no job alive
+    jobs.put(None)  # ends an unlisted thread, too, see `submit`
     running.release()
 
 
 def _end(jobs: "SimpleQueue[Job | None]", threads: dict[int, threading.Lock], owner: int) -> None:
-    if owner != os.getpid():  # a fork, which has none of them
+    if owner != os.getpid():  # a forked process, which has none of these threads
         return
     jobs.put(None)
     for thread, running in threads.items():
-        if thread != threading.get_ident():  # garbage collection may run this in a worker
+        if thread != threading.get_ident():  # garbage collection may run this in the worker itself
             with running:
                 pass

@@ -1,4 +1,4 @@
-"""Gymnasium's vector wrappers that cannot work: refused by name and with a remedy, rather than by an error of numpy."""
+"""Gymnasium's vector wrappers that cannot work: refused by name and with a remedy, before numpy raises some error."""
 
 from collections.abc import Iterator
 from types import FrameType
@@ -39,7 +39,7 @@ def refuse_dicts(caller: FrameType | None) -> None:
 
 
 def _wrappers(caller: FrameType | None) -> Iterator[VectorWrapper]:
-    """The wrappers around an environment, the innermost one first."""
+    """Yield the wrappers around an environment, the innermost one first."""
     while caller is not None and isinstance(wrapper := caller.f_locals.get("self"), VectorWrapper):
         yield wrapper
         caller = caller.f_back

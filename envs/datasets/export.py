@@ -1,4 +1,4 @@
-"""Datasets: the samples of a recording in files for other programs. This module writes folders of .npz files."""
+"""Datasets: the samples of a recording in files for other programs; this module itself writes folders of .npz files."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
     target = Path(path)
     with _said_of(path):
         if path.startswith(MINARI):
-            from .minari import export_minari  # each where it is needed, as their libraries are optional
+            from .minari import export_minari  # imported only where it is needed, as its library is optional
 
             return export_minari(path.removeprefix(MINARI), replay, selection)
         if target.suffix == ".parquet":
@@ -62,10 +62,10 @@ def check_new(path: str) -> None:
 
 @contextlib.contextmanager
 def _said_of(path: str) -> Iterator[None]:
-    """RecordingErrors for what disks and missing libraries raise meanwhile."""
+    """Turn errors of disks and missing libraries into RecordingErrors."""
     try:
         yield
-    except FileExistsError as error:  # only now: see atomic_write
+    except FileExistsError as error:  # another process has written it meanwhile, see atomic_write
         raise RecordingError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
@@ -75,7 +75,7 @@ def _said_of(path: str) -> Iterator[None]:
 
 
 def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
-    """Write shard_000000.npz ... and manifest.json into a new folder; returns the number of agent-steps.
+    """Write shard_000000.npz ... and manifest.json into a new folder, and return the number of agent-steps.
 
     Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
     """
@@ -96,9 +96,10 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
 
 
 def _save(path: Path, arrays: dict[str, np.ndarray[Any, Any]]) -> None:
-    """As numpy.savez_compressed, at level 1: most of what agents see is zero, and fits into a tenth or less.
+    """Save arrays as numpy.savez_compressed does, but at level 1.
 
-    Level 1 writes at half the speed of no compression, and numpy's own level at a fifth.
+    Most of what agents observe is zero, and shrinks to a tenth or less. Level 1 writes at half the speed of no
+    compression, and numpy's own level at a fifth.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
         for key, array in arrays.items():

@@ -35,7 +35,7 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"Minari datasets need Minari: {install('minari')}", name=error.name) from error
 
 
-ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for datasets
+ROOT = "MINARI_DATASETS_PATH"  # the environment variable with the folder of Minari's datasets
 
 
 def new_place(name: str) -> Path:
@@ -71,10 +71,11 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
         kwargs={"game": about["scenario"], "mechanics": about["mechanics"]},
     )
     with _staged(name, place), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that there is no link to the code: it is of a package's release
+        # Minari misses a link to the code, but that is in a release of a package
+        warnings.simplefilter("ignore", UserWarning)
         minari.create_dataset_from_buffers(
             name,
-            _episodes(replay, selection, count),  # drawn one by one
+            _episodes(replay, selection, count),  # an iterator: episodes are not all in memory at once
             env=own,
             observation_space=observations,
             action_space=actions,
@@ -101,7 +102,7 @@ def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gym
 
 @contextlib.contextmanager
 def _staged(name: str, place: Path) -> Iterator[None]:
-    """Meanwhile Minari writes into a hidden folder; from there the dataset goes to its place, whole."""
+    """Let Minari write into a hidden folder, and move the complete dataset from there to its place."""
     root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
     hidden = atomic_write.temporary_path(root / place.name)
     hidden.mkdir()
@@ -126,7 +127,7 @@ def _restore(kept: str | None) -> None:
 
 
 def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterator[Any]:
-    """The episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
+    """Yield the episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
     running: dict[int, list[Samples]] = {}
     for batch in read_samples(replay, selection):
         finals = iter(range(len(batch)))

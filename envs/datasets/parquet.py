@@ -42,7 +42,7 @@ def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
         for batch in read_shards(replay, selection):
             table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})
             if writer is None:
-                file = files.enter_context(path.open("wb"))  # not by name, which Arrow takes in UTF-8 only
+                file = files.enter_context(path.open("wb"))  # opened here, as Arrow only takes names in UTF-8
                 writer = files.enter_context(pq.ParquetWriter(file, table.schema, compression="zstd"))
             writer.write_table(table)
             count += table.num_rows
@@ -70,12 +70,12 @@ def _table(batch: Samples, names: list[str]) -> Any:
 
 
 def _lists(array: Array) -> Any:
-    """float32 (n, agents, ...) as n * agents lists."""
+    """Return float32 (n, agents, ...) as n * agents lists."""
     size = int(np.prod(array.shape[2:]))
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), size)
 
 
 def _sparse(array: Array, where: Array) -> Any:
-    """The same where `where` is true, in turn; null elsewhere."""
+    """Return a list wherever `where` is true, taken from `array` in turn, and null elsewhere."""
     index = np.where(where, np.cumsum(where) - 1, 0)
     return _lists(array).take(pa.array(index, mask=~where)) if len(array) else pa.nulls(len(where), _lists(array).type)

@@ -1,8 +1,8 @@
 """Samples: the transitions of a recording, made by replaying it.
 
-A sample is a step that a world took, for all of its agents: the observation before the step, the actions, and the
-resulting rewards and ends. Ticks that only reset a world are not samples. The observation after a step is in the
-world's next sample; after the last step of an episode it is `final`.
+A sample is a step of a world, for all of its agents: the observation before the step, the actions, and the resulting
+rewards and ends. Ticks that only reset a world are not samples. The observation after a step is in the world's next
+sample; after the last step of an episode it is in `final`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -22,7 +22,7 @@ from ..scenarios.fingerprint import fingerprint
 
 Array = np.ndarray[Any, Any]
 
-SHARD_BYTES = 2**26  # of samples that are kept in memory, and written together
+SHARD_BYTES = 2**26  # about so many bytes of samples are kept in memory and written together
 COLUMNS = {
     "world": "number of the world in the recorded environment",
     "episode": "number of the world's episode in this recording, from 1",
@@ -147,7 +147,7 @@ def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[st
 
 
 def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
-    """Integers (n, agents, actions) from 0, in the smallest type that holds them."""
+    """Return the actions, integers (n, agents, actions) from 0, in the smallest type that holds them."""
     columns = recording.header["actions"]
     lows = np.array([low for _, low, _ in columns], np.int64)
     kind = np.min_scalar_type(-max((size for _, _, size in columns), default=1))
@@ -156,7 +156,7 @@ def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
 
 
 def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[int]]:
-    """The worlds for which a tick is the last step before a reset, or before the end, by the number of the tick."""
+    """Return, by number of the tick, the worlds whose last step before a reset, or before the end, it is."""
     latest, last_steps = np.full(recording.num_worlds, -1), dict[int, list[int]]()
 
     def note(rows: Array) -> None:

@@ -25,9 +25,9 @@ COLUMNS = {
 
 
 def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]:
-    """The events of worlds by name, in which `episode` is another number of each world's, int (worlds,).
+    """Replace the column `episode` of events (by name) with each world's number in `episodes`, int (worlds,).
 
-    A clock's number begins again where a seed or a level with a key was given.
+    The clock's own number of an episode starts again whenever a seed, or a level with a key, is given.
     """
     for rows in events.values():
         rows["episode"] = episodes[rows["world"]]
@@ -37,17 +37,17 @@ def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]
 def event_table(
     layout: Layout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
 ) -> dict[str, Array]:
-    """One table of the events of some worlds.
+    """Return one table of the events of some worlds.
 
     Args:
-        layout: Of the worlds.
-        events: By name, as env.events() and Worlds.events() return them.
+        layout: The layout of the worlds.
+        events: The events by name, as env.events() and Worlds.events() return them.
         first_world: Number of the first world.
-        where: Which worlds, bool (worlds,); without it, all.
+        where: The worlds whose events are wanted, bool (worlds,); None: all.
 
     Returns:
-        By name, see COLUMNS, an array with an entry for each event: int64, or objects (str; of `amount` float or None).
-        In order of worlds; the events of a world in order of kinds, and those of a kind as they happened.
+        The columns by name, see COLUMNS: arrays of int64 or of objects (str; in `amount`, float or None), with an entry
+        for each event. Events are ordered by world, then by kind, then as they happened.
     """
     kinds = {event.name: event for event in layout.events}
     parts = [_part(layout, kinds[name], rows) for name, rows in events.items()]
@@ -87,7 +87,7 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
 
 
 def _check_words(event: type[Event], name: str, rows: Array, count: int) -> None:
-    """DeclarationError if a column that numbers things has a number that none of the `count` things has."""
+    """Raise DeclarationError if the column `name`, whose values are numbers of `count` things, has any other number."""
     wrong = rows[name][(rows[name] < -1) | (rows[name] >= count)]
     if wrong.size:
         raise DeclarationError(
@@ -97,7 +97,7 @@ def _check_words(event: type[Event], name: str, rows: Array, count: int) -> None
 
 
 def _said(name: str, values: list[Any], nothing: object) -> Array:
-    """For each value " name=value", or nothing."""
+    """Return " name=value" for each value, and "" for a value that is `nothing`."""
     said = np.empty(len(values), object)
     said[:] = ["" if value == nothing else f" {name}={value}" for value in values]
     return said
@@ -109,7 +109,7 @@ def _same(value: object, rows: Array) -> Array:
 
 @functools.lru_cache(maxsize=16)
 def entity_names(layout: Layout) -> Array:
-    """The name of each row, as "agent 1"; the last one, "", is that of the row -1."""
+    """Return the name of each row, such as "agent 1", and at the end "", so that the row -1 has no name."""
     names = [f"{kind} {k}" for kind, span in layout.spans.items() for k in range(len(span))]
     return np.array([*names, ""], object)
 

@@ -25,18 +25,19 @@ from ..rendering.scene import Scene
 from .event_table import event_table
 from .trace import Bodies, Json, bodies_of
 
-KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)  # shown in some way
+# pages show these in ways of their own, so `_others` leaves them out
+KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)
 
 
 @dataclass(frozen=True)
 class PageEvent:
     """An event.
 
-    kind: start (of an episode), kill (a death caused by another side), death (any other one), heal, place (a box), use
-    (another item), break (a box), other (an event of a user's mechanic), end. agent: who died, used, broke or did
-    something; by: the agent that killed; side: the one that killed or broke, and at the end the only one that is left;
-    object: the item or box. All are numbers, -1: nobody, none, or not known. cause: the damage type of a death; of an
-    end "terminated" or "truncated"; of another event what it says.
+    kind: start (of an episode), kill (a death caused by another side), death (any other death), heal, place (a box),
+    use (any other item), break (a box), other (an event of a user's mechanic), end. agent: the agent that died, used an
+    item, broke a box or did something else; by: the agent that killed; side: the side that killed or broke, for an end
+    the only side that is left; object: the item or box. These are numbers; -1 means nobody, none or unknown. cause: for
+    a death the damage type; for an end "terminated", "truncated" or "rule"; for `other` the event in words.
     """
 
     kind: str
@@ -48,7 +49,7 @@ class PageEvent:
 
 
 def events(worlds: Worlds, w: int) -> list[Json]:
-    """What happened in the last tick of world `w`, as dicts, in the order of the tick: see PageEvent."""
+    """Return what happened in the last tick of world `w`, as dicts of PageEvent's fields, in the order of the tick."""
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     found = [] if scene[Clock].tick[0] else [PageEvent("start")]
     found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
@@ -77,13 +78,13 @@ def _death(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
 
 
 def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
-    """Those of a user's mechanics, in words; agents that did them as agents."""
+    """Return the events of a user's mechanics, in words; if an agent did something, it is `agent` and not in words."""
     found = []
     for kind in scene.worlds.layout.events:
         if kind in KNOWN and kind is not Death:
             continue
         entries = [*enumerate(scene.events(kind))]
-        if kind is Death:  # what dies need not be an agent
+        if kind is Death:  # deaths of agents are shown by `_death`, but other things die, too
             entries = [(k, entry) for k, entry in entries if bodies.agent_number(entry.agent) < 0]
         if not entries:
             continue

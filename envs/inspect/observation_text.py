@@ -16,12 +16,12 @@ ZONE = ("x", "y", "radius", "next_x", "next_y", "next_radius")
 MOTION = ("x", "y", "angle", "vx", "vy", "omega")
 SHOWN = {"id", "team", "health", *MOTION}
 HANDLED = {"own", "others", "zone", "lidar", "heal_slot", "box_slot", *GROUPS}
-FEW = 4  # numbers of an observation of other mechanics that still make a line
-RAYS = 32  # of so many, each is told; of more, the shortest and the longest
+FEW = 4  # an observation of a user's mechanic gets a line if it has at most so many numbers
+RAYS = 32  # of up to so many rays, all are written; of more, only the shortest and the longest
 
 
 class Viewpoint:
-    """An agent, where it is and faces. row: of `own` or `others`, with these fields; roles: see observation_text."""
+    """An agent, its place and where it faces. row: one of `own` or `others`, with these fields; roles: their names."""
 
     def __init__(self, row: Array, fields: Mapping[str, Field], roles: Sequence[str]) -> None:
         self.id, self.health, self.x, self.y, self.angle = _values(row, fields, "id", "health", "x", "y", "angle")
@@ -30,15 +30,15 @@ class Viewpoint:
         self.role = roles[int(shown.argmax())] if shown.any() else ""
 
     def distance(self, x: float, y: float) -> float:
-        """Metres to a point."""
+        """Return the metres to a point."""
         return math.hypot(x - self.x, y - self.y)
 
     def direction(self, x: float, y: float) -> str:
-        """How far that is, and in which direction from where the agent faces."""
+        """Return the distance to a point and its bearing, in words."""
         return f"{self.distance(x, y):.1f} m {self.bearing(x, y)}"
 
     def bearing(self, x: float, y: float) -> str:
-        """The direction alone."""
+        """Return the direction of a point, relative to where the agent faces, in words."""
         angle = math.degrees(math.atan2(y - self.y, x - self.x) - self.angle)
         degrees = round((angle + 180) % 360 - 180)
         if abs(degrees) <= 2:
@@ -47,15 +47,15 @@ class Viewpoint:
 
 
 def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Sequence[str] = ()) -> Lines:
-    """Lines of text by heading.
+    """Return lines of text by heading.
 
-    Keys of other mechanics, and the fields that they add to the agent's own row, get a line if they are short.
-    Velocities and the outlines of boxes get none.
+    Observations of users' mechanics, and fields that these add to the agent's own row, get a line if they are short.
+    Velocities and the outlines of boxes are left out.
 
     Args:
-        observation: Of one agent, float32 arrays by key.
-        fields: Those of the environment (SurvivalVectorEnv.fields).
-        roles: What roles are called, by number (SurvivalVectorEnv.roles).
+        observation: What one agent observes, float32 arrays by key.
+        fields: The fields of the environment's observations (SurvivalVectorEnv.fields).
+        roles: The names of roles, by number (SurvivalVectorEnv.roles).
     """
     own = observation["own"]
     if not own[columns_of(fields["own"], "health", *MOTION)].any():
@@ -111,7 +111,7 @@ def _rays(distances: Array) -> str:
 
 
 def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
-    """Enemies, and friends where there are teams, nearest first."""
+    """Return lines about enemies and, if there are teams, friends, each nearest first."""
     lines: Lines = {heading: [] for heading in ("Enemies", "Friends")[: 1 if viewpoint.team is None else 2]}
     for other in sorted(others, key=lambda other: viewpoint.distance(other.x, other.y)):
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"
@@ -130,7 +130,7 @@ def _nearest(viewpoint: Viewpoint, places: Array) -> list[str]:
 
 
 def _rest(observation: Mapping[str, Array], own: Mapping[str, Field]) -> Iterator[tuple[str, list[str]]]:
-    """Observations of other mechanics, and what they add to the agent's own row."""
+    """Yield a heading and a line for each short observation of a user's mechanic, or field added to the own row."""
     added = {name: observation["own"][field.columns] for name, field in own.items() if name not in SHOWN}
     for key, values in (added | {key: values for key, values in observation.items() if key not in HANDLED}).items():
         if not key.endswith("_mask") and values.size <= FEW:

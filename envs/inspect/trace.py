@@ -1,10 +1,10 @@
 """A world as plain dictionaries that JSON can hold.
 
-describe(worlds, w) is what stays the same during an episode, snapshot(worlds, w) is the state after a tick. Together
+describe(worlds, w) returns what stays the same during an episode, snapshot(worlds, w) the state after a tick. Together
 they are all that a page needs to draw the world and to list what agents have.
 
-Objects are all bodies that are not agents: boxes, items, walls. Agents and objects are numbered from 0, each for
-themselves. A body's number is that of the agent, or that of the object plus the number of agents.
+Objects are all bodies that are not agents: boxes, items, walls. Agents are numbered from 0, and so are objects. As the
+number of a body, an agent has its own number, and an object has its number plus the number of agents.
 """
 
 import functools
@@ -51,14 +51,14 @@ ROLES: tuple[tuple[type[Component], str], ...] = (
     (Item, "item"),
     (Solid, "wall"),
 )
-CIRCLES = ("x", "y", "radius", "next_x", "next_y", "next_radius")  # of the zone
-DIGITS = 4  # of metres and radians
-SECONDS = 1 / 30  # a tick, where no bodies move
+CIRCLES = ("x", "y", "radius", "next_x", "next_y", "next_radius")  # columns of Zone, in the order of snapshot's `zone`
+DIGITS = 4  # decimals to which metres and radians are rounded
+SECONDS = 1 / 30  # length of a tick in a game without physics
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """Rows of agents and objects, the kinds of objects, and the body number of each row (-1: none)."""
+    """The rows of agents and of objects, the archetype of each object, and the body number of each row (-1: none)."""
 
     agents: tuple[int, ...]
     objects: tuple[int, ...]
@@ -66,17 +66,17 @@ class Bodies:
     numbers: tuple[int, ...]
 
     def object_number(self, row: int) -> int:
-        """The number of the object in this row."""
+        """Return the number of the object in this row."""
         return self.numbers[row] - len(self.agents)
 
     def agent_number(self, row: int) -> int:
-        """The number of the agent in this row; -1 if it is none, or no row."""
+        """Return the number of the agent in this row; -1 if there is no agent in it, or the row is -1."""
         return self.numbers[row] if row >= 0 and self.numbers[row] < len(self.agents) else -1
 
 
 @functools.lru_cache(maxsize=256)
 def bodies_of(layout: Layout) -> Bodies:
-    """Agents and objects, in order of rows."""
+    """Return the agents and objects of a layout, in order of rows."""
     agents = layout.rows(Body, Shape, Side).tolist()
     all_ = [(row, kind) for kind, span in layout.spans.items() for row in span]
     bodies = {*layout.rows(Body, Shape).tolist(), *layout.rows(Item).tolist()}
@@ -87,21 +87,24 @@ def bodies_of(layout: Layout) -> Bodies:
 
 
 def describe(worlds: Worlds, w: int) -> Json:
-    """What stays the same until the next reset of world `w`.
+    """Return what stays the same until the next reset of world `w`.
 
-    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the longer one
-    of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit
-    points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone: [[x,
-    y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
-    everything. rays: of the lidar of an agent. damage_types: by number. actions: [{name, low, high}], what an agent
-    chooses in a tick. rewards: whether there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side,
-    role, radius, hides, health, reach, cone, blind, rays}], health, reach and cone as above, but of this agent; side
-    -1: absent; role: the name, "" without roles; blind: the tick before which it sees nothing; rays: [[x, y]], a metre
-    along each ray, ahead and to the left. objects:
-    [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other;
-    radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a box item was, -1: none;
-    amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged. color: of items and
-    others, as CSS; else empty.
+    half: metres from the middle to the edge of what is shown. room: the floor's side (of a rectangle the longer one),
+    metres, 0: no floor. floor: [width, height], or []. seconds: length of a tick. teams: whether sides are teams.
+    health: hit points at the start. slots: the size of a bag. reach: that of the melee, metres, 0: none. zone: whether
+    there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras,
+    or agents observe everything. rays: how many the lidar of an agent has. damage_types: names by number. actions:
+    [{name, low, high}], what an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box,
+    name}], colours as CSS.
+
+    agents: [{side, role, radius, hides, health, reach, cone, blind, rays}]: health, reach and cone as above, but of
+    this agent; side -1: absent; role: its name, "" without roles; blind: the tick before which it sees nothing; rays:
+    [[x, y]], the point one metre along each ray, ahead and to the left.
+
+    objects: [{kind, role, radius, width, height, hides, of, amount, health, color}]: role is box, box_item, heal, item,
+    wall or other; radius 0: a rectangle; hides: whether it blocks the view of cameras; of: the box that a box item was,
+    -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged; color: as
+    CSS, for items and others; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -153,16 +156,18 @@ def describe(worlds: Worlds, w: int) -> Json:
 
 
 def snapshot(worlds: Worlds, w: int) -> Json:
-    """World `w` as it is now.
+    """Return world `w` as it is now.
 
-    episode, tick: of its clock. zone: [x, y, radius, next x, next y, next radius] or None. agents: [{x, y, angle,
-    alive, health, bag, strike, target, sees, rays, action, reward}]: bag holds objects, the last one is the one in use;
-    strike is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met,
-    -1: none; sees holds numbers of bodies other than walls, None: all; rays: metres, as its lidar reads them; action
-    holds what it was told to do in this tick, without a meaning in the first of an episode; reward: of this tick, None:
-    not finite.
-    objects: [{x, y, angle, here, owner, wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1:
-    none; wound: hit points that it lacks.
+    episode, tick: what its clock says. zone: [x, y, radius, next x, next y, next radius] or None.
+
+    agents: [{x, y, angle, alive, health, bag, strike, target, sees, rays, action, reward}]: bag: numbers of objects,
+    of which the last is the next to be used; strike: 1 if a strike of this tick met nothing, 2 if it met something, 0
+    without a strike; target: the body that was met, -1: none; sees: numbers of bodies other than walls, None: all;
+    rays: metres, as its lidar reads them; action: its action in this tick, without a meaning in tick 0 of an episode;
+    reward: that of this tick, None: not finite.
+
+    objects: [{x, y, angle, here, owner, wound}]: here: whether it is in the world, so neither in a bag nor broken;
+    owner: a side, -1: none; wound: hit points that it has lost.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
@@ -184,7 +189,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
 
 
 def _role(scene: Scene, i: int) -> str:
-    """The name of the role of agent `i`; "" without roles, and of who is absent."""
+    """Return the name of agent `i`'s role; "" if there are no roles or the agent is absent."""
     roles = scene.worlds.layout.roles
     number = scene[AgentRoles].role[i] if roles is not None else -1
     return roles.names[number] if roles is not None and number >= 0 else ""
@@ -192,7 +197,7 @@ def _role(scene: Scene, i: int) -> str:
 
 def _object(scene: Scene, e: int, kind: str) -> Json:
     role = next((role for component, role in ROLES if e in scene.rows(component)), "other")
-    role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # what can be pushed is no wall
+    role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # a wall cannot be pushed
     bodies, shape = bodies_of(scene.worlds.layout), scene.shape
     return {
         "kind": kind,
@@ -209,7 +214,7 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
 
 
 def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool, targets: dict[int, int]) -> Json:
-    """targets: the rows that strikes of this tick met, -1 for none, by the row of the agent."""
+    """Return an agent's entry of `snapshot`. targets: the row that each strike met (-1: none), by the agent's row."""
     bag = scene[Bag].items[e][: scene[Bag].count[e]] if Bag in scene else []
     return _place(scene, e) | {
         "alive": alive,
@@ -232,7 +237,7 @@ def _has_health(scene: Scene, e: int) -> bool:
 
 
 def _owner(scene: Scene, e: int) -> int:
-    """The side that owns a box, or the item that a box became."""
+    """Return the side that owns a box, or the item that a box became; -1: none."""
     if e in scene.rows(BoxItem):
         e = scene.rows(Box)[scene[BoxItem].index[e]]
     return int(scene[Guard].vulnerable_only_to[e]) if e in scene.rows(Box, Guard) else -1
@@ -245,14 +250,14 @@ def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:
 
 
 def _hides(scene: Scene, e: int) -> bool:
-    """Whether sight ends at a body, see systems.cameras.see."""
+    """Return whether a body blocks the view of cameras, see systems.cameras.see."""
     if systems.Cameras not in scene:
         return False
     return e in scene.rows(Shape, Solid) or bool(scene.mechanic(systems.Cameras).items_occlude)
 
 
 def _cone(scene: Scene, e: int | None) -> list[list[float]] | None:
-    """Of the agent in row `e`; None: of the scenario."""
+    """Return the corners of the vision cone of the agent in row `e`, or for None those of the scenario's numbers."""
     if systems.Cameras not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
     return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras, e))]
@@ -271,10 +276,10 @@ def _place(scene: Scene, e: int) -> Json:
 
 
 def _number(value: float) -> float:
-    """Rounded; nothing is drawn at infinities."""
+    """Round a number; infinities and NaN become 0."""
     return round(_finite(value), DIGITS)
 
 
 def _finite(value: float) -> float:
-    """The number; JSON has no infinities."""
+    """Return the number, or 0 if it is not finite, which JSON cannot express."""
     return value if math.isfinite(value) else 0.0

@@ -1,6 +1,6 @@
-"""Recordings: what determines an episode, in about one byte per agent-step, and replays that are bit-identical.
+"""Recordings: what determines an episode, in about one byte per agent-step, and bit-identical replays of it.
 
-Read in this order: recorder (what is kept of a tick), container (the layout of the file), reader, replay (the ticks
+Read in this order: recorder (what is stored of a tick), container (the layout of the file), reader, replay (the ticks
 repeated), digests (how a difference is found).
 """
 

@@ -7,13 +7,13 @@ MAGIC    the line "outlast recording 1"
 chunk    a header of 40 bytes, then the content: tag, bytes of the content stored and unpacked, tick records in it,
          number of the first of them, blake2b-8 of the stored content, blake2b-8 of the 32 bytes before
 HEAD     the first chunk: JSON that says what was recorded (see reader)
-RECORDS  many chunks: tick records (see tick_records); behind them, packed by itself, what the policy thought in
-         these ticks, if the header has a policy. Readers of before do not look behind the tick records.
-DONE     the last chunk, without content: the recording was closed, and nothing is missing
+RECORDS  many chunks: tick records (see tick_records); after them, packed separately, what the policy thought in
+        these ticks, if the header has a policy. Earlier readers do not look beyond the tick records.
+DONE     the last chunk, without content: it says that the recording was closed and nothing is missing
 ======== =========================================================================================
 
-Everything is little-endian; contents are packed with zlib. A chunk is written in one piece, so if a writer was killed,
-the file ends within a chunk or without DONE, and all chunks before are complete.
+Everything is little-endian; contents are packed with zlib. Chunks are written one after the other, so if a writer was
+killed, the file ends within a chunk or without DONE, and all chunks before that are complete.
 """
 
 import hashlib
@@ -126,7 +126,7 @@ def damaged(path: str, offset: int) -> RecordingError:
 
 
 def _check_magic(file: BinaryIO, path: str) -> int:
-    """The offset behind MAGIC, if the file begins with it."""
+    """Return the offset after MAGIC. Raises RecordingError if the file does not begin with it."""
     found = file.read(len(MAGIC))
     name = MAGIC.rsplit(b" ", 1)[0]
     if found != MAGIC and found.startswith(name) and found.endswith(b"\n"):

@@ -1,8 +1,9 @@
-"""Digests: sixteen bits for each component, which change if any of its bytes differs in any of the worlds.
+"""Digests: sixteen bits for each component, which change if any of its bytes is different in any of the worlds.
 
-A component consists of words of four bytes. Each word, times an odd number of its world, is summed over the worlds; the
-sums are mixed, multiplied by an odd number of the word and summed up; finally the upper and lower half are combined. A
-word that differs in one world always changes the last sum; combining the halves hides that in one of 2**16 cases.
+A component consists of words of four bytes. Each word is multiplied by an odd number that belongs to the world, and
+summed over the worlds. These sums are mixed, each is multiplied by an odd number that belongs to the word, and they are
+summed up; finally the upper and lower half are combined. A word that differs in one world always changes the last sum;
+combining the halves hides that in one of 2**16 cases.
 """
 
 import hashlib
@@ -14,8 +15,8 @@ from outlast.ecs import Component, Signal, Worlds
 
 Array = np.ndarray[Any, Any]
 
-WORLDS_PER_DIGEST = 64  # at most: those of larger batches take turns
-SIGN_WORLDS = 8  # worlds of which a digest also sums the upper halves of words: they take turns
+WORLDS_PER_DIGEST = 64  # at most; the worlds of larger batches take turns
+SIGN_WORLDS = 8  # a digest also sums the upper halves of words of so many worlds, which take turns
 SHIFT = np.uint32(15)
 
 
@@ -65,8 +66,8 @@ class Digests:
     def _add(self, span: slice, turn: int) -> None:
         """Sum every word over these worlds.
 
-        The topmost bit of a word, the sign of a number, counts only odd or even in a sum: so some worlds, in turn, also
-        add their upper bits.
+        Of the topmost bits of words, which are the signs of numbers, a sum only shows whether their count is odd or
+        even. So some worlds, in turn, also add their words' upper bits.
         """
         block, weights = self._block[span], self._weights[span]
         whole = self._sums[: block.shape[1]]
@@ -78,10 +79,10 @@ class Digests:
 
 
 def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, Array, Array, Array]:
-    """The components to which the words of a world's block belong.
+    """Return the components to which the words of a world's block belong.
 
-    Returns, for each word, whether it belongs to one component alone, and to which; then the words that belong to
-    several, once for each of them, as: number of the word, mask of its bits, component.
+    For each word: whether it belongs to one component only, and to which. Then, for each component of each word that
+    belongs to several: number of the word, mask of the component's bits, component.
     """
     owner = np.full(worlds.layout.world_bytes, -1)
     for place in worlds.layout.places:
@@ -97,12 +98,12 @@ def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, 
 
 
 def _rows(array: Array) -> Array:
-    """A column's bytes as words of four bytes, or single ones if they do not come in fours: a row a world."""
+    """Return a column's bytes as words, or as single bytes if four do not divide them: a row for each world."""
     rows = array.reshape(len(array), -1)
     return rows.view(np.uint32 if rows.shape[1] * rows.itemsize % 4 == 0 else np.uint8)
 
 
 def _odd(count: int, stream: int) -> Array:
-    """Odd uint32 (count,), random and always the same."""
+    """Return odd random numbers, uint32 (count,), which are the same in every call."""
     words = np.frombuffer(hashlib.shake_128(b"%d" % stream).digest(4 * count), "<u4")
     return words.astype(np.uint32) | np.uint32(1)

@@ -1,6 +1,6 @@
 """What a policy thought: the probabilities of its actions, its estimate of the value, and what it attended to.
 
-A row for an agent and a tick, of the dtype `policy_dtype`, refers to what the agent saw before the tick:
+There is a row, of the dtype `policy_dtype`, for each agent and tick. It is about what the agent saw before the tick:
 
 ============= ======= =============================================================================================
 value         float32 the critic's estimate, in the units that it was trained in; NaN: it has none
@@ -20,13 +20,13 @@ from ..rollout.memory import Begins, tell
 from ..scenarios.fingerprint import is_word
 
 Array = np.ndarray[Any, Any]
-MAX_ENTRIES = 2**16  # probabilities, and rows, of an agent
+MAX_ENTRIES = 2**16  # an agent has at most so many probabilities, and so many rows
 
 
 class Explainer(Protocol):
     """Explains what a policy thinks; made by the policy's method `explainer()`. With a memory it also has `reset`."""
 
-    entities: list[tuple[str, int]]  # (key of the observation, rows) of each kind that is attended to
+    entities: list[tuple[str, int]]  # (key of the observation, number of rows) of each kind that it attends to
 
     def __call__(self, observations: Any) -> tuple[Array, Array, Array]:
         """Values (worlds, agents), probabilities (worlds, agents, values), attention (worlds, agents, rows)."""

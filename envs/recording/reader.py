@@ -24,8 +24,9 @@ from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
 
 MAX_COUNT = 2**31  # worlds or agents
-MAX_HEADER = 2**20  # bytes of JSON
-MAX_WORLDS_BYTES, MORE_FOR_EACH_BYTE = 2**30, 10_000  # memory that any file may ask for, and for each of its own bytes
+MAX_HEADER = 2**20  # bytes of the header's JSON
+# bytes of worlds that any file may ask for, and more for each of its bytes
+MAX_WORLDS_BYTES, MORE_FOR_EACH_BYTE = 2**30, 10_000
 
 
 class Recording:
@@ -41,7 +42,7 @@ class Recording:
 
     def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, chunks: list[Chunk], size: int) -> None:
         self.path, self.header, self.scenario = path, header, scenario
-        self._place = Path(path).absolute()  # also where the working directory is another one later
+        self._place = Path(path).absolute()  # stays right if the working directory changes
         self.components: list[str] = header["digests"]["components"]
         self.num_worlds, self.num_agents, self.first_world = (
             header[key] for key in ("worlds", "agents", "first_world")
@@ -101,8 +102,8 @@ class Recording:
         return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: a frame in which the first world plays; see web.replay.notebook.frame."""
-        pages = import_module("outlast.envs.web.replay.notebook")  # what shows recordings imports them
+        """Return HTML for notebooks: a frame that plays the first world; see web.replay.notebook.frame."""
+        pages = import_module("outlast.envs.web.replay.notebook")  # imported here, as pages import this package
         return str(pages.frame(self))
 
     def __len__(self) -> int:
@@ -122,7 +123,7 @@ class Recording:
                 yield from self._decoded(file, chunk)
 
     def _check_size(self, most: float) -> None:
-        """Refuse worlds of absurd size, for which few bytes could ask. most: bytes."""
+        """Refuse worlds of more than `most` bytes: a small file could ask for an absurd amount."""
         try:
             agents, each = planned(self.scenario)
         except (ScenarioError, EngineError, KeyError) as error:
@@ -136,7 +137,7 @@ class Recording:
             )
 
     def _check_begin(self, file: BinaryIO) -> None:
-        """The first tick keys and resets all worlds: as many as the header says."""
+        """Check that the first tick keys and resets all worlds, as many as the header says."""
         for chunk in self._chunks[:1]:
             first = self._decoded(file, chunk)[0]
             if (first.mode != RESET).any() or not np.array_equal(first.keys[:, 0], np.arange(self.num_worlds)):
@@ -151,7 +152,7 @@ class Recording:
 
 
 def _check_order(path: str, chunks: list[Chunk]) -> None:
-    """Every chunk goes on where the one before it ended."""
+    """Check that every chunk goes on where the one before it ended."""
     ticks = 0
     for k, chunk in enumerate(chunks):
         allowed = (HEAD,) if k == 0 else (RECORDS, DONE)
@@ -161,7 +162,7 @@ def _check_order(path: str, chunks: list[Chunk]) -> None:
 
 
 def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
-    """The header, with everything in it of the right kind."""
+    """Return the header, in which everything is of the right kind. Raises RecordingError otherwise."""
     content, _ = read_content(file, path, chunk, MAX_HEADER)
     try:
         header = json.loads(content)
@@ -176,7 +177,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
-    numbers.append(header.get("given", 0))  # earlier versions have none
+    numbers.append(header.get("given", 0))  # recordings of earlier versions do not have it
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -198,7 +199,7 @@ def _is_valid(header: Any) -> bool:
 
 
 def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -> Scenario:
-    """The scenario of the file, or the one given if it is the same."""
+    """Return the scenario of the file, or the given one if it is the same. Raises RecordingError if it is not."""
     if not isinstance(given, Scenario):
         try:
             if given is not None:
@@ -214,7 +215,7 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -
 
 
 def _import(header: dict[str, Any], name: str) -> None:
-    """Import the scenario of that name for its mechanics. Raises ScenarioError, also if the file needs none."""
+    """Import the named scenario for its mechanics. Raises ScenarioError, also if the file needs no user's mechanics."""
     if not foreign(header["modules"]):
         raise ScenarioError(f"all of its mechanics are outlast's own: leave out the scenario {name}")
     resolve(name)

@@ -59,13 +59,14 @@ class Recorder:
         if policy:
             header["policy"] = policy.header
         self._file = _Appender(self.path, header, form)
-        self._finalizer = weakref.finalize(self, self._file.close)  # also when the process ends without close()
+        # closes the file even if the process ends without close()
+        self._finalizer = weakref.finalize(self, self._file.close)
         self._owner = os.getpid()
         self._continuous = False  # whether the worlds are where the last recorded tick left them
         self._no_keys = np.zeros((0, form.key_size), np.uint64)
         self._keyed = np.zeros(
             (worlds.count, form.key_size - 1), np.uint64
-        )  # their clocks, as far as they are recorded
+        )  # the numbers that key each world, as far as they are recorded
 
     @property
     def recording(self) -> bool:
@@ -99,11 +100,13 @@ class Recorder:
             return
         self.check(mode)
         steps, keys = mode == STEP, self._no_keys
-        if all_step := bool(steps.all()) and Given not in self._worlds:  # which may have changed between any two
+        # given numbers may change between any two ticks
+        if all_step := bool(steps.all()) and Given not in self._worlds:
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
-        thought = self._policy.look(steps) if self._policy else None  # ahead of the tick, of what agents saw
+        # before the tick, as it is about what agents saw then
+        thought = self._policy.look(steps) if self._policy else None
         self._continuous = False
         self._worlds.run(mode)
         if not all_step and (begun := mode == RESET).any():
@@ -151,10 +154,10 @@ class Recorder:
 
 
 class _Appender:
-    """Appends chunks of tick records to a file. What was written before is never touched again.
+    """Appends chunks of tick records to a file. Chunks that were written are never touched again.
 
-    Its state is replaced as a whole once a chunk is in the file, so that Ctrl-C at any moment neither loses ticks nor
-    writes them twice: a chunk that was begun is begun again.
+    Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at whatever moment, neither loses ticks
+    nor writes them twice: a chunk that was only begun is written again from its beginning.
     """
 
     def __init__(self, path: Path, header: dict[str, Any], form: TickFormat) -> None:
@@ -168,7 +171,8 @@ class _Appender:
             ) from None
         except OSError as error:
             raise RecordingError(f"{path}: {error.strerror}; no recording can be written there") from None
-        self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])  # offset of the end, ticks written, those that wait
+        # offset of the end, ticks in the file, tick records that wait
+        self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])
         self._pending_bytes = 0
         try:
             self._write(MAGIC + encode_chunk(HEAD, json.dumps(header).encode(), 0, 0), 0)
@@ -184,7 +188,7 @@ class _Appender:
 
     @property
     def ticks(self) -> int:
-        """Ticks in the file, and those that wait."""
+        """Ticks in the file and waiting ones."""
         return self._state[1] + len(self._state[2])
 
     def append(self, record: TickRecord) -> None:
@@ -195,7 +199,7 @@ class _Appender:
             self._flush()
 
     def close(self) -> None:
-        """Write what waits and the end. Raises OSError, after having closed the file."""
+        """Write what waits and DONE, and close the file. Raises OSError, after closing, if it cannot be written."""
         try:
             if os.getpid() == self._owner:
                 self._flush()
@@ -207,7 +211,7 @@ class _Appender:
             os.close(self._descriptor)
 
     def abandon(self) -> None:
-        """Leave what is whole in the file."""
+        """Close the file, and leave only complete chunks in it."""
         self._cut()
         os.close(self._descriptor)
 
@@ -231,7 +235,7 @@ class _Appender:
 
 
 def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, digests: Digests) -> dict[str, Any]:
-    import outlast  # here, as it imports this package
+    import outlast  # imported here, as it imports this package itself
 
     return {
         "outlast": outlast.__version__,

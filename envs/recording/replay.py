@@ -52,7 +52,7 @@ class Replay:
     def __init__(self, recording: Recording | str | os.PathLike[str], threads: int = 1) -> None:
         recording = recording if isinstance(recording, Recording) else Recording.open(recording)
         check_count("threads", threads, 1)
-        self._going: object = None  # the newest of the iterators of `ticks`
+        self._going: object = None  # marks the newest iterator of `ticks`: older ones may not go on
         self.recording, self.summary, scenario = recording, Summary(), recording.scenario
         self.policy: Array | None = None
         try:
@@ -72,7 +72,7 @@ class Replay:
         ]
         self._check("components", there, names)
         with announce_compilation(self.worlds, scenario.name):
-            self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; nothing moves
+            self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; no world runs
 
     def __repr__(self) -> str:
         return f"<Replay of {self.recording.path}: {self.recording.contents}>"

@@ -1,4 +1,4 @@
-"""Which ticks and worlds of a recording are asked for."""
+"""The selection of ticks and worlds of a recording."""
 
 from collections.abc import Iterable
 from typing import Any

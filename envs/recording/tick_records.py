@@ -1,4 +1,4 @@
-"""Tick records as bytes: what each world did in a tick, the joint actions of worlds that took a step, and a digest."""
+"""Tick records as bytes: what each world did in a tick, the joint actions of those that took a step, and a digest."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from .container import unpack
 
 Array = np.ndarray[Any, Any]
 
-KEY_SIZE = 4  # numbers in a row of TickRecord.keys, without those that are given
+KEY_SIZE = 4  # numbers in a row of TickRecord.keys, apart from given numbers
 MAX_JOINT_ACTIONS = 2**32
 
 
@@ -25,11 +25,11 @@ class TickFormat:
 
     worlds: int
     agents: int
-    joint_actions: int  # how many there are for an agent
-    digest_size: int  # numbers in a digest
-    digest_period: int  # ticks until a digest is made in the same way again
-    policy: np.dtype[Any] | None = None  # what a policy thought of an agent's tick, see policy_record; None: unknown
-    given: int = 0  # words of varied numbers that can be given, see ecs.varied.Given
+    joint_actions: int  # number of joint actions of an agent
+    digest_size: int  # count of numbers in a digest
+    digest_period: int  # after so many ticks, a digest is made of the same worlds again
+    policy: np.dtype[Any] | None = None  # the record of what a policy thought, see policy_record; None: there is none
+    given: int = 0  # count of words of given numbers, see ecs.varied.Given
 
     @property
     def key_size(self) -> int:
@@ -80,7 +80,7 @@ def encode_policies(records: Sequence[TickRecord]) -> bytes:
 def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
     """Return the bytes of `records` without `policy`; `decode_ticks` reads them."""
     digests = np.array([record.digest for record in records], "<u2").reshape(len(records), form.digest_size)
-    changes = digests.copy()  # components that never change become zeros
+    changes = digests.copy()  # as differences, components that never change become zeros
     changes[form.digest_period :] -= digests[: -form.digest_period]
     parts = [record.mode for record in records]
     parts.append(np.array([len(record.keys) for record in records], "<u4"))
@@ -120,7 +120,7 @@ def decode_ticks(content: bytes, count: int, form: TickFormat, behind: bytes = b
 
 
 def _policies(behind: bytes, shape: tuple[int, ...], form: TickFormat) -> Array | None:
-    """What the policy thought in steps (worlds, agents), one tick after the other."""
+    """Return what the policy thought in each step, for all ticks one after the other. shape: (worlds, agents)."""
     if form.policy is None:
         return None
     size = form.policy.itemsize * math.prod(shape)

@@ -1,1 +1,1 @@
-"""Snapshots of worlds as plain arrays: made, validated, restored, saved."""
+"""Snapshots of worlds as plain arrays: making, validating, restoring and saving them."""

@@ -1,8 +1,8 @@
 """The state of worlds as plain arrays: snapshots that are restored, copied to other worlds, or saved in a file.
 
 A State holds everything that determines how its worlds go on: their blocks of tables, the buffers of actions,
-observations and signals, whether they run, and the events of their last tick. Going on from it is bit-identical to
-never having stopped.
+observations and signals, whether they run, and the events of their last tick. Worlds that go on from it are
+bit-identical to worlds that never stopped.
 """
 
 import functools
@@ -27,7 +27,7 @@ from ..storage.atomic_write import atomic_write
 from . import validation
 
 VERSION = 1
-HEADER = "header"  # the entry of a file that says what the others are: JSON as bytes
+HEADER = "header"  # the entry of a file that describes the other entries, JSON as bytes
 
 Array = np.ndarray[Any, Any]
 
@@ -147,7 +147,7 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, masks)
     ours = {name: np.zeros((len(state), array.shape[1]), array.dtype) for name, array in _events(worlds).items()}
-    ours |= state.arrays  # those of before have no events, or other ones
+    ours |= state.arrays  # states of earlier versions have no events, or other ones
     for name, array in arrays.items():
         given = ours.get(name)
         if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
@@ -164,7 +164,7 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
 
 
 def _rows(worlds: Worlds, where: Any) -> Array:
-    """The numbers of the worlds `where`. Raises StateError if it is neither mask, indices nor slice."""
+    """Return the numbers of the worlds `where`. Raises StateError if it is neither a mask, indices nor a slice."""
     try:
         rows = np.atleast_1d(np.arange(worlds.count)[where])
     except IndexError as error:
@@ -175,7 +175,7 @@ def _rows(worlds: Worlds, where: Any) -> Array:
 
 
 def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
-    """Everything that there is of each world: the arrays themselves, by name."""
+    """Return all arrays of the state of the worlds, by name; they are not copied."""
     outside = {
         f"{component.__module__}.{component.__qualname__}.{name}": column
         for component in worlds.components
@@ -186,7 +186,7 @@ def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
 
 
 def _events(worlds: Worlds) -> dict[str, Array]:
-    """How many events of each kind there are, and the bytes of their lists, under names that say how they lie."""
+    """Return the counts of events and the bytes of their lists, under names that depend on the layout of events."""
     counts, lists = worlds.event_memory
     name = _events_name(worlds.layout)
     return {f"{name}.counts": counts, f"{name}.lists": lists.view(np.uint8).reshape(len(lists), -1)}

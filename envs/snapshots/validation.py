@@ -1,11 +1,11 @@
 """Validation of saved states: everything used as an index is in range, and booleans are 0 or 1.
 
-Compiled kernels do not check indices: one out of range would read or write other memory. Columns of outlast's own
-components that kernels or views use as an index, a length or a part of an address declare their range. The others do no
-harm, whatever they hold: they are only compared, counted or used in calculations.
+Compiled kernels do not check indices: one out of range would read or write other memory. So outlast's own components
+declare the range of columns that kernels or views use as an index, a length or a part of an address. Other columns do
+no harm, whatever they hold: they are only compared, counted or used in calculations.
 
-Mechanics of your own should declare columns that hold an index, too. Otherwise these are not checked, and you should
-only load states from people you trust:
+Mechanics of your own should also declare the range of columns that hold an index. If they do not, these are not
+checked, and you should only load states from people you trust:
 
     owner: Array = column("i4", fill=-1, unit="entity")   # a row, -1: none
     phase: Array = column("i4", low=0, high=7)
@@ -103,7 +103,7 @@ class Span:
 
 @functools.lru_cache(maxsize=16)
 def _spans(layout: Layout) -> tuple[Span, ...]:
-    """What is checked in worlds of that layout; found once, as a search puts single worlds back very often."""
+    """Return what to check in worlds of that layout; cached, as a search restores single worlds very often."""
     found = []
     for place in layout.places:
         if place.offset >= 0 and (ends := place.component.columns[place.name].range(layout.dims)):
@@ -116,7 +116,7 @@ def _spans(layout: Layout) -> tuple[Span, ...]:
 
 
 def _rows(layout: Layout, component: type[Component]) -> slice | Array:
-    """Of entities that have the component: a slice where they lie together, as nothing is copied then."""
+    """Return the rows of entities that have the component: if they are adjacent a slice, as that copies nothing."""
     if issubclass(component, Singleton):
         return slice(None)
     rows = layout.rows(component)
@@ -125,7 +125,7 @@ def _rows(layout: Layout, component: type[Component]) -> slice | Array:
 
 
 def _check_bags(layout: Layout, block: Array) -> None:
-    """What a bag holds are items: no slot is empty below the first free one."""
+    """Check that every slot of a bag below its count holds an item."""
     if Bag in layout.components:
         bag, rows = layout.columns(block, Bag), _rows(layout, Bag)
         items, count = bag.items[:, rows], bag.count[:, rows]
@@ -135,7 +135,7 @@ def _check_bags(layout: Layout, block: Array) -> None:
 
 
 def _check_sight(layout: Layout, block: Array) -> None:
-    """Who sees whom are sets of rows that there are."""
+    """Check that the sets of visible entities contain existing rows only."""
     if Sight in layout.components:
         visible = layout.columns(block, Sight).visible
         if (bad := visible & ~layout.bitset(Entity) != 0).any():
@@ -143,7 +143,7 @@ def _check_sight(layout: Layout, block: Array) -> None:
 
 
 def _check_absent(layout: Layout, block: Array, started: Array) -> None:
-    """Absent is who is above a count that varies; nobody else is without a side."""
+    """Check that exactly the entities beyond a varied count are absent."""
     identity = layout.columns(block, Entity).identity
     absent = np.zeros_like(identity, dtype=bool)
     for number in layout.varied.values():
@@ -164,7 +164,7 @@ def _check_absent(layout: Layout, block: Array, started: Array) -> None:
 
 
 def _check_varied(layout: Layout, block: Array, started: Array) -> None:
-    """Varied numbers, and those that are given, are some that could have been drawn; counts are used as indices."""
+    """Check that varied and given numbers could have been drawn, as counts among them are used as indices."""
     if not layout.keyed:
         return
     words = layout.columns(block, Varied).words
@@ -177,7 +177,7 @@ def _check_varied(layout: Layout, block: Array, started: Array) -> None:
 
 
 def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:
-    """The error for the first number that cannot be."""
+    """Return the error for the first of the `bad` values."""
     w, k, *rest = (int(index) for index in np.argwhere(bad)[0])
     row = k + (rows.start or 0) if isinstance(rows, slice) else int(rows[k])
     return StateError(f"the state's {what} is {values[w, k, *rest]} in world {w}, row {row}: {needed}")

@@ -1,1 +1,1 @@
-"""Files: written whole or not at all, and untrusted ones read safely."""
+"""Files: writing them completely or not at all, and reading untrusted ones safely."""

@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written beside their target, which they replace when they are done.
+"""Files that are complete or not there: they are written beside their target, which they replace when they are done.
 
 A process that is killed leaves its temporary file, `.NAME-XXXXXXXX.tmp` with eight hexadecimal digits: nothing reads
 it, and it can be deleted.
@@ -18,12 +18,12 @@ TEMPORARY = re.compile(r"\..+-[0-9a-f]{8}\.tmp")
 
 
 def temporary_path(target: Path) -> Path:
-    """A new path beside the target, for a temporary file that takes its place."""
+    """Return a new path beside the target, for a temporary file that will take its place."""
     return target.with_name(f".{target.name}-{secrets.token_hex(4)}.tmp")
 
 
 def is_temporary(path: Path) -> bool:
-    """Whether it is a temporary file: one that another process is writing, or that a killed one left."""
+    """Return whether it is a temporary file: one that a process is writing, or that a killed process left."""
     return TEMPORARY.fullmatch(path.name) is not None
 
 
@@ -37,16 +37,18 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
-    """A path beside the target, for a file or a folder that takes its place if all goes well, and else vanishes.
+    """Yield a path beside the target, for a file or folder that takes the target's place if all goes well.
 
-    Of a link, what it leads to is replaced. What is neither a file nor a folder, such as a device, is written to.
+    Otherwise it is removed. If the target is a link, what it leads to is replaced. If the target is neither a file nor
+    a folder, such as a device, it is written to directly.
 
     Args:
-        target: Where it goes.
-        new: Whether the file, which was not there, must not replace one that another process has written meanwhile.
+        target: Where the file or folder goes.
+        new: Whether the target was not there before; if another process has written it meanwhile, it is not replaced.
 
     Raises:
-        FileExistsError: One has, for something `new`; what was written is kept as NAME-2, which the error says.
+        FileExistsError: Another process has written a `new` target meanwhile. What was written here is kept as NAME-2;
+            the message says so.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         yield target
@@ -69,14 +71,14 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
 
 
 def _add(path: Path, target: Path) -> None:
-    """Give a file the name of the target, or if there is one of that name, one with a number."""
+    """Move a file to the target, or if that exists by now, to the target's name with a number."""
     for number in itertools.count(1):
         place = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
         try:
-            os.link(path, place)  # which replaces nothing, as renaming does
+            os.link(path, place)  # unlike renaming, this replaces nothing
         except FileExistsError:
             continue
-        except OSError:  # a folder, or a disk without links
+        except OSError:  # a folder, or a file system without hard links
             if place.exists():
                 continue
             os.replace(path, place)

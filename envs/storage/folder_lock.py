@@ -7,7 +7,7 @@ from outlast.ecs.cache_files import fcntl, try_lock, unlock
 
 
 class FolderLock:
-    """Keeps other processes out of a folder, until `release` or the end of this process, in whatever way that ends.
+    """Keeps other processes out of a folder until `release`, or until this process ends, however it does.
 
     Where folders cannot be locked, as on Windows, all processes may write into them.
     """
@@ -17,10 +17,10 @@ class FolderLock:
         self._handle: int | None = None
 
     def acquire(self) -> None:
-        """Keep others out of the folder, which is there.
+        """Lock the folder, which must exist.
 
         Raises:
-            BlockingIOError: Another process, or another lock of this one, does.
+            BlockingIOError: Another process, or another FolderLock of this process, has locked it.
         """
         if fcntl is None:
             return
@@ -31,7 +31,7 @@ class FolderLock:
         self._handle = handle
 
     def release(self) -> None:
-        """Let others in; again does no harm."""
+        """Unlock the folder; calling this again does no harm."""
         handle, self._handle = self._handle, None
         if handle is not None:
             unlock(handle)

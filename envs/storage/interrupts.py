@@ -1,4 +1,4 @@
-"""Ctrl-C that waits, and SIGTERM that is Ctrl-C."""
+"""Contexts that make Ctrl-C wait, drop a second Ctrl-C, or treat SIGTERM as Ctrl-C."""
 
 import contextlib
 import math
@@ -9,12 +9,12 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-A_MOMENT = 1.0  # seconds in which two of Ctrl-C are one, as those of a nervous hand, or of a cluster
+A_MOMENT = 1.0  # seconds within which two Ctrl-C count as one: a nervous hand, or a cluster, sends several
 
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Meanwhile Ctrl-C waits, so that what is done here is done whole. Outside of the main thread there is none."""
+    """Make Ctrl-C wait until the context ends, so that it runs completely. In other threads nothing changes."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before is None:
         yield
@@ -31,16 +31,16 @@ def interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
-    """Meanwhile Ctrl-C interrupts once, so that a second one cannot come between the first and what cleans up.
+    """Let only one Ctrl-C interrupt, so that a second one cannot interrupt the cleaning up after the first.
 
-    Clusters signal a command and its processes, and the command signals these, too. Outside of the main thread, and
-    where Ctrl-C is ignored, nothing changes; nor does it where the caller's own handler raises nothing.
+    A second one is usual on clusters, which signal a command and its processes, while the command signals these, too.
+    Nothing changes outside of the main thread, where Ctrl-C is ignored, or if the caller's own handler raises nothing.
 
     Args:
-        seconds: For how long others do nothing after one that has interrupted.
+        seconds: How long further ones do nothing after one that has interrupted.
 
     Yields:
-        That number in a list, to change it meanwhile.
+        That number in a list, in which it can be changed meanwhile.
     """
     before, pause = signal.getsignal(signal.SIGINT), [seconds]
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -66,7 +66,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """A stack of contexts that are all left as a whole: Ctrl-C that comes then waits, and a second one is dropped.
+    """Let all contexts of a stack be left completely: Ctrl-C that comes meanwhile waits, and a second one is dropped.
 
     Yields:
         The stack, whose contexts are left at the end.
@@ -81,12 +81,12 @@ def left_whole() -> Iterator[contextlib.ExitStack]:
 
 @contextlib.contextmanager
 def sigterm_as_ctrl_c() -> Iterator[list[int]]:
-    """Meanwhile SIGTERM, which schedulers of clusters send before they kill, does what Ctrl-C does.
+    """Treat SIGTERM, which schedulers of clusters send before they kill a process, as Ctrl-C.
 
-    Only where it would end the process at once: in the main thread, and where the caller has no handler of its own.
+    Nothing changes outside of the main thread, or if the caller has a handler for SIGTERM.
 
     Yields:
-        The signals that came so far.
+        The signals that have come so far.
     """
     came: list[int] = []
     free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -96,11 +96,11 @@ def sigterm_as_ctrl_c() -> Iterator[list[int]]:
     owner = os.getpid()
 
     def pass_on(number: int, frame: object) -> None:
-        if os.getpid() != owner:  # a fork, which nobody asked to save anything
+        if os.getpid() != owner:  # in a forked process, SIGTERM ends it as usual: it has nothing to save
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
         came.append(number)
-        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background command
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell
             signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.raise_signal(signal.SIGINT)
 

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 Array = np.ndarray[Any, Any]
-BROKEN = (  # what reading a broken file raises
+BROKEN = (  # the errors that reading a broken file may raise
     *(zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError, OSError, OverflowError, struct.error),
     *(NotImplementedError, RuntimeError, RecursionError),
 )
@@ -20,13 +20,13 @@ NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False,
 
 
 def entries(file: BinaryIO, only: Collection[str] = ()) -> dict[str, bytes]:
-    """The entries of a zip file by name; `only` these, if some are named.
+    """Return the entries of a zip file by name; `only` these, if some are named.
 
-    Nothing is compressed, and all of them together are not larger than the file: no more memory is taken than that.
-    Raises one of BROKEN for anything else.
+    Raises one of BROKEN if entries are compressed, or together larger than the file. So reading never takes more memory
+    than the file has bytes.
     """
     size = file.seek(0, io.SEEK_END)
-    if not size:  # nor is it read where it has no end, as that of a device
+    if not size:  # a device, which may never end, has no size either
         raise ValueError("it is empty")
     with zipfile.ZipFile(file) as archive:
         infos = archive.infolist()
@@ -44,7 +44,7 @@ def entries(file: BinaryIO, only: Collection[str] = ()) -> dict[str, bytes]:
 
 
 def array(content: bytes) -> Array:
-    """The array of an .npy file as numpy writes it: numbers only, in C order. Raises ValueError for anything else."""
+    """Return the array of an .npy file, if it has numbers in C order and a header as numpy writes it; or ValueError."""
     begin = len(START) + 2
     end = begin + int.from_bytes(content[len(START) : begin], "little")
     found = NUMBERS.fullmatch(content[begin:end])

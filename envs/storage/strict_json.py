@@ -1,4 +1,4 @@
-"""JSON files that people write: what would be read as something else than was meant is refused."""
+"""JSON files that people write: what would be read in another way than it was meant is refused."""
 
 import json
 from collections.abc import Collection
@@ -8,7 +8,7 @@ from ..errors import ScenarioError
 
 
 def parse(text: str) -> Any:
-    """What the text holds. Raises ValueError: no JSON, a number that is too long, or a name twice in one object."""
+    """Return what the text holds. Raises ValueError: not JSON, a number too long, or a name twice in an object."""
 
     def once(items: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict[str, Any]()
@@ -22,14 +22,14 @@ def parse(text: str) -> Any:
 
 
 def check_version(given: Any, version: int) -> None:
-    """ScenarioError unless it is an object of that "version"."""
+    """Raise ScenarioError unless `given` is an object with that "version"."""
     found = given.get("version") if isinstance(given, dict) else None
     if type(found) is not int or found != version:
         raise ScenarioError(f"it has version {found!r:.20} of the format: this outlast reads version {version}")
 
 
 def check_keys(given: Any, needed: Collection[str], optional: Collection[str] = ()) -> None:
-    """ScenarioError unless it is an object with these names, and maybe the optional ones."""
+    """Raise ScenarioError unless `given` is an object with all needed keys, and no others but the optional ones."""
     known = ", ".join((*needed, *optional))
     if not isinstance(given, dict):
         raise ScenarioError(f"it has {given!r:.60} where an object with {known} is needed")

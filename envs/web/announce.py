@@ -1,11 +1,12 @@
-"""Saying where a page is, and opening it."""
+"""Printing the address of a page, and opening it."""
 
 import threading
 import webbrowser
 
 
 def announce(text: str, address: str, browser: bool = True) -> None:
-    """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
+    """Print a text about a page, and open the page's address if a `browser` is wanted."""
     print(text, flush=True)
     if browser:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
+        # in a thread, as some calls wait for the browser to close
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

@@ -1,4 +1,4 @@
-"""What pages are made of: files of this package, and constants of Python as JavaScript."""
+"""The parts of pages: files of this package, and constants of Python as JavaScript."""
 
 import base64
 import dataclasses
@@ -38,7 +38,7 @@ SHARED = (
     "sight.js",
     "world.js",
     "viewport.js",
-)  # scripts, in the order that they need each other
+)  # scripts, each after those that it needs
 STYLE = "style.css"
 NIGHT = mix(INK, BLACK, 0.45)
 ICON = (
@@ -82,13 +82,13 @@ THEMES = {
 
 
 def asset(folder: str, name: str) -> str:
-    """A file as text: of the folder of one page, "play" or "replay", or if it is not there, of both."""
+    """Return a file as text: the page's own in `folder` ("play" or "replay"), otherwise the one that pages share."""
     own = files(__package__).joinpath(folder, name)
     return (own if own.is_file() else files(__package__).joinpath(name)).read_text(encoding="utf-8")
 
 
 def constants(**others: Any) -> str:
-    """JavaScript that defines COLORS by theme, SIZES (see style.py), and what else is given, in upper case."""
+    """Return JavaScript that defines COLORS by theme, SIZES (see style.py), and the `others` by their names."""
     colors = {name: {key: css(color) for key, color in (COMMON | theme).items()} for name, theme in THEMES.items()}
     values = {"COLORS": colors, "SIZES": dataclasses.asdict(SIZES), **others}
     return "".join(f"const {name} = {json.dumps(value)};\n" for name, value in values.items())
@@ -103,16 +103,16 @@ def assemble(
     connect: str = "'none'",
     **others: Any,
 ) -> str:
-    """A page of replays that needs no other file: its template with these scripts and styles inlined.
+    """Return a page of replays that needs no other file: its template with these scripts and styles inlined.
 
-    The page's policy lets only these scripts run.
+    The page's Content-Security-Policy lets only these scripts run.
 
     Args:
-        title: Of the page.
-        scripts: In the order that they need each other.
+        title: Title of the page.
+        scripts: Names of the scripts, each after those that it needs.
         data: base64, which the scripts find as the text of #data.
-        styles: Style sheets, of which later ones win.
-        connect: What the scripts may connect to, as a Content-Security-Policy says it; nothing unless given.
+        styles: Names of the style sheets; later ones override earlier ones.
+        connect: Where the scripts may connect to, as a source of the Content-Security-Policy; by default, nowhere.
         **others: Constants for the scripts, see `constants`.
     """
     style = "\n".join(asset("replay", name) for name in styles)
@@ -138,5 +138,5 @@ def assemble(
 
 
 def _digest(source: str) -> str:
-    """By which a policy allows exactly this inline element."""
+    """Return the hash by which a Content-Security-Policy allows exactly this inline script or style."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'"

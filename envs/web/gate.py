@@ -1,8 +1,8 @@
-"""Access control: only pages that a server gave out, on this machine, with its token, reach what it serves.
+"""Access control: what a server serves is reached only on this machine, with its token, from pages that it gave out.
 
-Other programs of this machine, other users and other web pages can reach a port on 127.0.0.1. The token is
-needed against those; the Host header is checked against names that were made to point here (DNS rebinding), the Origin
-header against other web pages, from which browsers let anybody open a websocket.
+Other programs and users of this machine, and other web pages, can reach a port on 127.0.0.1: the token keeps them out.
+The check of the Host header keeps out foreign names that were made to point here (DNS rebinding). The check of the
+Origin header keeps out other web pages, as browsers let any page open a websocket to any server.
 """
 
 import os
@@ -14,7 +14,7 @@ from ..errors import PlayError
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
-LIVE = "live"  # the websocket's path, behind the token
+LIVE = "live"  # the path of the websocket, after the token
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -27,21 +27,21 @@ HEADERS = {
 
 
 class Gate:
-    """Of a server at `port`. Its token is new and random, and is the first part of every path."""
+    """The access control of a server at `port`. Its token is new and random, and is the first part of every path."""
 
     def __init__(self, port: int) -> None:
         self.port, self.token = port, secrets.token_urlsafe(24)
 
     @property
     def address(self) -> str:
-        """What to open."""
+        """The address to open."""
         return f"http://{HOST}:{self.port}/{self.token}/"
 
     def path(self, request: Any) -> str | None:
-        """The path behind the token; None if the request is refused.
+        """Return the path after the token; None if the request is refused.
 
-        request: websockets.http11.Request, or a handler of http.server. Only websockets must name their origin:
-        browsers always do for them, and never for a page that somebody opens.
+        request: websockets.http11.Request, or a handler of http.server. Only a websocket must name its origin: browsers
+        always send it for websockets, but not for a page that somebody opens.
         """
         hosts, origins = (request.headers.get_all(name) or [] for name in ("Host", "Origin"))
         if len(hosts) != 1 or hosts[0] not in self._names():
@@ -54,7 +54,7 @@ class Gate:
         return path if all(origin == f"http://{hosts[0]}" for origin in origins) else None
 
     def headers(self) -> dict[str, str]:
-        """Of every answer of a game. The page may load from, and connect to, this server only."""
+        """Return the headers of every answer of a game. Its page may only load from, and connect to, this server."""
         live = " ".join(f"ws://{name}" for name in self._names())
         policy = {
             "default-src": "'none'",
@@ -73,7 +73,7 @@ class Gate:
 
 
 def listen(port: int) -> socket.socket:
-    """A socket that listens at `port` of HOST (0: a free one). Raises PlayError if that is not to be had."""
+    """Return a socket that listens at `port` of HOST (0: any free one). Raises PlayError if it is not available."""
     try:
         return socket.create_server((HOST, port))
     except OSError as error:

@@ -14,7 +14,7 @@ from ...scenarios.naming import resolve
 from ...scenarios.scenario import Number, Scenario
 from ..announce import announce
 
-FASTEST = 1000  # ticks a second
+FASTEST = 1000  # ticks per second
 
 
 def play(
@@ -56,7 +56,7 @@ def play(
             running, as in a notebook.
     """
     try:
-        from .game import Game  # here, as these need websockets
+        from .game import Game  # imported here, as they need websockets, which is optional
         from .server import play as serve
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
@@ -74,7 +74,7 @@ def play(
         asyncio.run(serve(made, fps or 1 / made.world["seconds"], port, opened))
 
 
-OPTIONS = tuple(play.__kwdefaults__ or ())  # its keywords
+OPTIONS = tuple(play.__kwdefaults__ or ())  # names of its keyword-only arguments, which are not numbers of a scenario
 
 
 def _check(fps: Any, port: Any) -> None:
@@ -88,7 +88,7 @@ def _check(fps: Any, port: Any) -> None:
 
 
 def _in_loop() -> bool:
-    """Whether an event loop runs in this thread."""
+    """Return whether an event loop runs in this thread."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:

@@ -1,4 +1,4 @@
-"""The game: one world, one agent of which a person steers. Independent of pages and sockets."""
+"""The game: one world in which a person steers one agent. Independent of pages and sockets."""
 
 import math
 import os
@@ -27,25 +27,25 @@ from ...scenarios.scenario import Scenario
 
 Json = dict[str, Any]
 
-RECENT = 8  # events that a page gets, so that none is lost where it misses a tick
-SLOW, SLOWLY = 1.5, 0.5  # seconds at the start of an episode that run slowly, and how fast they do
+RECENT = 8  # the newest events, all of which are sent each time, as a page may miss ticks
+SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: for so many seconds, at this share of the usual speed
 
 
 class GamePhase(StrEnum):
     """Whether the world runs, and if not, why."""
 
-    READY = "ready"  # a new episode; it begins with a key
+    READY = "ready"  # a new episode, which waits for a key
     RUNNING = "running"
     PAUSED = "paused"
     OVER = "over"  # the episode has ended; restart begins the next one
 
 
 class Game:
-    """World 0 of `scenario`, seeded. agent: number of the one that a person steers. others: see opponents.Opponents.
+    """World 0 of `scenario`, seeded. agent: the number of the agent that a person steers.
 
-    record: a new file for a recording of the game, see outlast.record. Keys are actions by name, in
-    the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is no such agent, RecordingError if the file
-    cannot be, and what make_vec raises.
+    others: who plays the other agents, see opponents.Opponents. record: a new file for a recording of the game, see
+    outlast.record. Keys set actions by name, in the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is
+    no such agent, RecordingError if the file cannot be written, and what make_vec raises.
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class Game:
         self.restart()
 
     def restart(self) -> None:
-        """Go on to the next episode, whatever happens in this one."""
+        """Go on to the next episode, even if the present one has not ended."""
         self.env.reset()
         self.phase = GamePhase.READY
         self.death: Json | None = None
         self._recent: deque[Json] = deque(maxlen=RECENT)
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
-        sides = {*side(self.worlds, 0).tolist()} - {-1}  # of who is absent
+        sides = {*side(self.worlds, 0).tolist()} - {-1}  # -1: the side of absent agents
         self._last = dict.fromkeys(sides, 0)  # the last tick after which each side was alive
         game = self.env.scenario
         world = {"name": game.name, "about": game.about, "agent": self.agent, "actions": self.ranges}
@@ -88,7 +88,7 @@ class Game:
         self.world = describe(self.worlds, 0) | world
 
     def hold(self, held: Mapping[str, int], tapped: Mapping[str, int]) -> None:
-        """Keys that are down from now on, and those that count for the next tick even if they are up by then.
+        """Set the keys that are held from now on, and those tapped, which count in the next tick even if up by then.
 
         The first key begins the episode, as `begin` does. Keys that come while the world stands still are not kept.
         """
@@ -99,13 +99,13 @@ class Game:
             self._tapped.update(tapped)
 
     def begin(self) -> None:
-        """Begin the episode, without a key that does something in it."""
+        """Begin the episode, without taking an action."""
         if self.phase is GamePhase.READY:
             self.phase = GamePhase.RUNNING
 
     @property
     def pace(self) -> float:
-        """How fast the world runs, times its usual speed: the start of an episode is slow."""
+        """The world's speed as a multiple of the usual one: the start of an episode is slow."""
         return SLOWLY if self.worlds[Clock].tick[0, 0] * self.world["seconds"] < SLOW else 1
 
     def pause(self) -> None:
@@ -120,7 +120,7 @@ class Game:
             self.phase = GamePhase.RUNNING
 
     def tick(self) -> bool:
-        """One tick of the world; False, and nothing happens, unless it is running."""
+        """Run one tick of the world; unless it is running, do nothing and return False."""
         if self.phase is not GamePhase.RUNNING:
             return False
         actions = np.zeros((1, self.env.num_agents, len(self.ranges)), np.int64)
@@ -134,12 +134,12 @@ class Game:
         return True
 
     def action(self) -> list[int]:
-        """The person's action in the next tick, as the environment takes it: numbers from 0."""
+        """Return the person's action in the next tick, as the environment takes it: numbers from 0."""
         keys = {**self._held, **self._tapped}
         return [keys.get(name, 0) - low for name, (low, _) in self.ranges.items()]
 
     def state(self) -> Json:
-        """All that a page shows after a tick: the world, the person's observation as text, the result."""
+        """Return all that a page shows after a tick: the world, the person's observation as text, events, result."""
         observation = {key: values[0, self.agent] for key, values in self.env.observe().items()}
         return {
             "phase": self.phase,
@@ -163,7 +163,7 @@ class Game:
         self.agent = agent
 
     def _note_events(self) -> None:
-        """Keep who is alive, and the events of the tick."""
+        """Keep which sides are alive, and the events of the tick."""
         tick, sides = int(self.worlds[Clock].tick[0, 0]), side(self.worlds, 0)
         self._last.update(dict.fromkeys(sides[alive(self.worlds, 0)].tolist(), tick))
         for event in events(self.worlds, 0):
@@ -172,10 +172,10 @@ class Game:
                 self.death = event | {"tick": tick}
 
     def _result(self) -> Json:
-        """Of the episode that has ended, for the person.
+        """Return the result of the episode that has ended, as the person's side sees it.
 
-        verdict: won by the side that lived longest, drawn if several did; "over" if there is no other side, or life
-        does not decide. return: None if it is not finite.
+        verdict: "won" if this side outlived all others, "drawn" if it lived as long as the best other one, else "lost";
+        "over" if there is no other side, or the game is not about living longest. return: None if it is not finite.
         """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
         others = [tick for other, tick in self._last.items() if other != mine]

@@ -1,4 +1,4 @@
-"""Messages of a page: short JSON texts, validated before they reach the game."""
+"""Messages from a page: short JSON texts, validated before they reach the game."""
 
 import json
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Choices = Mapping[str, int]
 
 @dataclass(frozen=True)
 class Steer:
-    """Keys. held: actions for every tick from now on. tapped: for the next tick only. Those not named are 0."""
+    """Keys. held: actions in every tick from now on. tapped: actions in the next tick only. Others are 0."""
 
     held: Choices
     tapped: Choices
@@ -40,7 +40,7 @@ Message = Steer | Command | Speed
 
 
 def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> Message:
-    """The message in `text`: {"held": {name: value}, "tapped": {...}}, {"command": name} or {"speed": times}.
+    """Return the message in `text`: {"held": {name: value}, "tapped": {...}}, {"command": name} or {"speed": times}.
 
     ranges: the lowest and highest value of each action by its name. Raises MessageError for everything else.
     """

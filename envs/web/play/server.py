@@ -1,4 +1,4 @@
-"""The server: the page over HTTP, the game over a websocket, at one port of the loopback interface."""
+"""The server: the page over HTTP and the game over a websocket, at the same port of the loopback interface."""
 
 import logging
 from collections.abc import AsyncIterator, Callable
@@ -21,14 +21,14 @@ from .session import Session
 SCRIPTS = (*SHARED, "keys.js", "visible.js", "play.js")
 STYLES = (STYLE, "play.css")
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
-CLOSE_TIMEOUT = 2  # seconds
+CLOSE_TIMEOUT = 2  # seconds that a page has to answer when its websocket is closed
 REFUSED = "Not from here: open the address that `outlast play` printed.\n"
 
 
 async def play(game: Game, fps: float, port: int = 0, opened: Callable[[str], object] = lambda address: None) -> None:
-    """Serve `game` at `port` of 127.0.0.1 (0: a free one) until cancelled. opened: called with the address to open.
+    """Serve `game` at `port` of 127.0.0.1 (0: any free one) until cancelled; `opened` is called with its address.
 
-    fps: ticks a second. Raises PlayError if the port is not to be had.
+    fps: ticks per second. Raises PlayError if the port is not available.
     """
     session = Session(game, fps)
     async with listening(session, port) as gate:
@@ -44,11 +44,12 @@ async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
         gate = Gate(listener.getsockname()[1])
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
-            """None: go on with the handshake of a websocket."""
+            """Return the answer to a request; None to go on with the handshake of a websocket."""
             path = gate.path(request)
             if path is None:
                 return response(HTTPStatus.FORBIDDEN, REFUSED.encode())
-            if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse others themselves
+            # older versions of websockets have no `method`: they only accept GET
+            if getattr(request, "method", "GET") != "GET":
                 return response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET only.\n", extra=gate.headers() | {"Allow": "GET"})
             if path == LIVE:
                 return None
@@ -62,7 +63,7 @@ async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
 
 
 def _parts() -> dict[str, bytes]:
-    """The page's files by name; index.html is the page."""
+    """Return the page's files by name; index.html is the page."""
     parts = {name: asset("play", name) for name in STYLES} | {"constants.js": constants(SPEEDS=SPEEDS)}
     parts |= {name: f'"use strict";\n{asset("play", name)}' for name in SCRIPTS}
     tags = (f'<script src="{name}"></script>' for name in ("constants.js", *SCRIPTS))
@@ -78,14 +79,14 @@ def _limits() -> dict[str, Any]:
 
 
 def _is_handler_error(record: logging.LogRecord) -> bool:
-    """Whether it is an error in the session: browsers also open spare connections and drop them."""
+    """Keep only errors in the session: others come from browsers, which open spare connections and drop them."""
     return record.msg == "connection handler failed"
 
 
 def response(
     status: HTTPStatus, body: bytes, kind: str = "text/plain", extra: dict[str, str] | None = None
 ) -> Response:
-    """An answer that ends the connection."""
+    """Return an answer after which the connection is closed."""
     headers = {
         "Date": formatdate(usegmt=True),
         "Connection": "close",

@@ -1,4 +1,4 @@
-"""A session: one game in real time, one page that steers, and others that watch."""
+"""A session: one game in real time, a page that steers it, and other pages that watch."""
 
 import asyncio
 import contextlib
@@ -16,10 +16,10 @@ POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and t
 
 
 class Session:
-    """`game`, `fps` ticks a second, times the speed that the person chose; an episode begins slowly: see Game.pace.
+    """Runs `game` at `fps` ticks per second, times the speed that the person chose, times Game.pace.
 
-    The page that came first steers; those that came later watch, and the next of them steers when it leaves. Without
-    pages the world stands still.
+    The page that was opened first steers, and later ones watch; when it leaves, the next one steers. Without pages the
+    world stands still.
     """
 
     def __init__(self, game: Game, fps: float) -> None:
@@ -29,7 +29,7 @@ class Session:
         self._update = asyncio.Event()
 
     async def run(self) -> None:
-        """Tick until cancelled. Late ticks are not made up for: the world slows down."""
+        """Run ticks until cancelled. If ticks are late, they are not caught up with: the world runs more slowly."""
         clock = asyncio.get_running_loop().time
         due = clock()
         while True:
@@ -54,7 +54,7 @@ class Session:
             self._leave(page)
 
     async def _receive(self, page: ServerConnection) -> None:
-        """Until the page leaves or sends an invalid message."""
+        """Receive messages until the page leaves or sends an invalid one."""
         with contextlib.suppress(ConnectionClosed):
             async for text in page:
                 try:
@@ -97,6 +97,6 @@ class Session:
         self._notify()
 
     def _notify(self) -> None:
-        """Wake up all that wait for this update; the next one is another event."""
+        """Wake up everything that waits for this update; the next update gets a new event."""
         self._update.set()
         self._update = asyncio.Event()

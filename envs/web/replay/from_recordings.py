@@ -66,7 +66,7 @@ def replay_page(
     ends = [last_tick(each, first, last) for each in opened]
     shown = [0] if worlds is None else rows_of(opened[0], worlds)
     for each in opened[1:]:
-        rows_of(each, [each.first_world + row for row in shown])  # which refuses those that there are not
+        rows_of(each, [each.first_world + row for row in shown])  # raises if it lacks one of these worlds
     rooms = []
     for each, end in zip(opened, ends, strict=True):
         with contextlib.closing(Replay(each, threads)) as replay:

@@ -9,7 +9,7 @@ from .from_recordings import title_of
 from .pack import Room
 from .write import page_html, record_ticks
 
-MOST = 2000  # ticks: about a megabyte in the notebook's file
+MOST = 2000  # ticks, which take about a megabyte in the notebook's file
 HEIGHT = 780  # pixels
 
 

@@ -1,9 +1,9 @@
 """Packing: an episode as columns of numbers, small enough for a page.
 
-A column has a row of numbers for each tick. Integers are kept as the differences from tick to tick, one entry of the
-row after the other, in as few bytes as they need (1, 2 or 4, little-endian); rewards and values as float32. All columns
-of all episodes are then compressed together. Counts are exact; lengths are in millimetres, angles in tenths of a
-milliradian, probabilities and attention in percent (-1: unknown). recording.js is the reader.
+A column has a row of numbers for each tick. Of integers, the differences from tick to tick are stored, entry by entry
+of the row, in as few bytes as they need (1, 2 or 4, little-endian); rewards and values are float32. All columns of all
+episodes are then compressed together. Counts are exact; lengths are in millimetres, angles in tenths of a milliradian,
+probabilities and attention in percent (-1: unknown). recording.js is the reader.
 """
 
 import gzip
@@ -16,43 +16,43 @@ import numpy as np
 
 from ...inspect.trace import Json
 
-METRE, RADIAN, WHOLE = 1000, 10000, 100  # units in them, and in a probability of 1
-WORD = 16  # bodies in a number of a bitset
-PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # for recording.js
-FLOATS = ("agent.reward", "agent.value")  # columns of float32
+METRE, RADIAN, WHOLE = 1000, 10000, 100  # the integer for a metre, for a radian, and for a probability of 1
+WORD = 16  # a bitset has so many bodies in each number
+PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # constants for recording.js
+FLOATS = ("agent.reward", "agent.value")  # columns that are float32
 
 Array = np.ndarray[Any, Any]
 
 
 @dataclass
 class EpisodeTrack:
-    """What is recorded of one episode of one world.
+    """The record of one episode of one world.
 
-    rows: a tick's numbers each, int32 in the order of `columns`; those of FLOATS are the bits of float32.
+    rows: for each tick its numbers, int32 in the order of `columns`; numbers of FLOATS are the bits of a float32.
     """
 
     description: Json
     number: int
     start: int  # tick of the first row
     rows: list[Array] = field(default_factory=list)
-    events: list[Json] = field(default_factory=list)  # with the index of their row as "at"
+    events: list[Json] = field(default_factory=list)  # each with the index of its row as "at"
 
     def add(self, snapshot: Json, events: Iterable[Json], thoughts: Array | None = None) -> None:
-        """The state after one more tick, what happened in it, and what the policy thought ahead of it (agents,)."""
+        """Add the state after a tick, what happened in the tick, and what the policy thought before it, (agents,)."""
         self.events += [{"at": len(self.rows), **event} for event in events]
         self.rows.append(flat(self.description, snapshot, thoughts))
 
 
 @dataclass
 class Room:
-    """A recording as a page shows it: a title, and episodes by world."""
+    """A recording as a page shows it: its title, and its episodes by world."""
 
     title: str
     recorded: dict[int, list[EpisodeTrack]]
 
 
 def columns(description: Json) -> list[tuple[str, int]]:
-    """(name, numbers in a row) of every column of an episode."""
+    """Return (name, how many numbers a row has) of every column of an episode."""
     agents, objects = len(description["agents"]), len(description["objects"])
     actions, entities = description["actions"], description.get("entities")
     table = [("zone", 6 if description["zone"] else 0)]
@@ -69,12 +69,12 @@ def columns(description: Json) -> list[tuple[str, int]]:
 
 
 def words(description: Json) -> int:
-    """Numbers that a bitset of bodies takes."""
+    """Return how many numbers a bitset of all bodies takes."""
     return -(-(len(description["agents"]) + len(description["objects"])) // WORD)
 
 
 def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Array:
-    """A snapshot as int32 in the order of `columns`. Empty slots and bitsets of agents that see everything are -1.
+    """Return a snapshot as int32 in the order of `columns`. -1: empty slots, and bitsets of agents that see everything.
 
     thoughts: policy_record.policy_dtype (agents,), if the description has `entities`.
     """
@@ -96,10 +96,10 @@ def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Ar
 
 
 def pack(rooms: Sequence[Room]) -> bytes:
-    """Recordings side by side as gzip: the length of a JSON header (uint32, little-endian), the header, the columns.
+    """Return recordings as gzip: the length of the JSON header (uint32, little-endian), the header, all columns.
 
     The header: [{title, worlds: [{world, episodes: [{description, number, start, length, events, columns: [[name,
-    numbers in a row, bytes of each, 0: float32]]}]}]}].
+    numbers in a row, bytes of a number (0: float32)]]}]}]}].
     """
     blobs: list[bytes] = []
     header = [
@@ -114,7 +114,7 @@ def pack(rooms: Sequence[Room]) -> bytes:
 
 
 def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
-    """The header of an episode; its columns go to `blobs`."""
+    """Return the header of an episode, and append its columns to `blobs`."""
     matrix, first, table = np.stack(episode.rows, 1), 0, []
     for name, count in columns(episode.description):
         values, floats = matrix[first : first + count], name in FLOATS
@@ -128,7 +128,7 @@ def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
 
 
 def _narrowest(values: Array) -> np.dtype[Any]:
-    """The smallest type that holds all; differences of int32 may wrap around, and come out right when summed up."""
+    """Return the smallest type that holds all values. Differences of int32 may wrap around; their sums do so back."""
     low, high = (int(values.min()), int(values.max())) if values.size else (0, 0)
     fits = [bits for bits in (8, 16) if -(2 ** (bits - 1)) <= low and high < 2 ** (bits - 1)]
     return np.dtype(f"<i{fits[0] // 8 if fits else 4}")
@@ -140,13 +140,13 @@ def _places(bodies: Sequence[Json]) -> list[int]:
 
 
 def _bits(values: Any) -> list[int]:
-    """Those of float32."""
+    """Return the bits of values as float32."""
     bits: list[int] = np.asarray(values, np.float32).view(np.int32).tolist()
     return bits
 
 
 def _percent(shares: Array) -> list[int]:
-    """Shares in percent, -1 for those that are unknown. Files may hold any number."""
+    """Return shares in percent, -1 where they are unknown; clipped, as files may hold any number."""
     known = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1)
     percent: list[int] = known.clip(-1, WHOLE).astype(int).ravel().tolist()
     return percent

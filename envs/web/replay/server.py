@@ -1,4 +1,4 @@
-"""A server of one page that plays episodes as they are made, at a port of the loopback interface."""
+"""A server, at a port of the loopback interface, of one page that plays episodes as they are made."""
 
 import contextlib
 import json
@@ -18,37 +18,37 @@ from .write import PLAYING
 
 SCRIPTS = (*SHARED, *PLAYING, "watch.js")
 STYLES = (STYLE, "watch.css")
-PATIENCE = 10  # seconds for a request to arrive
+PATIENCE = 10  # seconds that a request may take to arrive
 REFUSED = "Not from here: open the address that `outlast watch` printed.\n"
 logger = logging.getLogger(__name__)
 
 
 class Feed(Protocol):
-    """What the page shows. Its methods are called from several threads."""
+    """The source of what the page shows. Its methods are called from several threads."""
 
     def status(self) -> Json:
-        """The state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
+        """Return the state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
 
     def episode(self) -> Json | None:
-        """The newest episode, {number, steps, game, data: base64 of `pack`}; None without any."""
+        """Return the newest episode, {number, steps, game, data: base64 of `pack`}; None if there is none yet."""
 
 
 @contextlib.contextmanager
 def serving(feed: Feed, title: str, port: int = 0) -> Iterator[str]:
-    """Serve the page at `port` of 127.0.0.1 (0: a free one) from threads of its own, until the context ends.
+    """Serve the page at `port` of 127.0.0.1 (0: any free one) from threads of its own, until the context ends.
 
     Args:
-        feed: What the page shows.
-        title: Of the page.
-        port: Where.
+        feed: The source of what the page shows.
+        title: Title of the page.
+        port: The port.
 
     Yields:
         The address to open.
 
     Raises:
-        PlayError: The port is not to be had.
+        PlayError: The port is not available.
     """
-    # the page's own policy lets its inlined scripts run, and connect to this server only
+    # the page's policy lets only its inlined scripts run, and lets them connect to this server only
     page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING)
     with listen(port) as listener:
         gate = Gate(listener.getsockname()[1])
@@ -66,7 +66,7 @@ def serving(feed: Feed, title: str, port: int = 0) -> Iterator[str]:
 
 
 def _answers(feed: Feed, page: str) -> dict[str, Callable[[], tuple[str, bytes]]]:
-    """What makes the type and the content of each path behind the token."""
+    """Return, for each path after the token, a function that returns the type and the content."""
     text = page.encode()
     return {
         "": lambda: ("text/html", text),
@@ -84,7 +84,7 @@ class _Server(ThreadingHTTPServer):
     answers: dict[str, Callable[[], tuple[str, bytes]]]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Of a request: browsers drop connections as they like, everything else is a fault of ours."""
+        """Log an error in a request, unless it is an OSError: browsers drop connections as they like."""
         error = sys.exception()
         if not isinstance(error, OSError):
             logger.error("a request failed", exc_info=error)
@@ -94,7 +94,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
     timeout = PATIENCE
 
-    def do_GET(self) -> None:  # the name that http.server calls
+    def do_GET(self) -> None:  # http.server calls it by this name
         path = self.server.gate.path(self)
         if path is None:
             self._reply(HTTPStatus.FORBIDDEN, "text/plain", REFUSED.encode())
@@ -115,4 +115,4 @@ class _Handler(BaseHTTPRequestHandler):
         return "outlast"
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  # as http.server names it
-        """Requests are not logged."""
+        """Log nothing: http.server would write every request to stderr."""

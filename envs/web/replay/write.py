@@ -1,4 +1,4 @@
-"""Writing a page: the ticks of some worlds, and everything needed to play them, in one HTML file."""
+"""Writing a page: one HTML file with the ticks of some worlds and everything needed to play them."""
 
 import base64
 import os
@@ -29,8 +29,8 @@ def write_page(
     """Write what happens in some worlds as a page that needs no server and no network; completely or not at all.
 
     Args:
-        path: The file.
-        worlds: All worlds.
+        path: The file to write.
+        worlds: The worlds, of which some are shown.
         ticks: An iterator whose items each run the worlds for a tick; the first item comes right after a reset. Each
             tick of a world of 4 agents takes a kilobyte of memory.
         chosen: Numbers of the worlds to show.
@@ -66,8 +66,8 @@ def record_ticks(
 ) -> dict[int, list[EpisodeTrack]]:
     """Return the episodes of each `chosen` world by its number, as far as the ticks go. chosen: rows of the tables.
 
-    A world whose clock stands still was not run, and is not recorded again; if its clock jumps, an episode starts.
-    replay: what runs the worlds if it is a replay, which may have a policy to show; its episodes count from 1.
+    A world whose clock stands still was not run, so nothing is recorded; if its clock jumps, an episode starts.
+    replay: the replay that runs the worlds, if one does. It may have a policy to show; its episodes count from 1.
     """
     recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
     _check(worlds, recorded)
@@ -75,7 +75,8 @@ def record_ticks(
     for _ in ticks:
         for w, episodes in recorded.items():
             clock = tuple(int(column[w, 0]) for column in worlds[Clock])
-            if replay is not None:  # a world that is reset again in its first tick does not stand still
+            # a world that is reset twice in a row may have the same clock, but in another episode
+            if replay is not None:
                 clock = (int(replay.episodes[w]), *clock)
             before = clocks.get(w)
             if clock == before:
@@ -92,10 +93,10 @@ def record_ticks(
 
 
 def _entities(worlds: Worlds, replay: Replay | None) -> Json:
-    """What the recorded policy attends to: {entities: [{key, rows, others, first}]}; {} if there is no policy.
+    """Return what the recorded policy attends to: {entities: [{key, rows, others, first}]}; {} if there is no policy.
 
-    others: whether its rows are the other agents, in order. first: the body that its first row is, -1: unknown; rows
-    that are called as a kind of entity, in the plural, are its bodies in order.
+    others: whether the rows are the other agents, in order. first: number of the body in the first row, -1: unknown.
+    If a key is the plural of an archetype's name, its rows are the bodies of that archetype, in order.
     """
     if replay is None or replay.policy is None:
         return {}
@@ -118,7 +119,7 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
 
 
 def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
-    """Return the path of a page. PageError, before anything runs, if it cannot be written. sources: what it shows."""
+    """Return the path of a page that shows `sources`. Raises PageError, before anything runs, if it is not possible."""
     target = Path(path)
     if target.suffix != ".html":
         raise PageError(f"{target}: a page is written as NAME.html")
