@@ -13,19 +13,19 @@ from .style import Color
 
 Image = np.ndarray[Any, Any]
 Point = tuple[float, float]
-Projection = tuple[float, float, float, float]  # to fixed-point numbers: units a metre, the origin, metres to FAR
+Projection = tuple[float, float, float, float]  # to fixed-point numbers: units per metre, the origin, metres to FAR
 
-SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
+SMALLEST, LARGEST = 64, 4096  # pixels: allowed sides of a picture
 SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
 UNIT = 1 << SHIFT
-FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
-FONT_HEIGHT = 21  # pixels, height of a digit at scale 1 in the font that is used
-BOLD = 24  # pixels of height for each of a stroke's width
-READABLE = 7  # pixels, height of the digits of the smallest text worth drawing
-BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
-THINNEST = 0.5  # pixels, half the width of the thinnest body
-KEPT = 2**14  # shapes whose corners are remembered
-ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
+FAR = 1000  # in halves of the picture; points farther out would overflow fixed-point numbers
+FONT_HEIGHT = 21  # pixels: height of a digit of the font at scale 1
+BOLD = 24  # digits of so many pixels' height have strokes a pixel wide, and larger ones in proportion
+READABLE = 7  # pixels: height of a digit in the smallest text worth drawing
+BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around a filled shape
+THINNEST = 0.5  # pixels: half the width of the thinnest body
+KEPT = 2**14  # how many shapes' corners are cached
+ERROR = 0.05  # pixels: distance allowed between a circle and the polygon that is drawn for it
 
 
 class Canvas:
@@ -42,8 +42,9 @@ class Canvas:
         self.image: Image = np.empty((self.height, size, 3), np.uint8)
         self.scale = size / (2 * half)  # pixels per metre
         self._unit = self.scale * UNIT
-        middle, down = (side * UNIT / 2 - UNIT / 2 for side in (size, self.height))  # OpenCV counts from the centre of
-        self._origin, self._far = (middle, down), FAR * half  # the first pixel, not its edge
+        # OpenCV counts from the centre of the first pixel, not from its edge
+        middle, down = (side * UNIT / 2 - UNIT / 2 for side in (size, self.height))
+        self._origin, self._far = (middle, down), FAR * half
         self._projection = self._unit, middle, down, self._far
 
     def clear(self, color: Color) -> None:
@@ -138,7 +139,7 @@ class Canvas:
         return pixels / FONT_HEIGHT, max(1, round(pixels / BOLD))
 
     def _glaze(self, points: Image, color: Color, opacity: float) -> None:
-        """Blend a polygon in; only the part of the picture around it is looked at."""
+        """Blend a polygon into the picture; only the part around the polygon is touched."""
         left, top = np.clip(points.min(0) // UNIT - 1, 0, (self.size, self.height)).tolist()
         right, bottom = np.clip(points.max(0) // UNIT + 3, 0, (self.size, self.height)).tolist()
         if left < right and top < bottom:
@@ -159,9 +160,9 @@ class Canvas:
 def _turned(
     x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float, projection: Projection
 ) -> Image | None:
-    """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one; see `_fixed`.
+    """Return the corners of a rotated rectangle, counter-clockwise from its own lower left one; see `_fixed`.
 
-    They are remembered, as most rectangles stand where they stood in the frame before.
+    They are cached, as most rectangles stand where they stood in the frame before.
     """
     a, b, c, d = cosine * half_width, sine * half_width, -sine * half_height, cosine * half_height
     corners = [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
@@ -169,7 +170,7 @@ def _turned(
 
 
 def _fixed(corners: Sequence[Point], projection: Projection) -> Image | None:
-    """Points in OpenCV's fixed-point numbers, int32 (points, 2); None if they cannot be drawn."""
+    """Return points in OpenCV's fixed-point numbers, int32 (points, 2); None if they are too far out, or not finite."""
     unit, middle, down, far = projection
     if not sum([abs(x) + abs(y) for x, y in corners]) < far:
         return None
@@ -177,19 +178,19 @@ def _fixed(corners: Sequence[Point], projection: Projection) -> Image | None:
 
 
 def _whole(pixels: float) -> int:
-    """Rounded, halves always up: what moves by a whole pixel must not change its size."""
+    """Round, halves always up, so that a shape that moves by a whole pixel does not change its size."""
     return math.floor(pixels + 0.5)
 
 
 @functools.lru_cache(maxsize=KEPT)
 def _disc_at(pixels: float, x: int, y: int) -> Image:
-    """The same around a point; most bodies lie where they lay in the frame before."""
+    """Return `_disc` around a point; cached, as most bodies lie where they lay in the frame before."""
     return _disc(pixels) + np.array((x, y), np.int32)
 
 
 @functools.lru_cache(maxsize=1024)
 def _disc(pixels: float) -> Image:
-    """Corners of a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers."""
+    """Return a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers."""
     count = 8 * math.ceil(math.pi / math.acos(1 - min(ERROR / pixels, 0.25)) / 8)
     corners: Image = np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
     return corners
@@ -197,16 +198,17 @@ def _disc(pixels: float) -> Image:
 
 @functools.lru_cache(maxsize=1024)
 def _rim(count: int) -> Image:
-    """Corners of a regular polygon on the unit circle, float64 (count, 2)."""
+    """Return the corners of a regular polygon on the unit circle, float64 (count, 2)."""
     angles = np.arange(count) * (2 * math.pi / count)
     return np.stack([np.cos(angles), np.sin(angles)], 1)
 
 
 @functools.lru_cache(maxsize=4096)
 def _ink(words: str, scale: float, thick: int) -> tuple[float, float, float]:
-    """From where OpenCV starts to write, in pixels: the ends of the ink, and the middle of a digit's height.
+    """Return where the ink of words begins and ends, and the middle of a digit's height, in pixels.
 
-    Found by trial, as fonts differ by OpenCV's version.
+    They are relative to the point at which OpenCV starts to write. They are found by trial, as fonts depend on OpenCV's
+    version.
     """
     xs, _ = _trial(words, scale, thick)
     _, ys = _trial("0", scale, thick)
@@ -215,7 +217,7 @@ def _ink(words: str, scale: float, thick: int) -> tuple[float, float, float]:
 
 @functools.lru_cache(maxsize=4096)
 def _trial(words: str, scale: float, thick: int) -> tuple[Point, Point]:
-    """The ends of the ink across and down, from where OpenCV starts to write."""
+    """Return the ends of the ink, across and down, relative to the point at which OpenCV starts to write."""
     (width, height), below = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, scale, thick)
     margin = height + below + 2
     trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)

@@ -12,7 +12,7 @@ class Pictured:
     """
 
     def _repr_png_(self) -> bytes | None:
-        """World 0 as a PNG of 512 x 512 pixels; None, so that the text is shown, if closed or not yet reset."""
+        """Return world 0 as a PNG of 512 x 512 pixels; None, so that text is shown, if closed or not yet reset."""
         from .rgb import draw
 
         env: Any = getattr(self, "base_env", None) or getattr(self, "vector_env", None) or self

@@ -16,7 +16,7 @@ from .layers import LAYERS, Layer, Scene
 from .layers.layer import Strip, paint, paint_strips
 from .style import WALL
 
-COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
+COLUMNS, LINES = 40, 20  # of the map: characters are about twice as high as wide
 BLOCK = "%"
 SIGNS: tuple[tuple[type[Component], str], ...] = ((Wall, BLOCK), (Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
 NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
@@ -106,14 +106,14 @@ def checked_layers(layers: Iterable[Layer] | None) -> list[Layer]:
 
 
 def _put(grid: list[list[str]], scene: Scene, x: float, y: float, sign: str) -> None:
-    """Write a sign where (x, y) is; nothing if that is not on the map (or not a number)."""
+    """Write a sign at (x, y), unless that is not on the map (or not a number)."""
     across, down = 0.5 + x / (2 * scene.room), 0.5 - y / (2 * scene.room)
     if 0 <= across < 1 and 0 <= down < 1:
         grid[int(LINES * down)][int(COLUMNS * across)] = sign
 
 
 def _place(scene: Scene, line: int, column: int) -> tuple[float, float]:
-    """The middle of a character, metres."""
+    """Return the middle of a character, in metres."""
     return scene.room * (2 * (column + 0.5) / COLUMNS - 1), scene.room * (1 - 2 * (line + 0.5) / LINES)
 
 
@@ -127,7 +127,7 @@ def _shade(grid: list[list[str]], scene: Scene) -> None:
 
 
 def _points(scene: Scene, e: int) -> Iterator[tuple[float, float]]:
-    """The centre of a disc; points all over a rectangle, dense enough to fill every character it covers."""
+    """Yield the centre of a disc, or points all over a rectangle, dense enough to fill every character it covers."""
     body, shape, gap = scene.body, scene.shape, scene.room / COLUMNS
     x, y, cosine, sine = body.x[e], body.y[e], body.cosine[e], body.sine[e]
     for a in _spread(shape.half_width[e], gap):
@@ -136,7 +136,8 @@ def _points(scene: Scene, e: int) -> Iterator[tuple[float, float]]:
 
 
 def _spread(half: float, gap: float) -> list[float]:
-    count = min(math.ceil(half / gap), 4 * COLUMNS)  # no more, however large a shape in a state of somebody's is
+    # limited, as a state from somewhere else may have shapes of any size
+    count = min(math.ceil(half / gap), 4 * COLUMNS)
     return [half * k / count for k in range(-count, count + 1)] if count else [0.0]
 
 
@@ -145,7 +146,7 @@ def _sign(i: int) -> str:
 
 
 def _agents(scene: Scene) -> Iterator[str]:
-    """A line for each agent that the episode has: sign, side, hit points, what it carries."""
+    """Yield a line for each agent of the episode: sign, side, hit points, what it carries."""
     alive = set(scene.living(Side))
     for i, e in enumerate(scene.rows(Side)):
         if scene[Entity].identity[e] < 0:

@@ -31,7 +31,7 @@ class Scene:
         self.sides = self._reach()
         self.room = max(self.sides)
         self.half = SIZES.margin * self.room
-        self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw: see Layer.shows
+        self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw, see Layer.shows
 
     def __getitem__(self, component: type[Component]) -> Any:
         table = self._tables.get(component)
@@ -88,7 +88,7 @@ class Scene:
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
 
     def _of_agent(self, module: int, e: int) -> dict[str, Any]:
-        """The numbers of that mechanic that differ by role, as the agent of row `e` has them; none before a reset."""
+        """Return the mechanic's numbers that differ by role, as the agent in row `e` has them; none before a reset."""
         own = [number for number in self.worlds.layout.per_agent.values() if number.module == module]
         if not (own and self[Clock].episode[0]):
             return {}
@@ -96,7 +96,7 @@ class Scene:
         return {number.field: agent_values(self.worlds, number)[self.w, i].item() for number in own}
 
     def _drawn(self, number: VariedNumber) -> Any:
-        """The value that a varied number has in this world."""
+        """Return the value that a varied number has in this world."""
         words = self.worlds[Varied].words[self.w, :, None].copy()
         value = number.decode(words, self.worlds.modules[number.module])[0]
         return tuple(value.tolist()) if value.ndim else value.item()
@@ -112,7 +112,7 @@ class Scene:
 
 
 def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
-    """The numbers of a world, which are float32, without what rounding adds beyond the ends of their ranges."""
+    """Return numbers of a world, clipped to their ranges, as rounding to float32 may have moved them out."""
     rules = {item.name: item.metadata for item in dataclasses.fields(module)}
     ends = {name: (rules[name].get("low", -math.inf), rules[name].get("high", math.inf)) for name in numbers}
     return {
@@ -132,5 +132,5 @@ def _birth(layout: Layout, component: type[Component]) -> Any:
 
 
 def _table(layout: Layout, component: type[Component], image: Any) -> Any:
-    """The table of a component in the state of a world."""
+    """Return the table of a component from the state of a world."""
     return component.Table(*(tuple(column[0].tolist()) for column in layout.columns(image[None], component)))

@@ -15,35 +15,36 @@ BLUE, VERMILLION, PURPLE = (0, 114, 178), (213, 94, 0), (204, 121, 167)
 
 SIDES = (BLUE, VERMILLION, GREEN, ORANGE, SKY)
 HEAL, STRIKE = PURPLE, YELLOW
-WHOLE, HURT, DYING, EXTRA = GREEN, ORANGE, VERMILLION, SKY  # hit points; extra: beyond those at the start
-INK = (38, 41, 48)  # outlines and writing
-WALL = (72, 77, 88)  # also what is beyond the room
-PAPER = (232, 233, 236)  # writing on it
+WHOLE, HURT, DYING, EXTRA = GREEN, ORANGE, VERMILLION, SKY  # hit points; EXTRA: more than at the start
+INK = (38, 41, 48)  # outlines and text
+WALL = (72, 77, 88)  # also the area outside of the room
+PAPER = (232, 233, 236)  # text on WALL
 FLOOR, UNSAFE = (250, 249, 246), (190, 194, 204)
-RIM = (110, 118, 136)  # of the safe zone
-BOX = (116, 110, 102)  # without an owner
-KINDS = ((150, 90, 40), (0, 140, 140), (150, 40, 110), (110, 125, 30), (90, 80, 170))  # of other items and bodies
+RIM = (110, 118, 136)  # of the safe zone's disc
+BOX = (116, 110, 102)  # a box without an owner
+KINDS = ((150, 90, 40), (0, 140, 140), (150, 40, 110), (110, 125, 30), (90, 80, 170))  # other items and bodies, by kind
 
 
 @dataclass(frozen=True)
 class Sizes:
     """Lengths in metres, unless a comment says otherwise."""
 
-    margin: float = 1.1  # the picture's side over the room's: bars of agents at a wall fit in, or words
-    beak: tuple[tuple[float, float], ...] = ((0.6, 0.75), (1.5, 0.0), (0.6, -0.75))  # radii ahead and to the left
+    margin: float = 1.1  # the picture's side over the room's, so that bars of agents at a wall, or words, fit in
+    # its corners, in radii of the agent ahead and to the left
+    beak: tuple[tuple[float, float], ...] = ((0.6, 0.75), (1.5, 0.0), (0.6, -0.75))
     outline: float = 0.08  # of agents and boxes
-    cross: float = 0.5  # radii of a heal: the arms of its cross
-    cross_width: float = 0.25  # radii
-    box_item: float = 0.9  # radii: half the side of a broken box
+    cross: float = 0.5  # length of the arms of a heal's cross, in radii of the heal
+    cross_width: float = 0.25  # in radii of the heal
+    box_item: float = 0.9  # half the side of a broken box, in radii of the item
     bar_length: float = 1.2
     bar_height: float = 0.18
-    bar_gap: float = 1.6  # heights of the bar, between it and the body
-    bar_lift: float = 0.6  # at most so far above a body's centre, and the gap
-    hurt: float = 0.5  # share of the hit points at the start, up to which a bar has another colour
-    dying: float = 0.25  # the same
+    bar_gap: float = 1.6  # between the bar and the body, in heights of the bar
+    bar_lift: float = 0.6  # a bar is at most this far, plus the gap, above a body's centre
+    hurt: float = 0.5  # up to this share of the hit points at the start, a bar has the colour HURT
+    dying: float = 0.25  # as `hurt`, for DYING
     bag_half: float = 0.15  # half the side of a carried item
-    bag_step: float = 2.6  # halves, from item to item
-    bag_below: float = 2.2  # halves, below the body
+    bag_step: float = 2.6  # from item to item, in bag_half
+    bag_below: float = 2.2  # below the body, in bag_half
     strike: float = 0.16
     star: float = 0.26
     star_rim: float = 0.08

@@ -1,7 +1,7 @@
-"""What a camera sees of the floor: its vision cone up to the first body that blocks sight on each ray.
+"""What a camera sees of the floor: its vision cone, on each ray up to the first body that blocks sight.
 
-The reference for pictures and pages. It has the same meaning as in the mechanic `cameras`: a ray ends where it enters a
-disc or a rectangle, a shape that contains the camera hides nothing, and a kite is bounded by the chords of its arc.
+This is the reference for pictures and pages. As in the mechanic `cameras`, a ray ends where it enters a disc or a
+rectangle, a shape that contains the camera hides nothing, and a kite is bounded by the chords of its arc.
 """
 
 import math
@@ -12,9 +12,9 @@ import numpy as np
 
 Array = np.ndarray[Any, Any]
 
-STEP = math.radians(1)  # between rays
-ASIDE = 1e-5  # radians: beside an edge one ray passes it and one meets it
-TINY = 1e-12  # metres: in place of a zero that would be divided by
+STEP = math.radians(1)  # angle between rays
+ASIDE = 1e-5  # radians: rays so far to each side of an edge, one of which meets the body and one passes it
+TINY = 1e-12  # metres: replaces a divisor of zero
 BLOCKER = ("x", "y", "cosine", "sine", "radius", "half_width", "half_height")
 
 
@@ -50,17 +50,17 @@ def visible_corners(
 
 
 def _near(bodies: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
-    """Those that may reach into the cone."""
+    """Return the bodies that may reach into the cone."""
     to_x, to_y = bodies[:, 0] - x, bodies[:, 1] - y
     bound = np.maximum(bodies[:, 4], np.hypot(bodies[:, 5], bodies[:, 6]))
     ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x
-    beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres from the nearer edge, outwards
+    beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres outwards from the nearer edge of the cone
     near: Array = bodies[(beside <= bound) & (np.hypot(to_x, to_y) <= depth + bound)]
     return near
 
 
 def _edges(bodies: Array, x: float, y: float) -> Array:
-    """Bearings, world frame, of rays just before, at and just behind the edges of bodies as the camera sees them."""
+    """Return bearings, in the world's frame, of rays at, just before and just after the edges that the camera sees."""
     discs, boxes = bodies[bodies[:, 4] > 0], bodies[bodies[:, 4] <= 0]
     middle = np.arctan2(discs[:, 1] - y, discs[:, 0] - x)
     far = np.maximum(np.hypot(discs[:, 0] - x, discs[:, 1] - y), discs[:, 4])
@@ -73,7 +73,7 @@ def _edges(bodies: Array, x: float, y: float) -> Array:
 
 
 def _first_hit(rays: Array, bodies: Array, x: float, y: float) -> Array:
-    """Metres along each ray to the first body that it enters, float64 (rays,); infinite where it enters none."""
+    """Return the metres along each ray to the first body that it enters, float64 (rays,); infinite if there is none."""
     if not len(bodies):
         return np.full(len(rays), math.inf)
     discs, boxes = bodies[bodies[:, 4] > 0], bodies[bodies[:, 4] <= 0]
@@ -83,16 +83,16 @@ def _first_hit(rays: Array, bodies: Array, x: float, y: float) -> Array:
 
 
 def _disc_hits(rays: Array, discs: Array, x: float, y: float) -> Array:
-    """float64 (rays, discs)."""
+    """Return the metres along each ray to where it enters each disc, float64 (rays, discs)."""
     to_x, to_y = discs[:, 0] - x, discs[:, 1] - y
     along = rays[:, :1] * to_x + rays[:, 1:] * to_y
-    inside = along**2 - (to_x**2 + to_y**2 - discs[:, 4] ** 2)  # the square of half the chord
+    inside = along**2 - (to_x**2 + to_y**2 - discs[:, 4] ** 2)  # the square of half the chord along the ray
     enter = along - np.sqrt(np.maximum(inside, 0))
     return np.where((inside >= 0) & (enter >= 0), enter, math.inf)
 
 
 def _box_hits(rays: Array, boxes: Array, x: float, y: float) -> Array:
-    """float64 (rays, boxes), by the slabs of each box in its own frame."""
+    """Return the same for rectangles, float64 (rays, boxes), from the slabs of each one in its own frame."""
     cosine, sine = boxes[:, 2], boxes[:, 3]
     from_x, from_y = x - boxes[:, 0], y - boxes[:, 1]
     enter, leave = np.full((len(rays), len(boxes)), -math.inf), np.full((len(rays), len(boxes)), math.inf)

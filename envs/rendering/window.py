@@ -13,7 +13,7 @@ class Window:
 
     def __init__(self, fps: int) -> None:
         try:
-            self.pygame: Any = import_module("pygame")  # optional
+            self.pygame: Any = import_module("pygame")  # imported here, as pygame is optional
         except ModuleNotFoundError as error:
             raise ImportError(f"a window needs pygame: {install('window')}") from error
         self.fps = fps
@@ -27,7 +27,7 @@ class Window:
             self.surface = self.pygame.display.set_mode(frame.shape[1::-1])
             self.pygame.display.set_caption("outlast")
         self.pygame.surfarray.blit_array(self.surface, frame.swapaxes(0, 1))
-        self.pygame.event.pump()  # or the system takes the window for dead
+        self.pygame.event.pump()  # otherwise the system takes the window for dead
         self.pygame.display.flip()
         self.clock.tick(self.fps)
 

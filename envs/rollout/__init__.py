@@ -1,4 +1,4 @@
-"""Rollouts: policies play whole episodes in many worlds, here or on a Ray cluster, and the episodes are summarised."""
+"""Rollouts: policies play whole episodes in many worlds, here or on a Ray cluster, and summaries are made of them."""
 
 from .local import rollout
 from .policies import (

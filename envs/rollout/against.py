@@ -1,4 +1,4 @@
-"""A policy against a mixture of others: sides, and who wins."""
+"""A policy against a mixture of others: which side it plays, and who wins."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from .sides import living_sides, own_side, own_wins
 from .summary import RESULTS
 
 Array = np.ndarray[Any, Any]
-PLAYED = ("against", "own_side", "result")  # columns of tables of episodes
+PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get
 
 
 class Against:
@@ -48,7 +48,7 @@ class Against:
         self._own, self._sides = np.zeros((2, env.num_worlds), int)
         self._life = np.zeros((env.num_worlds, sides), int)
         self.counts = np.zeros((len(others.names), len(RESULTS)), int)
-        self._results = np.full(env.num_worlds, len(RESULTS))  # of the episodes that ended last
+        self._results = np.full(env.num_worlds, len(RESULTS))  # of the last episode that ended in each world
 
     def reset(self, where: Array) -> None:
         """Choose sides and players for the episodes that begin in the worlds `where`, bool (worlds,)."""

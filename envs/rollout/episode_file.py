@@ -14,7 +14,8 @@ from .table_file import table_file
 
 Array = np.ndarray[Any, Any]
 Result = TypeVar("Result")
-Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds in which an episode counts
+# called with info, and with the worlds in which an ended episode counts
+Ended = Callable[[Mapping[str, Any], Array], Result]
 
 
 def numbered(env: SurvivalVectorEnv, numbers: Array, against: Against | None = None) -> Ended[dict[str, Array]]:
@@ -40,7 +41,7 @@ def numbered(env: SurvivalVectorEnv, numbers: Array, against: Against | None = N
 
 
 def _cells(values: Array) -> Array:
-    """What a table has of these: nothing where they are masked."""
+    """Return the cells of a table with these values: empty where they are masked."""
     return np.ma.filled(values.astype(object), "") if np.ma.isMaskedArray(values) else values
 
 

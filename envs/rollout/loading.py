@@ -1,4 +1,4 @@
-"""Policies as users name them: by name, by the path of a saved one, or a function."""
+"""Policies as users give them: by name, by the path of a saved one, or as a function."""
 
 import contextlib
 from collections.abc import Callable, Sequence

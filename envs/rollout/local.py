@@ -17,8 +17,8 @@ from .summary import Summary
 
 Array = np.ndarray[Any, Any]
 
-MAX_BATCH = 256  # worlds that a worker plays at a time: little to do again when it is lost
-MAX_STEPS = 100_000  # of a whole episode without a limit
+MAX_BATCH = 256  # worlds that a worker plays at a time; few, as they are played again if the worker is lost
+MAX_STEPS = 100_000  # of an episode in a game without a time limit
 
 
 def rollout(
@@ -57,7 +57,7 @@ def rollout(
     summary = Summary(episodes_per_world=0 if steps else episodes)
     remaining = np.full(
         env.num_worlds, np.iinfo(np.int64).max if steps else episodes
-    )  # episodes that are to be counted
+    )  # episodes still to be counted in each world
     began = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
     act = told(policy, env)
     observations, _ = env.reset()
@@ -100,7 +100,7 @@ def rollout(
 
 
 def _endless(env: SurvivalVectorEnv, long: Array) -> Array:
-    """Those of the worlds `long` whose episode has no limit: bool (worlds,)."""
+    """Return those of the worlds `long` whose episodes have no time limit: bool (worlds,)."""
     if not long.any():
         return long
     limits: Array = np.asarray(env.numbers().get("ending_limit", 0))

@@ -1,4 +1,4 @@
-"""Policies with a memory: they are told where episodes begin."""
+"""Policies with a memory: they are told in which worlds episodes begin."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -23,9 +23,11 @@ from .saved import SAVED, load_saved, policy_file
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
 
-OWNERS = weakref.WeakValueDictionary[int, "Mixture"]()  # who plays a policy with a memory, by the policy's id
+# the mixture that plays a policy with a memory, by the policy's id
+OWNERS = weakref.WeakValueDictionary[int, "Mixture"]()
 
-STREAM = np.uint64(0x6D697874757265)  # "mixture": sets these draws apart from others of the same world and episode
+# the text "mixture"; makes these draws differ from others in the same world and episode
+STREAM = np.uint64(0x6D697874757265)
 
 
 def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
@@ -45,7 +47,8 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     pairs = []
     for part in text.split(","):
         name, weight = part.strip(), "1"
-        if ":" in name and not name.endswith(SAVED) and not Path(name).is_dir():  # which C:/runs may be
+        # C:/runs may be a folder, and not a weight
+        if ":" in name and not name.endswith(SAVED) and not Path(name).is_dir():
             name, _, weight = (piece.strip() for piece in name.rpartition(":"))
         pairs.append((name, weight))
     return {str(name): weight for name, weight in checked_entries(pairs, names)}
@@ -96,7 +99,8 @@ def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: An
     weights = np.asarray(weights, np.float64)
     if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any(-1).all()):
         raise ValueError(f"weights = {weights.tolist()}: finite numbers >= 0 are needed, in each row one above 0")
-    sums = np.cumsum(weights / weights.max(-1, keepdims=True), -1)  # the last one neither vanishes nor overflows
+    # scaled, so that the sum neither vanishes nor overflows
+    sums = np.cumsum(weights / weights.max(-1, keepdims=True), -1)
     words = hashed(STREAM, *(np.asarray(part).astype(np.uint64) for part in (seeds, worlds, episodes)))
     uniform = (words >> np.uint64(11)) * 2.0**-53
     return np.asarray((sums <= uniform[:, None] * sums[..., -1:]).sum(-1))
@@ -145,7 +149,7 @@ class Mixture:
 
     @staticmethod
     def _playing(policy: str | Policy, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
-        """The function behind an entry."""
+        """Return the function that plays for an entry."""
         if isinstance(policy, str) and policy in POLICIES:
             return others_policy(policy, env, agents)
         playing: Any = load_saved(policy) if isinstance(policy, str) else policy
@@ -189,7 +193,7 @@ class Mixture:
 
 
 def _named(name: str, names: Collection[str]) -> str:
-    """The name, or the path of a file."""
+    """Return the name, or the path of a saved policy. Raises UsageError if it is neither."""
     name = policy_file(name, names)
     if name in names or (name.endswith(SAVED) and name != SAVED):
         return name
@@ -213,5 +217,5 @@ def _checked_weight(policy: object, weight: Any) -> float:
 
 
 def _same(policy: str | Policy) -> object:
-    """Equal for two spellings of a path."""
+    """Return a value that is equal for two spellings of the same path."""
     return os.path.realpath(policy) if isinstance(policy, str) and policy.endswith(SAVED) else policy

@@ -19,7 +19,7 @@ from .styles import camper, follow, healer, hoarder, hunter, scripted
 
 Policy = Callable[[Arrays], Actions]
 
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the golden ratio
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # the increment of SplitMix64: 2**64 over the golden ratio
 
 
 STYLES = {"scripted": scripted, "camper": camper, "hunter": hunter, "hoarder": hoarder, "healer": healer}
@@ -200,7 +200,7 @@ def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
 def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
     """Make a function from uniform uint64 numbers to equally likely joint actions, int16 (..., actions)."""
     half = np.uint64(32)
-    if math.prod(int(size) for size in sizes) > MOST:  # a table would be too large, and each action has its own bits
+    if math.prod(int(size) for size in sizes) > MOST:  # a table would be too large, so each action gets bits of its own
 
         def each(numbers: Any) -> Actions:
             words = mix64(numbers[..., None] + GOLDEN * np.arange(1, len(sizes) + 1, dtype=np.uint64))

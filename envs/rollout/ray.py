@@ -1,4 +1,4 @@
-"""Rollouts spread over a Ray cluster: the same numbers as on one machine, wherever they run."""
+"""Rollouts spread over a Ray cluster: they give the same numbers as on one machine, wherever worlds run."""
 
 import contextlib
 import os
@@ -20,9 +20,9 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"--ray needs Ray: {install('ray')}", name="ray") from error
 
-MAX_RETRIES = 5  # of a batch of worlds that lost its worker
-GRACE = 2.0  # seconds that running batches have to end before they are stopped
-CONNECT_TIMEOUT = 10.0  # seconds that the head of a cluster has to answer
+MAX_RETRIES = 5  # retries of a batch of worlds whose worker was lost
+GRACE = 2.0  # seconds in which running batches may end before they are stopped
+CONNECT_TIMEOUT = 10.0  # seconds in which the head of a cluster has to answer
 
 
 @contextlib.contextmanager
@@ -70,7 +70,8 @@ def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], No
     remote = ray.remote(max_retries=MAX_RETRIES)(_run_on_worker)
     cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
     ahead = deque(split_worlds(worlds, cores))
-    waiting: dict[Any, tuple[int, int]] = {}  # batches by Ray's references to their results, one for each core
+    # running batches, up to one per core, by Ray's references to their results
+    waiting: dict[Any, tuple[int, int]] = {}
     done: dict[tuple[int, int], Summary] = {}
     try:
         while ahead or waiting:
@@ -89,7 +90,7 @@ def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], No
             )
     except (KeyboardInterrupt, OutlastError) as error:
         summary = _merged(done)
-        summary.episodes_per_world = 0  # batches of short episodes are done first
+        summary.episodes_per_world = 0  # not unbiased: batches with short episodes are done first
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(summary) from None
         progress(summary)
@@ -100,7 +101,10 @@ def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], No
 
 
 def _stop(references: list[Any]) -> None:
-    """Stop what runs. Ray 2.60 ends this very process if a task is cancelled that has not begun, or just ends."""
+    """Stop the tasks that still run after GRACE.
+
+    Ray 2.60 ends this very process if a task is cancelled that has not begun, or is just ending.
+    """
     if references:
         _, running = ray.wait(references, num_returns=len(references), timeout=GRACE)
         for reference in running:
@@ -108,14 +112,14 @@ def _stop(references: list[Any]) -> None:
 
 
 def _check_listening(address: str) -> None:
-    """OSError if nothing listens at host:port: Ray itself would go on asking for many minutes."""
+    """Raise OSError if nothing listens at host:port: Ray itself would go on trying for many minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdigit():
         socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), CONNECT_TIMEOUT).close()
 
 
 def _run_on_worker(version: str, task: Task, first: int, count: int) -> Summary:
-    """What a worker does; a function of its arguments, so that it can be repeated elsewhere."""
+    """Run a task on a worker; the result depends on the arguments only, so it can be repeated on another one."""
     if version != outlast.__version__:
         raise ClusterError(f"a worker has outlast {outlast.__version__}, this machine {version}: install the same")
     return run_task(task, first, count)
@@ -126,7 +130,7 @@ def _result(reference: Any, first: int, count: int) -> Summary:
         result: Summary = ray.get(reference)
         return result
     except RayTaskError as error:
-        if isinstance(error.cause, OutlastError):  # in one line, as on one machine
+        if isinstance(error.cause, OutlastError):  # raised without Ray's traceback, as on one machine
             raise error.cause from None
         raise
     except RayError as error:
@@ -137,5 +141,5 @@ def _result(reference: Any, first: int, count: int) -> Summary:
 
 
 def _merged(done: dict[tuple[int, int], Summary]) -> Summary:
-    """In order of the worlds, whichever was done first."""
+    """Merge the summaries in order of the worlds, whichever was done first."""
     return Summary.merge(done[part] for part in sorted(done))

@@ -1,4 +1,4 @@
-"""Saved policies for environments that play them: finding and loading them, and the observations that they need."""
+"""Saved policies: finding and loading them, and giving an environment the observations that they need."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -8,8 +8,8 @@ from typing import Any
 from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
 
-SAVED = ".zip"  # what a saved policy's file ends in
-CHECKPOINT = "steps_{:010d}" + SAVED  # of one in the folder of a run, by its agent-steps
+SAVED = ".zip"  # ending of a saved policy's file
+CHECKPOINT = "steps_{:010d}" + SAVED  # name of a saved policy in the folder of a run, with its agent-steps
 STEPS = re.compile(rf"steps_(\d{{10,}}){re.escape(SAVED)}")
 MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
 
@@ -51,7 +51,7 @@ def policy_file(name: str, names: Collection[str]) -> str:
 
 def load_saved(path: str, seed: int = 0) -> Any:
     """Return outlast.load_policy(path, seed). Raise UsageError if there is no PyTorch, or no such policy."""
-    import outlast  # here, as the package imports the environments
+    import outlast  # imported here, as outlast imports the environments
 
     try:
         return outlast.load_policy(path, seed)

@@ -1,4 +1,4 @@
-"""Who plays which side, and who wins."""
+"""Which side a policy plays, and who wins."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 """Scripted styles: ways to play that need no training, each a function of what agents observe at the moment.
 
 A style is a function from Seen to Plan, for all agents of all worlds at once; `follow` turns it into a policy. It finds
-numbers by the names of their fields, so it can play any game with such fields, and does without those a game lacks.
+numbers by the names of their fields, so it can play any game with such fields, and copes if some of them are missing.
 """
 
 from collections.abc import Callable
@@ -16,22 +16,23 @@ from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 
-REACH = 2.0  # metres: of a strike, and of giving
-STRIKE = REACH + 0.5  # metres: strike when an enemy's centre is closer, as a strike that meets its rim is enough
-SCRATCHED, WOUNDED, WEAK = 90, 70, 30  # hit points or less
-LOOK, SWEEP = 1.0, 2.0  # radians: turn around as if what is looked for were always so far to the left
-HOME, FETCH = 3.0, 10.0  # metres from a camper's post: it fetches heals, and boxes, that are closer
-COVER = 2.0  # metres from that post: boxes that are closer stand well where they are
-AIMED = 0.3  # radians from straight ahead: a box that is set up now comes between the agent and what is there
-WARY = 5.0  # metres: an enemy that is closer is a threat
-BESIDE = 2.0  # metres: a healer wants to be closer to a team-mate
-LEAD = 0.5  # seconds: who follows somebody goes to where that one will be then
-AT_FEET = 0.4  # metres, less than the reach of picking up: what still lies there does not fit into the bag
-RIM, INSIDE = 0.9, 0.7  # of the zone's radius: who is beyond hurries to the next zone; who waits for it goes so far
-PATROL, NARROW = 0.6, 3.0  # a hunter goes around at this share of the zone's radius, and at so many metres at least
-STEP = np.float32(0.6)  # radians of that circle ahead, where it heads for
-FEW = 3  # levels of a motor each way
-SMALLEST = np.float32(1e-6)  # metres, in place of 0 where a division is by a distance
+REACH = 2.0  # metres: reach of a strike, and of giving
+STRIKE = REACH + 0.5  # metres: agents strike if an enemy's centre is closer, as a strike has only to meet its rim
+SCRATCHED, WOUNDED, WEAK = 90, 70, 30  # with so many hit points or fewer
+LOOK, SWEEP = 1.0, 2.0  # radians: who sees no target turns as if it were so far to the left, and so looks around
+HOME, FETCH = 3.0, 10.0  # metres from its post up to which a camper fetches heals, and boxes
+COVER = 2.0  # metres from its post within which a camper leaves boxes where they stand
+AIMED = 0.3  # radians from straight ahead: a box that is set up now will be between the agent and the enemy
+WARY = 5.0  # metres: closer enemies are a threat
+BESIDE = 2.0  # metres: a healer stays closer than this to a team-mate
+LEAD = 0.5  # seconds: who follows another agent goes to where it will be after this time
+AT_FEET = 0.4  # metres, less than the reach of picking up: an item that still lies there does not fit into the bag
+# in radii of the zone: agents beyond RIM hurry to the next zone; to wait for it, they go up to INSIDE
+RIM, INSIDE = 0.9, 0.7
+PATROL, NARROW = 0.6, 3.0  # a hunter circles at this share of the zone's radius, but at least at so many metres
+STEP = np.float32(0.6)  # radians: it heads for a point of the circle so far ahead
+FEW = 3  # levels of a motor each way; if it has more, a value of 1 means the highest one, see `level`
+SMALLEST = np.float32(1e-6)  # metres: keeps distances from 0 where they divide
 
 
 class Target(NamedTuple):
@@ -160,14 +161,15 @@ class Seen:
         """Return the next place to the left on a circle around the next zone's centre, float32 (..., 2), metres."""
         place = self.fields["own"]["x"]
         radius = self.of("zone", "next_radius")[..., None] if "zone" in self.observations else np.float32(place.scale)
-        offset = unit(self.position - self.centre + SMALLEST)  # so that it also leaves the centre itself
+        offset = unit(self.position - self.centre + SMALLEST)  # SMALLEST gives a direction even at the centre itself
         ahead = np.stack(rotated(offset, STEP), -1)
         return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
 
 
 def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
     """Turn the style into a policy for an environment: a function from observations to actions."""
-    idle = {key: -low for key, low in env.action_columns}  # also how many levels there are each way
+    # the value of no action; it is also the number of levels each way
+    idle = {key: -low for key, low in env.action_columns}
     widths = {key: width(fields) for key, fields in env.worlds.layout.fields.items()}
 
     def act(observations: Arrays) -> Actions:
@@ -178,7 +180,8 @@ def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[A
             )
         seen = Seen(env.fields, observations)
         plan = style(seen)
-        ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)  # slow down in time
+        # less the velocity, to slow down in time
+        ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)
         choice = {
             "ahead": level(ahead / 0.6, idle.get("ahead", 0)),
             "left": level(left / 0.6, idle.get("left", 0)),

@@ -13,7 +13,7 @@ from ..errors import UsageError
 Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
-MOMENTS = ("first_death",)  # when something happened, 0 in episodes in which it did not: no mean counts these
+MOMENTS = ("first_death",)  # moments at which something happened; 0 if it did not, which means leave out
 
 
 @dataclass(repr=False)
@@ -149,7 +149,7 @@ class Summary:
         return [(name, *pair) for name, pair in zip(names, self._numbers(keys), strict=True)]
 
     def _numbers(self, keys: Sequence[str]) -> list[tuple[float, float]]:
-        """Mean and standard error of every entry of these statistics."""
+        """Return mean and standard error of every entry of these statistics."""
         found = []
         for key in keys:
             sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
@@ -168,7 +168,7 @@ class Summary:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """The same for notebooks."""
+        """Return the summary as HTML, for notebooks."""
         lines = [
             f'<td style="text-align: left">{name}</td>{"".join(f"<td>{cell}</td>" for cell in cells)}'
             for name, *cells in (self._table() if self.episodes else ())
@@ -179,7 +179,7 @@ class Summary:
         return f"<p>{self._heading()}</p>{table if lines else ''}{against}"
 
     def _table(self) -> Iterator[tuple[str, ...]]:
-        """Its cells, with a row of headings."""
+        """Yield the cells of the table, row by row, headings first."""
         counts = self.episodes_of(" ")
         yield ("per episode", "mean", "std. error", *(["episodes"] if counts else []))
         for name, *pair in self.rows():
@@ -199,7 +199,7 @@ class Summary:
 
 
 def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, float]:
-    """Mean and standard error, of sums over the episodes of each world; NaN of none, and the error of one."""
+    """Return mean and standard error, given sums over the episodes of each world; NaN if there are too few episodes."""
     if not count:
         return math.nan, math.nan
     mean = math.fsum(sums) / count
@@ -208,13 +208,13 @@ def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, flo
 
 
 def _joined(parts: Sequence[Array]) -> Array:
-    """One array behind the other; masks stay."""
+    """Concatenate arrays, and keep their masks."""
     joined: Array = (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
     return joined
 
 
 def _finite(value: float) -> float | None:
-    """The number, None for NaN, which JSON does not have."""
+    """Return the number, or None if it is not finite, which JSON cannot express."""
     return value if math.isfinite(value) else None
 
 
@@ -237,7 +237,7 @@ def against_table(outcomes: Mapping[str, Array]) -> str:
 
 
 def _share(count: int, episodes: int) -> str:
-    """A share and its standard error."""
+    """Write a share and its standard error."""
     if not episodes:
         return "-"
     share = count / episodes

@@ -1,4 +1,4 @@
-"""A file with one long table, .csv or .parquet, written row by row; in the end complete or not there."""
+"""A file with one long table, .csv or .parquet, written row by row; in the end it is complete or not there."""
 
 import contextlib
 import csv
@@ -16,8 +16,8 @@ from ..storage.interrupts import interrupts_held
 Array = np.ndarray[Any, Any]
 Table = Mapping[str, Array]
 
-TYPED = (".csv", ".parquet")  # endings of tables whose columns have types
-ROWS = 100_000  # rows that are kept in memory, and written together
+TYPED = (".csv", ".parquet")  # endings of the files that tables can be written to
+ROWS = 100_000  # so many rows are kept in memory, and written together
 
 
 class TableWriter(Protocol):
@@ -75,7 +75,7 @@ def table_file(
             writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
             table = TableFile(writer)
             yield table
-            held.enter_context(interrupts_held())  # until the file is in its place
+            held.enter_context(interrupts_held())  # Ctrl-C waits until the file is in its place
             table.flush()
             writer.close()
     except FileExistsError as error:
@@ -97,7 +97,7 @@ def checked_target(path: str, what: str, endings: Sequence[str]) -> Path:
 
 
 class _Csv:
-    """UTF-8, with a heading; lines end as RFC 4180 says."""
+    """Writes UTF-8 with a row of headings; lines end as RFC 4180 says."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str]) -> None:
         self._file, self._columns = file, columns
@@ -116,7 +116,7 @@ class _Csv:
 
 
 class _Parquet:
-    """Columns of the given types, and of text; null where a CSV is empty."""
+    """Writes columns of the given types, others as text; null where a CSV file is empty."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str], types: Mapping[str, str]) -> None:
         try:

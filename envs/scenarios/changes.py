@@ -1,4 +1,4 @@
-"""What was changed to derive a scenario: names and sentences that say so, and the numbers that follow others."""
+"""What was changed to derive a scenario: names and sentences that say so, and numbers that follow other numbers."""
 
 import dataclasses
 import hashlib
@@ -12,7 +12,7 @@ from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 
 from . import renamed
 
-LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
+LONGEST = 60  # characters of all changes in a name (a hash stands for the rest), and of one change in a sentence
 
 
 def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
@@ -84,7 +84,7 @@ def all_replaced(modules: Iterable[Module], given: Mapping[tuple[str, str], Any]
 
 
 def _replaced(module: Module, given: dict[str, Any]) -> Module:
-    """Its copy with other numbers; a count of 0 is refused with the way to get none."""
+    """Return a copy with other numbers; the error for a count of 0 says how to get none."""
     try:
         return module.replace(**given)
     except NumberError as error:
@@ -112,7 +112,8 @@ def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> li
         changed: The other changes; see `changes`.
         short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
     """
-    drawn_anew = {_short(name) for name, _ in made.varied}  # what they would be otherwise is of no effect
+    # other changes of drawn numbers have no effect, so they are not mentioned
+    drawn_anew = {_short(name) for name, _ in made.varied}
     found = [each for each in changed if each.partition("=")[0] not in drawn_anew]
     for name, drawn in made.varied:
         if (name, drawn) not in origin.varied:
@@ -127,7 +128,7 @@ def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> li
 
 
 def _drawn_from(drawn: Distribution) -> str:
-    """A distribution in a name, another text for each: "2..6", "0.5..2.0", "log_0.1..10.0", "1_or_3", "free_1"."""
+    """Return a distinct text for each distribution: "2..6", "0.5..2.0", "log_0.1..10.0", "1_or_3", "free_1"."""
     if drawn.kind in (CHOICE, FREE):
         return "free_" * (drawn.kind == FREE) + "_or_".join(map(shown, drawn.values))
     low, high = (str(value) if drawn.kind == INTEGERS else repr(float(value)) for value in drawn.values)
@@ -135,7 +136,7 @@ def _drawn_from(drawn: Distribution) -> str:
 
 
 def _roles(roles: Roles) -> str:
-    """Roles in a name, with the numbers that they change."""
+    """Return roles in words, for a name, with the numbers that they change."""
     numbers = [
         f"{role.name} {_short(name)}={_drawn_from(value) if isinstance(value, Distribution) else shown(value)}"
         for role in roles.roles
@@ -146,7 +147,7 @@ def _roles(roles: Roles) -> str:
 
 
 def _short(name: str) -> str:
-    """n_agents for agents_count."""
+    """Return a number's short name: n_agents for agents_count."""
     return f"n_{name.removesuffix('_count')}" if name.endswith("_count") else name
 
 

@@ -1,4 +1,4 @@
-"""What differs between the worlds and between the agents of a scenario, as JSON for files and fingerprints."""
+"""What differs between the worlds, and between the agents, of a scenario, as JSON for files and fingerprints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What identifies a game in files: a scenario's name, numbers and order, and the code of users' mechanics."""
+"""What identifies a game in files: the scenario's name, numbers and order, and the code of users' mechanics."""
 
 import json
 from collections.abc import Iterator
@@ -13,8 +13,8 @@ from .differing import plain
 from .renamed import current_numbers
 from .scenario import Scenario, sorted_
 
-LONGEST = 200  # characters of a name, and entries of an order
-MORE = {  # what a fingerprint may have, and what it is
+LONGEST = 200  # characters of a name, and entries of an order, at most
+MORE = {  # optional entries of a fingerprint, and what they say
     "varied": "what numbers are drawn from",
     "observed": "which numbers are observed",
     "roles": "who has which role",
@@ -124,7 +124,7 @@ def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
 
 
 def _code_differences(name: str, its: list[str] | None, mine: list[str] | None) -> Iterator[str]:
-    """In words, what differs between a user's mechanic there and here."""
+    """Yield in words what differs between the code of a user's mechanic there and here."""
     if its is None or mine is None:
         where, other, (kind, *_) = ("here", "there", mine or [""]) if its is None else ("there", "here", its)
         yield f"{where} the mechanic {name} is {kind}; {other}, nothing is known of its code"

@@ -1,4 +1,4 @@
-"""The parts of a floor between which a body cannot move."""
+"""The separate parts of a floor, between which a body of some size cannot move."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,9 +10,9 @@ from outlast.systems.geometry.plans import Rectangle, are_free, connected, corne
 
 from ..errors import ScenarioError
 
-CELLS = 10  # points to the diameter of the disc
-MOST = 1000  # points along a side of the room, at most; then they are farther apart
-LISTED = 4  # parts that are told in a sentence
+CELLS = 10  # points of the grid per diameter of the disc
+MOST = 1000  # points along a side of the room at most; in larger rooms they are farther apart
+LISTED = 4  # parts that a sentence lists at most
 
 
 class Part(NamedTuple):
@@ -85,19 +85,19 @@ def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float)
 
 
 def _around(points: Any, ends: Any, margin: float) -> slice:
-    """Which of the points along an axis, in order, are between the lowest and the highest end, or not far from them."""
+    """Return the slice of the sorted points along an axis that are between the ends, or up to `margin` beyond them."""
     first, last = np.searchsorted(points, (ends.min() - margin, ends.max() + margin))
     return slice(int(first), int(last))
 
 
 def _is_in(area: Rectangle, x: Any, y: Any) -> Any:
-    """Which points are in a rectangle; bool, of the shape of x and y."""
+    """Return which points are in a rectangle, bool of the shape of x and y."""
     turned = ((x - area[0]) + 1j * (y - area[1])) * np.exp(-1j * area[4])
     return (abs(turned.real) <= area[2] / 2) & (abs(turned.imag) <= area[3] / 2)
 
 
 def _part(x: Any, y: Any, own: Any, inside: Sequence[Any], cell: float) -> Part:
-    """What the points `own` make up. cell: square metres that each stands for."""
+    """Return the part that consists of the points `own`. cell: square metres that each of them stands for."""
     xs, ys = x[own], y[own]
     middle = int(np.hypot(xs - xs.mean(), ys - ys.mean()).argmin())
     starts = tuple(k for k, area in enumerate(inside) if (area & own).any())

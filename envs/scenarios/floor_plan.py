@@ -24,8 +24,8 @@ from .plan_text import parsed
 Rectangle = tuple[float, float, float, float, float]
 FORMAT, VERSION = "outlast floor plan", 1
 KEYS = ("format", "version", "width", "height", "walls", "starts")
-MOST = 450  # rectangles: physics takes at most 512 bodies
-LARGEST = 2**20  # bytes of a file
+MOST = 450  # rectangles at most, as physics takes at most 512 bodies
+LARGEST = 2**20  # bytes of a file at most
 EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and radians"
 
 
@@ -171,7 +171,8 @@ class FloorPlan:
         try:
             text = content.decode()
             return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
-        except (ScenarioError, ValueError, RecursionError) as error:  # UnicodeDecodeError, JSONDecodeError
+        # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        except (ScenarioError, ValueError, RecursionError) as error:
             raise ScenarioError(f"{name} is no floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -16,7 +16,7 @@ from .mechanics import rebuilt_mechanics
 VERSION = 1
 NEEDED = ("version", "name", "about", "modules", "numbers", "order")
 OPTIONAL = ("origin", "added", *differing.KEYS)
-MOST = 2.0**128  # more than any number is
+MOST = 2.0**128  # numbers are smaller than this
 
 
 def as_form(scenario: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..errors import ScenarioError
 from .scenario import Scenario
 
 Result = TypeVar("Result")
-NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages whose lines are not where a user's mistake is
+NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages in whose code a user's mistake cannot be
 
 
 def module_of(place: str) -> ModuleType:
@@ -88,12 +88,12 @@ def member_of(module: ModuleType, name: str, place: str, wanted: Collection[str]
 
 
 def _import_module(name: str) -> ModuleType:
-    """A module that can be imported. Raises ScenarioError."""
+    """Import a module by its name. Raises ScenarioError if that is not possible."""
     try:
         found = importlib.util.find_spec(name) if all(name.split(".")) else None
     except ModuleNotFoundError:
         found = None
-    except Exception as error:  # of a package around it, which is imported
+    except Exception as error:  # raised by a package around it, which find_spec imports
         raise _failed(name, error) from error
     if found is None:
         file = Path(f"{name.replace('.', '/')}.py")
@@ -103,7 +103,7 @@ def _import_module(name: str) -> ModuleType:
 
 
 def _import_file(text: str) -> ModuleType:
-    """A file as a module. Raises ScenarioError."""
+    """Import a file as a module. Raises ScenarioError if that is not possible."""
     path = Path(text)
     if not path.is_file():
         hint = did_you_mean(path.name, (file.name for file in path.parent.glob("*.py")), before="; ", count=1)
@@ -119,7 +119,7 @@ def _import_file(text: str) -> ModuleType:
     if added:
         sys.path.insert(0, str(folder))
     try:
-        importlib.invalidate_caches()  # it may have been written just now
+        importlib.invalidate_caches()  # the file may have been written just now
         module = _guarded(text, lambda: importlib.import_module(name))
         origin = getattr(module, "__file__", None)
         if origin is None or not path.samefile(origin):
@@ -132,7 +132,7 @@ def _import_file(text: str) -> ModuleType:
 
 
 def _guarded(shown: str, call: Callable[[], Result]) -> Result:
-    """What a user's code returns. Raises ScenarioError, with the place and the message of what it raises."""
+    """Call a user's code. If it raises an error, raise ScenarioError with the place and message of that."""
     try:
         return call()
     except (Exception, SystemExit) as error:
@@ -140,7 +140,7 @@ def _guarded(shown: str, call: Callable[[], Result]) -> Result:
 
 
 def _failed(shown: str, error: BaseException) -> ScenarioError:
-    """In one line, what the user's code raised, and where: in the last of its own lines that ran."""
+    """Return an error of one line: what the user's code raised, and the last of the user's lines that ran."""
     if isinstance(error, SyntaxError) and error.filename:
         return ScenarioError(f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}")
     places = [

@@ -53,5 +53,5 @@ def check_together(scenario: str, modules: Sequence[Module]) -> None:
 
 
 def _imported_numbers() -> set[str]:
-    """The full names of all numbers of all mechanics that are imported."""
+    """Return the full names of all numbers of all mechanics that are imported."""
     return {f"{kind.name}_{item.name}" for kind in Module.imported() for item in dataclasses.fields(kind)}

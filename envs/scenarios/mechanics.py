@@ -1,4 +1,4 @@
-"""Mechanics as named in files: full names of classes, and numbers. Nothing that a file names is imported."""
+"""Mechanics as files name them: full names of classes, and numbers. Nothing that a file names is imported."""
 
 import dataclasses
 import sys
@@ -33,7 +33,8 @@ def imported() -> dict[str, type[Module]]:
     for kind in Module.imported()[1:]:
         module, before = sys.modules.get(kind.__module__), found.get(full_name(kind))
         if module is not None and (before is None or getattr(module, kind.__name__, None) is not before):
-            found[full_name(kind)] = kind  # of several imports of a file, that which is there now; else the last
+            # if a file was imported several times, its present class; otherwise the last one
+            found[full_name(kind)] = kind
     return found | KNOWN
 
 

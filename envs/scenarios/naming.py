@@ -1,4 +1,4 @@
-"""Scenarios, mechanics and distributions from names that users type. As this may import code, files never use it."""
+"""Scenarios, mechanics and distributions from what users type. This may import code, so it is never used for files."""
 
 import ast
 import dataclasses
@@ -134,8 +134,9 @@ def _literal(value: ast.expr) -> Any:
 
 
 def _known(name: str) -> type[Module]:
-    """The mechanic of that class's name that this process has. Raises ScenarioError."""
-    known = {kind.__name__: kind for kind in imported().values()}  # outlast's own come last, and so first
+    """Return the imported mechanic with that name of its class. Raises ScenarioError if there is none."""
+    # outlast's own come last, so they replace others of the same name
+    known = {kind.__name__: kind for kind in imported().values()}
     if name not in known:
         hint = did_you_mean(name, known, after=" ")
         raise ScenarioError(
@@ -145,7 +146,7 @@ def _known(name: str) -> type[Module]:
 
 
 def _literals(text: str, call: str, known: Collection[str]) -> dict[str, Any]:
-    """The keywords of a call, such as "(offset=2.0)". Raises ScenarioError unless all are literals, and known."""
+    """Return the keywords of a call, such as "(offset=2.0)". Raises ScenarioError unless all are known and literals."""
     try:
         tree = ast.parse(f"f{call}", mode="eval").body
         if not isinstance(tree, ast.Call) or tree.args:

@@ -1,4 +1,4 @@
-"""Everything there is to know about a number: value, default, range, unit and meaning; for the command and the docs."""
+"""All that is declared of a number: value, default, range, unit and meaning; for the command and the docs."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -69,7 +69,7 @@ def allowed(default: Any, rule: Mapping[str, Any]) -> str:
         return ", ".join(choices)
     if isinstance(default, bool):
         return "true, false"
-    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite: none
+    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite if there is none
     low, above, high = (f"{end:.10g}" if math.isfinite(end) else "" for end in ends)
     if above:
         text = f"above {above}" + (f", up to {high}" if high else "")

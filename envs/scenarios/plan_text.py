@@ -6,7 +6,7 @@ from ..errors import ScenarioError
 
 SIGNS = "#*ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 BLANK = ". "
-LONGEST = 1000  # characters of a line, and lines
+LONGEST = 1000  # characters of a line, and number of lines, at most
 Place = tuple[float, float, float, float, float]
 
 
@@ -50,7 +50,7 @@ def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
 
 
 def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[int, int]:
-    """Take a rectangle of a sign out of the grid, which begins here: to the right as far as it goes, then down."""
+    """Cut a rectangle of a sign out of the grid, from here as far to the right as it goes, then as far down."""
     wide = high = 1
     while column + wide < len(grid[0]) and grid[row][column + wide] == sign:
         wide += 1

@@ -14,7 +14,7 @@ GROUP = "outlast.scenarios"
 LOGGER = logging.getLogger("outlast")
 
 
-@functools.cache  # so that each warning is given once
+@functools.cache  # cached, so that each warning is given once
 def installed() -> dict[str, EntryPoint]:
     """Return the scenarios of installed packages by name, without importing anything of them.
 

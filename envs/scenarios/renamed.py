@@ -23,7 +23,7 @@ NUMBERS = {
     "zone_shrink": "safe_zone_shrink",
     "zone_stand": "safe_zone_stand",
 }
-MECHANICS = {  # by the name of now, as two can have had the same
+MECHANICS = {  # old name by present name, as two of them may have had the same old name
     "death_drop": "drop",
     "free_for_all": "sides",
     "give_last": "give",
@@ -45,8 +45,8 @@ CLASSES = {
     "outlast.systems.spawn.SpawnGrid": "outlast.systems.spawn_grid.SpawnGrid",
     "outlast.systems.zone.SafeZone": "outlast.systems.safe_zone.SafeZone",
 }
-COMPONENTS = {"Death": "Died"}  # of recordings
-ARRAYS = {  # of states
+COMPONENTS = {"Death": "Died"}  # in recordings
+ARRAYS = {  # in states
     "outlast.components.agent.SelfView.me": "outlast.components.agent.SelfView.own",
     "outlast.components.sight.Told.filled": "outlast.components.sight.ObservationMasks.filled",
     "outlast.components.sight.Told.masks": "outlast.components.sight.ObservationMasks.mask",
@@ -54,7 +54,8 @@ ARRAYS = {  # of states
 }
 
 
-ADDED = {  # numbers by what was beside them when they were not there yet, and what was meant
+# numbers that were added: a number that files already had then, and the value that the new one has in such files
+ADDED = {
     "inventory_capacity": ("inventory_slots", 0),
     "room_height": ("room_size", 0.0),
     "room_width": ("room_size", 0.0),

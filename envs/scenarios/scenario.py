@@ -24,9 +24,9 @@ from .changes import all_replaced, as_file_name, by_full_name, defaults, followi
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
-Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
+Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
 LOGGER = logging.getLogger("outlast")
-ELSEWHERE = {  # what is asked for as a number and is none
+ELSEWHERE = {  # names that users take for numbers, and what to use instead
     "max_episode_steps": "the time limit of a scenario is its number ending_limit. ",
     "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else. ",
 }
@@ -147,13 +147,13 @@ class Scenario:
         if self.by_role:
             self.by_role.check_others(full)
         given = {self.find_number(name): value for name, value in full.items()}
-        modules = all_replaced(self.modules, given)  # checks the numbers
+        modules = all_replaced(self.modules, given)  # also checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
         varied = tuple(entry for entry in self.varied if entry[0] not in full)
         return self._derived(modules=all_replaced(self.modules, given | self._led(checked)), varied=varied)
 
     def _led(self, changed: Mapping[str, Any], beside: Container[str] = ()) -> dict[tuple[str, str], Any]:
-        """The numbers that follow those that change, which is logged; none that vary, or that are `beside`."""
+        """Return, and log, the numbers that follow those that change, except those that vary or are in `beside`."""
         found, varied = {}, dict(self.varied)
         led = following(self.modules, (self.origin or self).numbers(), changed, self.added)
         for key, (leader, value) in led.items():
@@ -186,7 +186,7 @@ class Scenario:
                     "one value for all worlds"
                 )
             varied[name] = distribution
-        place(list(self.modules), varied)  # raises what is wrong with a number by itself
+        place(list(self.modules), varied)  # raises an error if a single number is wrong
         return self._derived(varied=tuple(sorted(varied.items())))
 
     def observe_numbers(self, *names: str) -> "Scenario":
@@ -266,9 +266,9 @@ class Scenario:
         return as_file_name(self.name).lstrip(".") or "scenario"
 
     def _derived(self, **fields: Any) -> "Scenario":
-        """The same with other fields, and a name and sentence that say what is not as in the origin.
+        """Return the scenario with other fields, and a name and sentence that say how it differs from its origin.
 
-        What mechanics there lack, varies no more.
+        Numbers of mechanics that it no longer has do not vary any more.
         """
         origin, made = self.origin or self, dataclasses.replace(self, **fields)
         known = made.numbers()
@@ -390,5 +390,5 @@ def sorted_(scenario: Scenario) -> Iterator[Module]:
 
 
 def _is(module: Module, kind: Any) -> bool:
-    """Whether it has that name, or is of that class or of a subclass."""
+    """Return whether the module has that name, or is an instance of that class."""
     return module.name == kind or (isinstance(kind, type) and isinstance(module, kind))

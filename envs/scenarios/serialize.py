@@ -1,4 +1,4 @@
-"""Scenarios in files: the classes of their mechanics, scenarios made anew from these names, and how large they are."""
+"""Scenarios in files: naming the classes of their mechanics, making scenarios from these names, limiting their size."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,7 +11,7 @@ from .differing import restored
 from .mechanics import current_class, rebuilt_mechanics
 from .scenario import Scenario
 
-LARGEST = 2**22  # bytes of the state of one world
+LARGEST = 2**22  # bytes of the state of one world at most
 
 
 def classes(scenario: Scenario) -> list[str]:

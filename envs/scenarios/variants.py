@@ -1,7 +1,7 @@
 """The paper's eight variants, as data (reference rules, section 0).
 
-Where the paper's text and the runs behind its figures differ, a mechanic's default follows the text, and BASE below
-says what the runs had.
+Where the paper's text differs from the runs behind its figures, the default of a mechanic follows the text, and BASE
+below has the values of the runs.
 """
 
 from outlast.ecs.errors import did_you_mean

@@ -1,4 +1,4 @@
-"""Layers: one file for each mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
+"""Layers: a file for each mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
 
 @dataclass(frozen=True)
 class MarshLayer(Layer):
@@ -140,7 +140,7 @@ def select(changes: str) -> tuple[Layer, ...]:
 
 
 def _own_layers(text: str) -> Sequence[Layer]:
-    """Layers in a file or module of the user's, by their name there."""
+    """Return layers from a user's file or module, by their name there."""
     place, _, name = text.rpartition(":")
     module = module_of(place)
     found = member_of(module, name, place, [key for key, value in vars(module).items() if _are_layers(value)])

@@ -39,7 +39,7 @@ class IdsLayer(Layer):
 
     zorder = ZOrder.AGENTS + 1
     needs = (Side,)
-    height: float = 1.15  # of a digit, in radii
+    height: float = 1.15  # height of a digit, in radii of the agent
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Draw the numbers in black or white, whichever is easier to read on the disc."""

@@ -22,7 +22,7 @@ from ..visibility import visible_corners
 from .layer import Layer, ZOrder
 from .room import walls
 
-ARC = math.radians(5)  # of a sector's rim, drawn as a straight line
+ARC = math.radians(5)  # so much of a sector's rim is drawn as a straight line
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class CamerasLayer(Layer):
                 canvas.segment(body.x[e], body.y[e], body.x[o], body.y[o], color, self.width)
 
     def _draw_cones(self, canvas: Canvas, scene: Scene, watching: list[int]) -> None:
-        """Of the agents in these rows, up to the first body that blocks sight."""
+        """Draw the vision cones of the agents in these rows, up to the first body that blocks sight."""
         body, cameras = scene.body, scene.mechanic(systems.Cameras)
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
         rows = np.array(scene.living(*kinds), int)
@@ -102,7 +102,7 @@ def seen_rows(scene: Scene, i: int) -> list[int]:
 
 
 def _blocker(scene: Scene, e: int) -> tuple[float, ...]:
-    """See visibility.BLOCKER."""
+    """Return the row of a body that blocks sight, with the columns visibility.BLOCKER."""
     body, shape = scene.body, scene.shape
     size = shape.radius[e], shape.half_width[e], shape.half_height[e]
     return body.x[e], body.y[e], body.cosine[e], body.sine[e], *size

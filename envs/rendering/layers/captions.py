@@ -12,7 +12,8 @@ from ..style import INK, PAPER, WALL, Color, mix, of_side
 from .layer import Layer, Strip, ZOrder
 from .title import LINE, digit, printable
 
-MIDDLE, HEIGHT = 0.66, 0.36  # of digits, in margins: bars of agents at the wall reach up to 0.38, letters below digits
+# place and height of digits, in margins: bars of agents at a wall reach up to 0.38, and letters reach below digits
+MIDDLE, HEIGHT = 0.66, 0.36
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,8 @@ class KillFeedLayer(Layer):
 
     zorder = ZOrder.WORDS
     needs = (Died, Health, Side, Sides)
-    fresh: int = 90  # ticks in full colour
-    fading: int = 60  # ticks from there until it is gone
+    fresh: int = 90  # ticks for which a death is shown in full colour
+    fading: int = 60  # ticks in which it fades after that
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In the margin, which nothing of the game reaches."""
@@ -61,7 +62,7 @@ class KillFeedLayer(Layer):
             x = end + 2 * height
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
-        """Age in ticks, agent and row, the youngest first."""
+        """Yield the age in ticks, agent and row of each recent death, the newest first."""
         cause, fatal, tick = scene[Died].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
         alive = set(scene.living(Died))
         dead = [(tick - fatal[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
@@ -94,9 +95,9 @@ def _cause_of_death(scene: Scene, e: int) -> str:
 
 
 def _line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
-    """Above (side 1) or below (-1) the room: y of a line of text and the height of its digits, in metres.
+    """Return y of a line of text above (side 1) or below (-1) the room, and the height of its digits, in metres.
 
-    None where the picture is too small for text.
+    None if the picture is too small for text.
     """
     margin = scene.half - scene.room
     if not canvas.readable(HEIGHT * margin):

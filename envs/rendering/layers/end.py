@@ -15,8 +15,8 @@ from .layer import Layer, ZOrder
 from .title import LINE, digit, printable
 
 OPACITY = 0.85
-PLACE = 0.55  # of the middle of the banner, in halves of the picture
-MOST = 1.9  # halves of the picture that words take
+PLACE = 0.55  # y of the banner's middle, in halves of the picture
+MOST = 1.9  # width of words at most, in halves of the picture
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def winner(scene: Scene) -> int | None:
     alive = scene[Score].alive
     lived = [2**63 if count else -1 for count in alive]
     for e in scene.rows(Health, Side) if Health in scene else ():
-        if (side := scene[Side].side[e]) < 0:  # absent
+        if (side := scene[Side].side[e]) < 0:  # absent agents have no side
             continue
         lived[side] = max(lived[side], scene[Health].fatal_tick[e])
     best = max(lived)
@@ -59,7 +59,7 @@ def winner(scene: Scene) -> int | None:
 
 
 def _verdict(scene: Scene) -> tuple[str, Color | None]:
-    """In words, and in the colour of the winner."""
+    """Return the result in words, and the winner's colour; None if nobody has won."""
     side = winner(scene)
     if side is not None:
         return f"{printable(scene.side_name(side))} wins", of_side(side)
@@ -67,7 +67,7 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
 
 
 def _rivals(scene: Scene) -> bool:
-    """Whether there is more than one side that could win by living longest; of those that nobody is on, none can."""
+    """Return whether several sides could win by living longest, not counting sides without agents."""
     sides = {scene[Side].side[e] for e in scene.rows(Side)} - {-1} if Side in scene else set()
     return Score in scene and len(sides) > 1 and outliving_wins(scene.worlds.layout)
 
@@ -82,7 +82,7 @@ def _reason(scene: Scene) -> str:
 
 
 def _write(canvas: Canvas, y: float, words: str, height: float, disc: Color | None) -> None:
-    """Words in the middle, behind a disc; left out where they do not fit."""
+    """Write words in the middle, with a disc to the left if it has a colour; nothing if they do not fit."""
     length = canvas.length(words, height) + (0 if disc is None else 2 * height)
     if length > MOST * canvas.half:
         return

@@ -9,7 +9,7 @@ from ..scene import Scene
 from ..style import HEAL, SIZES, WHITE
 from .layer import Layer, ZOrder
 
-VISIBLE = 6  # pixels, radius of the smallest disc that a cross is drawn on
+VISIBLE = 6  # pixels: radius of the smallest disc on which a cross is drawn
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from ..scene import Scene
 from ..style import EXTRA, INK, SIZES, of_health
 from .layer import Layer, ZOrder
 
-VISIBLE = 0.5  # pixels, height of the lowest bar worth drawing
-FRAMED = 1.0  # pixels, height of the lowest bar with a frame
+VISIBLE = 0.5  # pixels: height of the lowest bar worth drawing
+FRAMED = 1.0  # pixels: height of the lowest bar that gets a frame
 
 
 @dataclass(frozen=True)

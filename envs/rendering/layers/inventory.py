@@ -11,7 +11,7 @@ from .boxes import owner_of
 from .layer import Layer, ZOrder
 from .others import of_kind
 
-VISIBLE = 1.0  # pixels, side of the smallest item worth drawing
+VISIBLE = 1.0  # pixels: side of the smallest item worth drawing
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class InventoryLayer(Layer):
 
     zorder = ZOrder.MARKS
     needs = (Bag,)
-    half: float = SIZES.bag_half  # the side of an item
+    half: float = SIZES.bag_half  # half the side of an item
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Draw heals as discs, broken boxes as squares, and all others as discs in the colour of their kind."""

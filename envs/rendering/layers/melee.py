@@ -57,7 +57,7 @@ class HitsLayer(Layer):
 
 
 def _star(canvas: Canvas, x: float, y: float, radius: float, color: Color) -> None:
-    """Two squares, one on the corners of the other."""
+    """Draw a star: a square, and the same turned by 45 degrees."""
     a = radius * math.sqrt(0.5)
     canvas.polygon([(x + radius, y), (x, y + radius), (x - radius, y), (x, y - radius)], color)
     canvas.polygon([(x + a, y + a), (x - a, y + a), (x - a, y - a), (x + a, y - a)], color)
@@ -69,7 +69,7 @@ def _ahead(scene: Scene, me: int, far: float) -> tuple[float, float]:
 
 
 def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
-    """How far ahead of `me` the shape of `e` begins; if it is not there any more, where its centre is passed."""
+    """Return how far ahead of `me` the shape of `e` begins, or if the line ahead misses it, where it passes `e`."""
     body, shape = scene.body, scene.shape
     x, y, cosine, sine = body.x[e] - body.x[me], body.y[e] - body.y[me], body.cosine[me], body.sine[me]
     ahead, aside = x * cosine + y * sine, y * cosine - x * sine
@@ -81,7 +81,7 @@ def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
 
 
 def _edge(scene: Scene, me: int, e: int, ahead: float) -> float:
-    """How far ahead of `me` the rectangle `e` begins; `ahead` if the line misses it."""
+    """Return how far ahead of `me` the rectangle `e` begins; `ahead` if the line ahead misses it."""
     body, shape = scene.body, scene.shape
     x, y, cosine, sine = body.x[me] - body.x[e], body.y[me] - body.y[e], body.cosine[e], body.sine[e]
     dx, dy = body.cosine[me], body.sine[me]

@@ -1,4 +1,4 @@
-"""Items and bodies of mechanics that have no layer of their own, drawn according to their components."""
+"""Items and bodies of mechanics without a layer of their own, drawn from their components."""
 
 import functools
 from dataclasses import dataclass
@@ -13,8 +13,9 @@ from .layer import Layer, ZOrder
 from .room import walls
 from .title import digit, printable
 
-KNOWN = (Side, Box, BoxItem, Heal)  # what outlast's own layers draw, shown or not
-POINT = 0.2  # metres, radius of a body without a size
+# entities with these are drawn by outlast's own layers, or not at all if those are not shown
+KNOWN = (Side, Box, BoxItem, Heal)
+POINT = 0.2  # metres: radius with which a body without a size is drawn
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class OthersLayer(Layer):
 
     zorder = ZOrder.ITEMS
     rim: float = SIZES.outline
-    height: float = 0.45  # metres, of a digit in names; 0: no names
+    height: float = 0.45  # metres: height of a digit in names; 0: no names
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Draw all bodies, then the names that do not overlap with another one."""
@@ -49,7 +50,7 @@ class OthersLayer(Layer):
 
 
 def _name(canvas: Canvas, scene: Scene, e: int, height: float, taken: list[tuple[float, float, float]]) -> None:
-    """Below the body, or above it where walls are below. taken: middle and length of the names that are written."""
+    """Write the name below the body, or above it near the lower wall. taken: (x, y, length) of the names so far."""
     x, y, gap = scene.body.x[e], scene.body.y[e], (scene.shape.bound[e] or POINT) + height
     name = printable(kinds(scene.worlds.layout)[e].replace("_", " "))
     length, y = canvas.length(name, height), y - gap if y - gap > height - scene.room else y + gap
@@ -75,7 +76,7 @@ def of_kind(scene: Scene, e: int) -> Color:
 
 @functools.lru_cache(maxsize=64)
 def _unknown(layout: Layout, shown: frozenset[type[Component]]) -> list[int]:
-    """Rows of bodies, in the world or not, without the components of layers that show them."""
+    """Return rows of bodies, in the world or not, that have no component by which some layer shows them."""
     known = {e for component in shown.union(KNOWN) for e in layout.rows(component).tolist()}
     return [e for e in layout.rows(Body).tolist() if e not in known]
 

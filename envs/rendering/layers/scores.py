@@ -14,8 +14,8 @@ from .layer import Strip, ZOrder
 from .title import LINE, digit, printable
 
 DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
-MOST = 6  # items of a bag that are shown
-HIGHEST = 0.75  # of the strip's length: more lines are left out
+MOST = 6  # so many items of a bag are shown
+HIGHEST = 0.75  # height of the board at most, as a share of the strip's length; lines beyond that are left out
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,15 @@ class ScoresStrip(Strip):
 
 
 def _teams(scene: Scene) -> bool:
-    """Whether there is a line of teams: their kills are counted together."""
+    """Return whether there is a line of teams, each with the kills of all its agents."""
     return bool(Sides in scene and scene[Sides].teams[0]) and Episode in scene
 
 
 def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
-    """Kills of the teams: of all of them or of none, with their names if there is room."""
+    """Write the kills of all teams, with their names if there is room, or nothing if not even the kills fit."""
     sides = range(len(scene[Episode].kills))
-    most = "0" * len(str(max(*scene[Episode].kills, len(scene.rows(Side))))) + " kills"  # so that nothing moves
+    # the longest number, so that nothing moves when kills grow
+    most = "0" * len(str(max(*scene[Episode].kills, len(scene.rows(Side))))) + " kills"
     for names in ([f"{printable(scene.side_name(side))}: " for side in sides], [""] * len(sides)):
         wide = [(DISC + 2) * unit + canvas.length(name + most, unit) for name in names]
         if x + sum(wide) - 2 * unit > canvas.half:
@@ -112,7 +113,8 @@ class Entry:
 
     def _bar(self, x: float, y: float, unit: int) -> None:
         points, whole = self.scene[Health].points[self.e], self.scene.prefab(Health).points[self.e]
-        share, full = points / max(whole, 1), BAR / 2 * unit  # the other half is for more
+        # the other half is for hit points beyond those at the start
+        share, full = points / max(whole, 1), BAR / 2 * unit
         if not self.alive:
             return
         self.canvas.rectangle(x, y - 0.4 * unit, x + full, y + 0.4 * unit, WALL)
@@ -137,7 +139,7 @@ class Entry:
 
 
 def _short(number: float) -> str:
-    """The number in a few characters: 100, 0.25, 1e+06."""
+    """Return the number in a few characters: 100, 0.25, 1e+06."""
     return f"{number:.4g}" if abs(number) < 10_000 else f"{number:.0e}"
 
 
@@ -158,12 +160,12 @@ def _planned(layout: Layout, agents: int, teams: bool, size: int) -> Board:
     rows, most = -(-agents // columns), max(1, int(HIGHEST * units / LINE) - teams)
     if rows <= most:
         return Board(parts, units / columns, rows, agents, teams + rows)
-    rows = max(1, most - 1)  # beside the line that says how many are left out
+    rows = max(1, most - 1)  # a line remains, which says how many agents are left out
     return Board(parts, units / columns, rows, columns * rows, teams + rows + 1)
 
 
 def _parts(layout: Layout, teams: bool, units: float) -> tuple[dict[str, float], float]:
-    """What is shown of an agent, with the places where it begins, and the entry's width: as much as there is room."""
+    """Return which parts of an agent's entry fit, each with the place where it begins, and the entry's width."""
 
     def has(component: type) -> bool:
         return component in layout.components

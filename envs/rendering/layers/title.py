@@ -11,9 +11,10 @@ from ..scene import Scene
 from ..style import PAPER
 from .layer import Strip, ZOrder
 
-LEAST, MOST, SHARE = 8, 40, 46  # pixels of a digit: the limits, and one in so many of the strip's length
-LINE = 2.0  # heights of a digit, from line to line
-FIGURE = 0.75  # heights of a digit, its width
+# pixels of a digit's height: at least, at most, and otherwise the strip's length over SHARE
+LEAST, MOST, SHARE = 8, 40, 46
+LINE = 2.0  # from line to line, in heights of a digit
+FIGURE = 0.75  # width of a digit, in its heights
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ def write_ends(canvas: Canvas, starts: Iterable[str], ends: Sequence[str]) -> No
 
 
 def _cut(canvas: Canvas, words: str, room: float) -> str:
-    """Their beginning and three dots: as much as fits without a number that has lost figures.
+    """Return the beginning of words and three dots: as much as fits without cutting through a number.
 
-    Numbers are those of names of scenarios, "ffa_2-melee_damage=25-rewards_alive=1e-05".
+    Numbers are written as in names of scenarios, "ffa_2-melee_damage=25-rewards_alive=1e-05".
     """
     numbers = [found.span() for found in re.finditer(r"(?<==).+?(?=-[A-Za-z_]|,|$)|\d+", words)]
     ends = [end for end in range(len(words) - 1, 0, -1) if not any(low < end < high for low, high in numbers)]
@@ -89,13 +90,13 @@ def fits(words: str, size: int) -> bool:
 
 
 def _room(canvas: Canvas, right: str = "") -> float:
-    """For what begins to the left of these words."""
+    """Return the room that is left for words on the left if the words `right` are written on the right."""
     edge = digit(canvas.size)
     return canvas.size - 2 * edge - (_length(canvas, right) + 2 * edge if right else 0)
 
 
 def _length(canvas: Canvas, words: str) -> float:
-    """Of words, with room for the figures at their end to grow to four digits."""
+    """Return the length of words, with room for a number at their end to grow to four digits."""
     figures = sum(map(str.isdigit, words.rpartition(" ")[2]))
     return canvas.length(words, digit(canvas.size)) + FIGURE * digit(canvas.size) * max(0, 4 - figures)
 

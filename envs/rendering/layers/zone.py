@@ -16,7 +16,7 @@ class SafeZoneLayer(Layer):
 
     zorder = ZOrder.ZONE
     needs = (Zone, Floor)
-    rim: float = SIZES.zone_rim  # also the width of dashes
+    rim: float = SIZES.zone_rim  # width of the disc's rim, and of dashes
     dash: float = SIZES.zone_dash
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:

@@ -16,9 +16,9 @@ from .. import opencv as cv2
 from ..canvas import Image
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-COMPRESSION = 6  # zlib's level
-LOOPS = 0  # plays for ever
-KEEP, OVER = 0, 0  # frames stay where the next one does not cover them; pixels are replaced
+COMPRESSION = 6  # level of zlib's compression
+LOOPS = 0  # 0: it plays for ever
+KEEP, OVER = 0, 0  # a frame stays where the next one does not cover it; where it does, pixels are replaced
 
 
 def write_apng(path: Path, frames: Iterator[Image], fps: int) -> None:
@@ -63,7 +63,7 @@ def count_apng(path: Path) -> tuple[int, int, int]:
 
 
 def _changed(before: Image | None, frame: Image) -> tuple[int, int, Image]:
-    """Top, left and pixels of the smallest rectangle that shows what is new; a pixel where nothing is."""
+    """Return top, left and pixels of the smallest rectangle with all that is new; one pixel if nothing is new."""
     if before is None:
         return 0, 0, frame
     differs = (before != frame).any(2)
@@ -74,7 +74,7 @@ def _changed(before: Image | None, frame: Image) -> tuple[int, int, Image]:
 
 
 def _pixels(part: Image) -> Iterator[bytes]:
-    """The compressed pixels: what OpenCV's PNG of it holds in its IDAT chunks."""
+    """Yield the compressed pixels: the contents of the IDAT chunks of the PNG that OpenCV makes of this part."""
     _, encoded = cv2.imencode(".png", np.ascontiguousarray(part[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, COMPRESSION])
     content, at = encoded.tobytes(), len(SIGNATURE)
     while at < len(content):

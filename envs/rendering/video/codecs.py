@@ -21,12 +21,13 @@ from .. import opencv as cv2
 from ..canvas import Image
 from .apng import count_apng, write_apng
 
-FASTEST_GIF = 50  # frames a second; browsers slow down what is faster
-LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels, sides of frames; H.264 and VP8 can do no more
-LOG_ERRORS = 2  # OpenCV's level
+FASTEST_GIF = 50  # frames per second; browsers slow down faster ones
+LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels: the longest sides that H.264 and VP8 allow
+LOG_ERRORS = 2  # OpenCV's log level
 QUALITY = "18"  # libx264's constant rate factor: visually lossless
 TO_VIDEO = ("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p")
-TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")  # or players guess the colours
+# otherwise players guess the colours
+TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
 H264 = ("-c:v", "libx264", "-crf", QUALITY, *TO_VIDEO, *TAGS, "-movflags", "+faststart")
 LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "ultrafast")
 PALETTE = "[0:v]palettegen[colors];[1:v][colors]paletteuse=dither=none:diff_mode=rectangle"
@@ -61,7 +62,8 @@ def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
     first = next(frames)
     with _stderr_muted(), _openable(path) as name:
         writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, first.shape[1::-1])
-    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)  # frames lost to a full disk are found by reading back
+    # no warnings: frames lost to a full disk are found by reading back
+    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)
     try:
         if not writer.isOpened():
             raise FilmError(f"this OpenCV cannot write VP8: {install('video')} and write .mp4")
@@ -74,9 +76,9 @@ def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 @contextlib.contextmanager
 def _stderr_muted() -> Iterator[None]:
-    """Keep FFmpeg inside OpenCV from writing to stderr, for which there is no switch.
+    """Keep the FFmpeg in OpenCV from writing to stderr; it has no switch for that.
 
-    It warns that .webm has no tag for VP8, but finds the codec; files that are cut short are found by _size.
+    It warns that .webm has no tag for VP8, but finds the codec anyway; files that are cut short are found by _size.
     """
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
@@ -91,9 +93,10 @@ def _stderr_muted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _openable(path: Path) -> Iterator[str]:
-    """A path as OpenCV takes it: a name that is not UTF-8 ends the process, so the folder goes by a number instead.
+    """Yield a path that OpenCV can open: one that is not UTF-8 would end the process, so its folder is replaced.
 
-    It is good until the file is open. Only file systems of Unix have such names; of them, those with /proc can do this.
+    The new path has the number of the open folder in /proc, and is valid in this context only. Only Unix has names
+    that are not UTF-8, and only systems with /proc can do this.
     """
     try:
         str(path).encode()
@@ -139,7 +142,7 @@ def read_video(path: Path) -> tuple[int, int, int]:
 
 
 def _size(shapes: list[tuple[int, ...]]) -> tuple[int, int, int]:
-    """Number, height and width of pictures. ValueError if they are not all alike."""
+    """Return number, height and width of pictures. Raises ValueError if they do not all have the same shape."""
     if len(set(shapes)) > 1:
         raise ValueError(f"its frames have the shapes {sorted(set(shapes))}")
     height, width, _ = shapes[0] if shapes and shapes[0] else (0, 0, 0)
@@ -175,7 +178,7 @@ def _encode(path: Path, frames: Iterator[Image], fps: int, options: tuple[str, .
 
 
 def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
-    """Run it in the folder of `path`, where it writes that file. The terminal's Ctrl-C does not reach it."""
+    """Run FFmpeg in the folder of `path`, to write that file. The terminal's Ctrl-C does not reach it."""
     command = [find_ffmpeg(path.suffix), "-y", "-loglevel", "error", *options, path.name]
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
@@ -183,7 +186,7 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
         )
         pipe: Any = process.stdin
         try:
-            with contextlib.suppress(BrokenPipeError):  # it ended; its status says why
+            with contextlib.suppress(BrokenPipeError):  # FFmpeg has ended; its status says why
                 for frame in frames:
                     pipe.write(np.ascontiguousarray(frame).data)
                 pipe.close()
@@ -204,5 +207,5 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
 
 
 def _status(code: int) -> str:
-    """How a process ended that said nothing."""
+    """Describe how a process ended, for one that has written no message."""
     return f"status {code}" if code > 0 else f"ended by a signal: {signal.strsignal(-code)}"

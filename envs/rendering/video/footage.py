@@ -20,8 +20,8 @@ from ..rgb import draw
 from ..style import BLACK, INK
 
 Grid = tuple[int, int]  # rows, columns
-WIDEST = 2**14  # pixels, sides of a mosaic: films can do no more
-GUTTER = 128  # a world's picture is that many times wider than the lines between pictures
+WIDEST = 2**14  # pixels: the longest side of a mosaic, as of films
+GUTTER = 128  # a world's picture is so many times wider than the lines between pictures
 
 
 def footage(
@@ -80,24 +80,25 @@ def _gutter(size: int) -> int:
 
 
 class _Reel:
-    """Draws the chosen worlds, and holds what shows the end of an episode."""
+    """Draws the chosen worlds, and holds pictures that show the end of an episode."""
 
     def __init__(self, worlds: Worlds, chosen: list[int], size: int, layers: list[Layer], hold: int) -> None:
         self.worlds, self.chosen, self.size, self.layers, self.hold = worlds, chosen, size, layers, hold
         self._keyed = [replace(layer, seed=True) if isinstance(layer, TitleStrip) else layer for layer in layers]
         self.marked = any(isinstance(layer, EndLayer) for layer in layers) and End in worlds
-        self.ends: list[tuple[int, ...] | None] = [None] * len(chosen)  # when it was, of worlds that stand at their end
+        # for worlds at the end of an episode, the clock then
+        self.ends: list[tuple[int, ...] | None] = [None] * len(chosen)
 
     def draw(self, k: int) -> Image:
-        """The picture of the world that was chosen k-th."""
+        """Draw the k-th of the chosen worlds."""
         return draw(self.worlds, self.chosen[k], self.size, self.layers if len(self.seeds()) == 1 else self._keyed)
 
     def seeds(self) -> Image:
-        """Those of the chosen worlds, each once."""
+        """Return the seeds of the chosen worlds, each once."""
         return np.unique(self.worlds[Clock].seed[self.chosen, 0])
 
     def just_ended(self) -> list[int]:
-        """Which of the chosen have come to the end of an episode in the last tick, if ends are shown."""
+        """Return which chosen worlds have ended an episode in the last tick; none if ends are not shown."""
         if not self.marked:
             return []
         end, clock, found = self.worlds[End], self.worlds[Clock], []
@@ -110,7 +111,7 @@ class _Reel:
         return found
 
     def single(self, ticks: Iterable[object], every: int) -> Iterator[Image]:
-        """Frames of one world, which stands still at the ends of episodes."""
+        """Yield frames of one world, which stands still at the ends of episodes."""
         for k, _ in enumerate(ticks):
             ended = self.just_ended()
             if k % every == 0 or ended:
@@ -120,7 +121,7 @@ class _Reel:
                     yield frame.copy()
 
     def mosaic(self, ticks: Iterable[object], every: int, grid: Grid, title: str) -> Iterator[Image]:
-        """Frames of several worlds, of which each shows the end of an episode for a while."""
+        """Yield frames of several worlds, each of which shows the end of an episode for a while."""
         held, pictures = [0] * len(self.chosen), [np.empty(0, np.uint8)] * len(self.chosen)
 
         def frame() -> Image:
@@ -137,7 +138,7 @@ class _Reel:
             if tick % every == 0:
                 unseen = False
                 yield frame()
-        if unseen:  # an end after the last tick that is drawn
+        if unseen:  # an episode ended after the last frame
             yield frame()
 
 
@@ -152,7 +153,7 @@ def _tiled(pictures: list[Image], grid: Grid) -> Image:
 
 
 def _header(width: int, title: str, seeds: Image) -> Image:
-    """The title of a mosaic: with the seed, if all of these worlds have the same one."""
+    """Draw the title of a mosaic: with the seed, if all its worlds have the same one."""
     canvas = Canvas(width, width / 2, round(LINE * digit(width)))
     canvas.clear(INK)
     write_ends(canvas, prefixes(title if len(seeds) > 1 else f"{title}, seed {seeds[0]}"), [])

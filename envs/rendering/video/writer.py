@@ -60,7 +60,7 @@ def ending(path: Path) -> str:
 
 
 def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
-    """The absolute path and what writes it, before a single frame is asked for."""
+    """Return the absolute path and its codec. Raises FilmError, before any frame is drawn, if it cannot be written."""
     suffix = ending(target)
     if suffix not in CODECS:
         known = ", ".join(filter(None, CODECS))
@@ -80,7 +80,7 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
 
 
 class _FrameStream:
-    """Frames, checked, padded and counted while they are written. shape: of the padded ones."""
+    """Frames that are checked, padded and counted while they are written. shape: the shape of padded frames."""
 
     def __init__(self, frames: Iterable[Image], codec: Codec) -> None:
         self.frames, self.codec, self.count = iter(frames), codec, 0
@@ -117,7 +117,7 @@ class _FrameStream:
 
 @contextlib.contextmanager
 def _temporary_folder(target: Path) -> Iterator[Path]:
-    """A folder on the target's own disk, removed at the end with all that is left in it."""
+    """Yield a folder on the same disk as the target; it is removed at the end with all that is left in it."""
     folder = atomic_write.temporary_path(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
@@ -127,7 +127,7 @@ def _temporary_folder(target: Path) -> Iterator[Path]:
 
 
 def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -> None:
-    """Read back what was written."""
+    """Read back what was written. Raises FilmError if it is not complete."""
     try:
         found = codec.read(temporary)
     except ValueError as error:
@@ -141,7 +141,7 @@ def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -
 
 
 def _replace(temporary: Path, target: Path) -> None:
-    """Move it to its place; into a folder that was there, picture by picture, of all of which Ctrl-C waits."""
+    """Move a film to its place: into an existing folder picture by picture, while Ctrl-C waits until all are there."""
     if not target.is_dir():
         os.replace(temporary, target)
         return
