@@ -1,4 +1,4 @@
-"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install '.[docs]')."""
+"""The configuration of the site, which is built with: python -m sphinx -W docs SOMEWHERE (pip install '.[docs]')."""
 
 import sys
 from pathlib import Path
@@ -13,10 +13,10 @@ version = release = outlast.__version__
 html_title = f"outlast {version}"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
-nb_execution_mode = "off"  # their outputs are kept in them, by docs/notebooks.py
+nb_execution_mode = "off"  # notebooks hold their outputs, which docs/notebooks.py makes
 exclude_patterns = ["_build", "benchmark", "examples", "results"]
-default_role = "code"  # single backticks, in docstrings
-napoleon_use_ivar = True  # attributes of a class as a list
+default_role = "code"  # for single backticks in docstrings
+napoleon_use_ivar = True  # show the attributes of a class as a list
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["gallery.css"]
@@ -27,7 +27,7 @@ pygments_style = "friendly"
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 
-# Adapters are documented without their libraries, which need not be installed and take seconds to load.
+# Adapters are documented without their libraries, which take seconds to load, and need not be installed.
 autodoc_mock_imports = [
     *("benchmarl", "pettingzoo", "pufferlib", "ray", "stable_baselines3", "tensordict", "torch", "torchrl"),
 ]

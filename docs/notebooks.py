@@ -16,14 +16,14 @@ STEPS = re.compile(r"^steps = [\d_]+", re.MULTILINE)
 
 
 def executed(path: Path, steps: int | None = None) -> nbformat.NotebookNode:
-    """The notebook with its outputs. Raises nbclient's CellExecutionError, with the cell and its traceback."""
+    """Return the notebook with its outputs. Raises nbclient's CellExecutionError, with the cell and its traceback."""
     notebook = nbformat.read(path, as_version=4)
     if steps:
         for cell in notebook.cells:
             cell.source = STEPS.sub(f"steps = {steps}", cell.source)
     NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(path.parent)}}).execute()
     for cell in notebook.cells:
-        cell.metadata.pop("execution", None)  # when it ran: of no interest, and another one each time
+        cell.metadata.pop("execution", None)  # the times at which it ran differ in each run
     return notebook
 
 

@@ -1,8 +1,8 @@
 """Make the pictures of the pages again, from seeds, and write them into docs/pictures.
 
-    python docs/pictures.py [NAME ...]      (all, if none is named)
+    python docs/pictures.py [NAME ...]      (all, if no name is given)
 
-Films are made by the commands that the pages show beside them.
+Films are made by the commands that the pages show beside the films.
 """
 
 import contextlib
@@ -30,15 +30,15 @@ from outlast.envs.rollout.policies import POLICIES
 from outlast.systems import Lidar, Maze, Pillars, Rooms
 
 DOCS = Path(__file__).resolve().parent
-SHOWN = 330  # tick of the page's recording
-GAP = 8  # white pixels between panels
+SHOWN = 330  # the tick that the picture `page` shows
+GAP = 8  # width of the white gap between panels, pixels
 IDLE, STRIKE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 1, 0, 0), (1, 1, 1, 0, 1, 0)
 
 Image = np.ndarray[Any, Any]
 
 
 def played(scenario: outlast.Scenario, world: int, ticks: int, policy: str = "scripted") -> SurvivalVectorEnv:
-    """World number `world` of seed 0 after so many ticks."""
+    """Play world number `world` of seed 0 for so many ticks."""
     env = outlast.make_vec(scenario, 1, seed=0, first_world=world)
     observations, _ = env.reset()
     act = POLICIES[policy](env, 0)
@@ -48,13 +48,13 @@ def played(scenario: outlast.Scenario, world: int, ticks: int, policy: str = "sc
 
 
 def beside(panels: list[Image]) -> Image:
-    """Panels of one size in a row."""
+    """Put panels of the same size in a row."""
     gap = np.full((panels[0].shape[0], GAP, 3), 255, np.uint8)
     return np.hstack([part for panel in panels for part in (gap, panel)][1:])
 
 
 def closeup(env: SurvivalVectorEnv, x: float, y: float, reach: float, size: int, layers: Any = LAYERS) -> Image:
-    """The square of side 2 reach (metres) around (x, y)."""
+    """Draw the square around (x, y) whose sides are 2 * reach metres long."""
     half = Scene(env.worlds, 0).half
     whole = round(size * half / reach)
     left, top = (round(whole * (half + shift - reach) / (2 * half)) for shift in (x, -y))
@@ -89,7 +89,7 @@ def zone() -> Image:
 
 
 def boxes() -> Image:
-    """A box, what is left of it, the box in the bag, and set up again: one agent in four ticks of its life."""
+    """A box, the item that is left of it, the box in the bag, and set up again: one agent in four ticks."""
     env = played(outlast.variant("ffa_3"), 0, 0)
     body, shape, alive = env.worlds[Body], env.worlds[Shape], env.worlds[Entity].alive
     agent, box, heal = (env.worlds.span(kind).start for kind in ("agent", "box", "heal"))
@@ -119,7 +119,7 @@ def fight() -> Image:
 
 
 def poison() -> Image:
-    """The example of the page about new mechanics: before and after a vial is used."""
+    """The example of the page on new mechanics, before and after a vial is used."""
     sys.path.insert(0, str(DOCS / "examples"))
     from poison import Poison
     from poison_view import PoisonLayer
@@ -151,7 +151,7 @@ def tag() -> Image:
 
 
 def hide_and_seek() -> Image:
-    """Hiders behind boxes that they have locked in the doors, one that is being brought there, and seekers outside."""
+    """Hiders behind boxes that they have locked in the doors, a box on its way there, and seekers outside."""
     sys.path.insert(0, str(DOCS / "examples"))
     from hide_and_seek import HIDE_AND_SEEK
     from hide_and_seek_view import HandledLayer
@@ -165,13 +165,14 @@ def hide_and_seek() -> Image:
         for row, (x, y, angle) in enumerate(places, first):
             body.x[0, row], body.y[0, row], body.angle[0, row] = x, y, angle
             body.cosine[0, row], body.sine[0, row] = math.cos(angle), math.sin(angle)
-    for actions in ([idle] * 4, [lock, grab, idle, idle]):  # they handle what they see
+    # first an idle tick, as agents can only handle what they have seen
+    for actions in ([idle] * 4, [lock, grab, idle, idle]):
         env.step(np.array([actions]))
     return draw(env.worlds, 0, 400, [*LAYERS, HandledLayer()])
 
 
 def levels() -> Image:
-    """What the mechanics of walls set up, and a floor plan."""
+    """What the mechanics of walls build, and a floor plan."""
     plan = outlast.FloorPlan.from_text(
         """
         AA....#..........BB
@@ -192,14 +193,14 @@ def levels() -> Image:
 
 
 def lidar() -> Image:
-    """Rays all around that end at walls, and a fan ahead of agents that ends at boxes and agents, too."""
+    """Rays in all directions that end at walls, and a fan of rays ahead that also end at boxes and agents."""
     maze = outlast.variant("ffa_1").with_(Maze(), Lidar())
     pillars = outlast.variant("ffa_3").with_(Pillars(count=14), Lidar(rays=15, angle=2.0, targets="solids"))
     return beside([draw(played(game, 2, 60).worlds, 0, 280, [*LAYERS, LidarLayer()]) for game in (maze, pillars)])
 
 
 def page() -> Image:
-    """The page of a recording: a trained policy is followed. Needs PyTorch, playwright and a Chromium on the PATH."""
+    """The page of a recording of a trained policy. Needs PyTorch, playwright and a Chromium on the PATH."""
     from playwright.sync_api import sync_playwright
 
     player = outlast.load_policy(DOCS / "results/ffa_2-original-0.zip")
@@ -215,7 +216,7 @@ def page() -> Image:
             browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
             shown = browser.new_page(viewport={"width": 1040, "height": 680}, reduced_motion="reduce")
             shown.goto(f"{target.as_uri()}#tick={SHOWN}&agent=0")
-            shown.wait_for_timeout(1000)  # the camera comes to rest
+            shown.wait_for_timeout(1000)  # until the camera has come to rest
             taken = np.frombuffer(shown.screenshot(), np.uint8)
             browser.close()
     return cv2.imdecode(taken, cv2.IMREAD_COLOR_RGB)
@@ -224,18 +225,18 @@ def page() -> Image:
 PICTURES: dict[str, Callable[[], Image]] = {
     made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, hide_and_seek, levels, lidar)
 }
-SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
+SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # these depend on the fonts of the machine
 
 
 def films() -> dict[str, list[str]]:
-    """The arguments of the pages' commands that write films into docs/pictures, by the file's name."""
+    """Return the arguments of the pages' commands that write films into docs/pictures, by the film's file name."""
     pages = "\n".join(page.read_text() for page in sorted(DOCS.glob("*.md")))
     found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", pages, re.MULTILINE)
     return {name: shlex.split(command) for command, name in found}
 
 
 def main(*names: str) -> None:
-    """Write them, or only those of these names."""
+    """Write all pictures and films, or only those with these names."""
     for name, made in (PICTURES | SCREENSHOTS).items():
         if not names or name in names:
             file = DOCS / "pictures" / f"{name}.png"

@@ -1,4 +1,4 @@
-"""Tables made from the code, in Markdown: variants, numbers, spaces, components, the tick."""
+"""Tables in Markdown that are made from the code: variants, numbers, spaces, components, the tick."""
 
 import dataclasses
 import inspect
@@ -23,11 +23,11 @@ from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
 from outlast.training.presets import PRESETS
 
-FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
+FULL = "teams_4"  # the variant with every mechanic of the paper; {value} knows its numbers
 
 
 def worlds(name: str) -> Worlds:
-    """One world of a variant; nothing is compiled."""
+    """Make one world of a variant, without compiling anything."""
     return Worlds(outlast.variant(name).modules, 1)
 
 
@@ -78,7 +78,7 @@ def _card(name: str) -> str:
 
 
 def ablations() -> str:
-    """What each ablation changes in teams_4, which has every mechanic that one could need."""
+    """What each ablation changes in teams_4, which has every mechanic that any of them changes."""
     plain, rows = outlast.VARIANTS["teams_4"].numbers(), []
     for name, ablation in outlast.ABLATIONS.items():
         ablated = outlast.variant(f"teams_4+{name}").numbers()
@@ -88,7 +88,7 @@ def ablations() -> str:
 
 
 def numbers(*names: str) -> str:
-    """The numbers of the mechanics `names` (all, if none): defaults, values in the variants, allowed values."""
+    """The numbers of the mechanics `names` (all if there are none): defaults, values in variants, allowed values."""
     kinds = [getattr(systems, name) for name in names or systems.__all__]
     return "\n\n".join(_numbers(kind) for kind in kinds)
 
@@ -105,7 +105,7 @@ def _numbers(kind: type[Module]) -> str:
 
 
 def ppo() -> str:
-    """The numbers of PPO: what the paper's runs and preset fast have, what may be asked for, and their meaning."""
+    """The numbers of PPO: values in the paper's runs and in preset fast, allowed values, and their meaning."""
     described = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", inspect.getdoc(Hyperparameters) or "", re.MULTILINE)
     notes, paper, fast = dict(described), Hyperparameters(), PRESETS["fast"].numbers
     rows = []
@@ -128,20 +128,20 @@ def views() -> str:
 
 
 def _call(layer: Any) -> str:
-    """The call that makes an equal layer."""
+    """Return the call, as text, that makes an equal layer."""
     fields = [field for field in dataclasses.fields(layer) if getattr(layer, field.name) != field.default]
     return f"{type(layer).__name__}({', '.join(f'{field.name}={getattr(layer, field.name)!r}' for field in fields)})"
 
 
 def shown(value: Any) -> str:
-    """A number or a tuple of numbers, for readers."""
+    """Return a number, or a tuple of numbers, as text for readers."""
     if isinstance(value, tuple):
         return ", ".join(map(shown, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def owners(base: type[Component]) -> dict[type[Component], type[Module]]:
-    """The mechanic that adds each component of a kind."""
+    """Return the mechanic that adds each component of a kind."""
     kinds = [getattr(systems, name) for name in systems.__all__]
     return {type(s): kind for kind in kinds for s in kind().singletons() if isinstance(s, base)}
 
@@ -152,7 +152,7 @@ def columns() -> str:
 
 
 def benchmark_tasks() -> str:
-    """The tasks of the benchmark, with the games that they are tested in beside that of training, and their anchors."""
+    """The tasks of the benchmark, the games in which they are tested besides that of training, and how many anchors."""
     rows = []
     for task in tasks().values():
         anchors = sum(member.file is not None for member in suite(task))
@@ -161,7 +161,7 @@ def benchmark_tasks() -> str:
 
 
 def suite_ratings(*names: str) -> str:
-    """The fixed Elo ratings of the benchmark's suite in some tasks, best first in the first of them."""
+    """The fixed Elo ratings of the benchmark's suite in some tasks, ordered by those in the first task."""
     found = [{opponent(member.name): member.rating or 0.0 for member in suite(task_of(name))} for name in names]
     order = sorted(found[0], key=lambda member: -found[0][member])
     return grid(
@@ -170,13 +170,13 @@ def suite_ratings(*names: str) -> str:
 
 
 def opponent(name: str) -> str:
-    """A member of a suite in words: an anchor by its run and its age, which is about the same in all tasks."""
+    """Describe a member of a suite: an anchor by its run and its agent-steps, about the same in all tasks."""
     run, _, steps = name.partition("-steps_")
     return f"{run}, {int(steps) / 1e6:.0f} M" if steps else name
 
 
 def actions() -> str:
-    """The components of an action, in order. Those of one order take each other's place."""
+    """The components of an action, in order. Components of the same order are alternatives, with the same positions."""
     kinds = [getattr(systems, name) for name in systems.__all__]
     found = sorted(owners(Action), key=lambda kind: (kind.order, max(column.high for column in kind.columns.values())))
     rows, begins, free = [], dict[float, int](), 0
@@ -199,7 +199,7 @@ def observations(name: str) -> str:
 
 
 def fields(name: str) -> str:
-    """The fields of observations of the variant `name`, and the mechanics that add some to rows of others."""
+    """The fields of observations of the variant `name`, and which mechanic adds a field to another one's rows."""
     there, rows = worlds(name), []
     adding = {(key, field.name): m for m in there.layout.modules for key, own in m.fields().items() for field in own}
     for key, _, _, column in published(there, Observation):
@@ -225,7 +225,7 @@ def _published(base: type[Component], there: Worlds, name: str) -> str:
     found = {entry[1:3]: entry for entry in published(there, base)}
     columns = [pair for component in owned for pair in ((component, own) for own in component.columns)]
     for key, component, own, column in (found[pair] for pair in columns if pair in found):
-        if column.dims == ("damage_types",):  # reported as a key for each
+        if column.dims == ("damage_types",):  # reported under a key for each damage type
             key = ", ".join(f"{key}_{damage}" for damage in there.layout.damage_types)
         shape = "" if column.dims == ("damage_types",) else " × ".join(map(str, column.dims))
         sizes = " × ".join(map(str, column.shape(there.dims))) if shape else ""
@@ -239,7 +239,7 @@ def _published(base: type[Component], there: Worlds, name: str) -> str:
 
 
 def all_components(*names: str) -> str:
-    """The components `names` (all, if none) with their columns."""
+    """The components `names` (all if there are none) with their columns."""
     kinds = [getattr(components, name) for name in names or components.__all__]
     return "\n\n".join(_component(kind) for kind in kinds if issubclass(kind, Component))
 

@@ -1,4 +1,4 @@
-"""The page of commands, made from their parsers."""
+"""The page of commands, made from the commands' parsers."""
 
 import re
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def _command(name: str, command: Parser) -> str:
 
 
 def _options(command: Parser) -> Iterator[str]:
-    """A list for each group; --help is said once for all commands."""
+    """Yield a list of options for each group, without --help, which the page mentions once for all commands."""
     for title, actions in command.groups():
         shown = [action for action in actions if "--help" not in action.option_strings]
         if shown:
@@ -39,14 +39,14 @@ def _options(command: Parser) -> Iterator[str]:
 
 
 def _prose(text: str) -> str:
-    """Text of help with its options as code, which else would become dashes."""
+    """Return a help text with its options as code; otherwise their hyphens would become dashes."""
     parts = text.replace("%%", "%").split("`")
     parts[::2] = [re.sub(r"--[a-z][a-z-]*", r"`\g<0>`", part) for part in parts[::2]]
     return "`".join(parts)
 
 
 def _form(command: Parser, action: Any) -> str:
-    """An option with the form of its value, or an argument."""
+    """Return an option with the form of its value, or an argument."""
     formatter = command._get_formatter()
     if not action.option_strings:
         return formatter._format_args(action, formatter._get_default_metavar_for_positional(action))

@@ -1,4 +1,4 @@
-"""The comparison with the paper, as tables in Markdown: tests, check values, statistics, training."""
+"""Tables in Markdown that compare outlast with the paper: tests, check values, statistics, training."""
 
 import ast
 import csv
@@ -25,14 +25,14 @@ from outlast.training.tables import NONE
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
-ORIGINAL = "original"  # the folder of docs/results with the paper's runs repeated, and their preset
-TEXT = "text"  # that of the runs by what the paper's text says
+ORIGINAL = "original"  # the folder of docs/results in which the paper's runs are repeated, and the preset of these
+TEXT = "text"  # the folder and preset of the runs that follow the paper's text
 COMPARED = [DOCS / "results" / folder / "ffa_4-original-0.csv" for folder in (ORIGINAL, "worlds-64")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
 
 def constants() -> dict[str, Any]:
-    """Constants of the tests, by name; parsed, not imported."""
+    """Return constants of the tests by name, from their source: the tests are not imported."""
     found: dict[str, Any] = {}
     for file, names in CONSTANTS.items():
         for line in ast.parse((RULES / file).read_text()).body:
@@ -45,7 +45,7 @@ def constants() -> dict[str, Any]:
 
 
 def rules() -> str:
-    """The tests of the rules as a list, under the docstrings of their files; their names are sentences."""
+    """The tests of the rules as a list, under the docstrings of their files; a test's name is a sentence."""
     lines = []
     for file in sorted(RULES.glob("test_fidelity*.py")):
         tree = ast.parse(file.read_text())
@@ -59,7 +59,7 @@ def rules() -> str:
 
 
 def _note(tree: ast.Module | ast.FunctionDef) -> str:
-    """A docstring without its references, as one paragraph."""
+    """Return a docstring as one paragraph, without its references."""
     return re.sub(r" \(rules[^)]*\)", "", " ".join((ast.get_docstring(tree) or "").split()))
 
 
@@ -87,7 +87,7 @@ def compared() -> str:
 
 
 def deviations() -> str:
-    """Numbers that all variants set to something else than the mechanic's default, which follows the paper's text."""
+    """Numbers whose default follows the paper's text, while all variants set them to another value."""
     played = [scenario.numbers() for scenario in outlast.VARIANTS.values()]
     rows = []
     for kind in (getattr(systems, name) for name in systems.__all__):
@@ -105,19 +105,19 @@ def kept(folder: str = ORIGINAL) -> list[RunGroup]:
 
 
 def beside_the_paper() -> str:
-    """End values of all variants beside the paper's, and which of their runs are not there yet."""
+    """End values of all variants beside the paper's, and which runs have not been trained yet."""
     return side_by_side(kept()) + _missing(ORIGINAL, lambda each: code(each.game))
 
 
 def _missing(part: str, name: Callable[[Experiment], str]) -> str:
-    """A paragraph on the runs of a part of `outlast paper` that are not there yet."""
+    """Return a paragraph on runs of a part of `outlast paper` that have not been trained yet; "" if all have."""
     planned = [(name(each), _lacking(each)) for each in experiments([part])]
     missing = [f"{each} ({', '.join(map(str, lacking))})" for each, lacking in planned if lacking]
     return f"\n\nNot trained yet, with the seeds that are missing: {', '.join(missing)}." if missing else ""
 
 
 def _lacking(experiment: Experiment) -> list[int]:
-    """Seeds whose results are not in docs/results."""
+    """Return the seeds of an experiment whose results are not in docs/results."""
     return [seed for seed in range(experiment.seeds) if not experiment.kept(DOCS / "results", seed).exists()]
 
 
@@ -138,7 +138,7 @@ def ends(folder: str) -> str:
 
 
 def as_written() -> str:
-    """End values of the runs by the paper's text beside those of its code, and which are not there yet."""
+    """End values of runs by the paper's text beside runs by its code, and which have not been trained yet."""
     table = (DOCS / "results" / TEXT / "ends.md").read_text().partition("\n\n")[0]
     return table + _missing(TEXT, lambda each: f"{code(each.game)} {code(each.preset)}")
 
@@ -149,7 +149,7 @@ def claimed() -> str:
 
 
 def mended(begins: str) -> str:
-    """What agents do in the games of docs/results/mended whose name begins so: a column for each, no row of zeros."""
+    """What agents do in games of docs/results/mended whose names begin so: a column for each, without rows of zeros."""
     lines = (DOCS / "results" / "mended" / "measured.md").read_text().splitlines()
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows if row[0].startswith(begins)]
@@ -159,5 +159,5 @@ def mended(begins: str) -> str:
 
 
 def compared_runs() -> str:
-    """The table of `outlast plot` for the runs that are shown as an example of it."""
+    """The table of `outlast plot` for the runs that the pages use as its example."""
     return str(compare(COMPARED))

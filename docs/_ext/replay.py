@@ -1,4 +1,4 @@
-"""replay.html of the site: a page that plays a recording, made by the commands of docs/seeing.md."""
+"""Makes replay.html of the site, a page that plays a recording, with the commands of docs/seeing.md."""
 
 import contextlib
 import io
@@ -15,7 +15,7 @@ ROLLOUT = shlex.split("rollout teams_4 --worlds 1 --steps 700 --policy scripted 
 
 
 def make(app: Sphinx, error: Exception | None) -> None:
-    """Write the page beside the others."""
+    """Write replay.html beside the other pages."""
     if error or app.builder.format != "html":
         return
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
@@ -27,6 +27,6 @@ def make(app: Sphinx, error: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Called by Sphinx."""
+    """Register the extension; called by Sphinx."""
     app.connect("build-finished", make)
     return {"parallel_read_safe": True}

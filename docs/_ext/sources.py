@@ -1,4 +1,4 @@
-"""Helpers of the tables: Markdown, docstrings, and comments at the end of a line."""
+"""Helpers of the tables: writing Markdown, and reading docstrings and comments at the ends of lines."""
 
 import ast
 import inspect
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def comments(cls: type) -> dict[str, str]:
-    """The comment on the last line of each attribute's declaration in `cls`; attributes without one are left out."""
+    """Return, by attribute of `cls`, the comment on the last line of its declaration; only attributes that have one."""
     source = inspect.getsource(cls)
     notes = {
         token.start[0]: token.string.removeprefix("# ")
@@ -26,12 +26,12 @@ def comments(cls: type) -> dict[str, str]:
 
 
 def summary(documented: Any) -> str:
-    """A docstring's text on one line, without the headings and the examples that may follow."""
+    """Return a docstring's text on one line, without the examples and what follows them."""
     return " ".join(inspect.cleandoc(documented.__doc__ or "").split(">>>")[0].split())
 
 
 def grid(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in Markdown, without the columns that have nothing in them."""
+    """Return a table in Markdown, without columns that are empty."""
     lines = [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
     kept = [k for k in range(len(heads)) if any(line[k] for line in lines)]
     table = [heads, ["---"] * len(heads), *lines]
@@ -39,5 +39,5 @@ def grid(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def code(text: Any) -> str:
-    """As code, or nothing."""
+    """Return a text as code in Markdown; "" if it is empty."""
     return f"`{text}`" if str(text) else ""

@@ -2,10 +2,10 @@
 
 ```{outlast} observations teams_4
 ```
-is replaced by the table that the function of that name returns as Markdown;
-{value}`safe_zone_stand + safe_zone_shrink` by the value
-of the expression over the numbers of teams_4, which has every mechanic of the paper, and
-{value}`100 / melee_damage | .1f` by the same in that format.
+is replaced by the table that the function of this name (in TABLES) returns as Markdown;
+{value}`safe_zone_stand + safe_zone_shrink` is replaced by the value
+of the expression, which uses the numbers of teams_4, as that has every mechanic of the paper; and
+{value}`100 / melee_damage | .1f` by a value in the format behind the bar.
 """
 
 import math
@@ -61,13 +61,13 @@ TABLES: dict[str, Callable[..., str]] = {
 
 
 class Table(SphinxDirective):
-    """The directive `outlast`: the name of a table, and what it is about."""
+    """The directive `outlast`: its arguments are the name of a table, and the arguments of the table's function."""
 
     required_arguments = 1
     optional_arguments = 50
 
     def run(self) -> list[nodes.Node]:
-        """Parse what the table's function returns, in the place of the directive."""
+        """Replace the directive with what the table's function returns."""
         name, *about = self.arguments
         if name not in TABLES:
             raise self.error(f"there is no table '{name}'; known: {', '.join(TABLES)}")
@@ -77,7 +77,7 @@ class Table(SphinxDirective):
 def value(
     role: str, raw: str, text: str, line: int, inliner: Inliner, options: Any = None, content: Any = None
 ) -> tuple[list[nodes.Node], list[nodes.system_message]]:
-    """The role `value`: an expression over numbers of the game, and perhaps a format behind a bar."""
+    """The role `value`: an expression with numbers of the game, optionally with a format behind a bar."""
     expression, _, form = text.partition(" | ")
     names = outlast.variant(catalogue.FULL).numbers() | evidence.constants()
     found = eval(expression, {"math": math}, names)
@@ -85,13 +85,13 @@ def value(
 
 
 def plain(app: Sphinx, what: str, name: str, documented: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text: a bar is no substitution of docutils. Gymnasium's headings, "## Rewards", are bold."""
+    """Escape bars in docstrings, which docutils would replace, and write headings, as "## Rewards", in bold."""
     text = "\n".join(line if line.startswith(">>>") else line.replace("|", "\\|") for line in lines)
     lines[:] = re.sub(r"^## (.+)$", r"**\1**\n", text, flags=re.MULTILINE).split("\n")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Called by Sphinx."""
+    """Register the extension; called by Sphinx."""
     app.add_directive("outlast", Table)
     app.add_role("value", value)
     app.connect("autodoc-process-docstring", plain)

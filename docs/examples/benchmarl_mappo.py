@@ -17,9 +17,9 @@ from torch import nn
 
 from outlast.envs.adapters.benchmarl import task
 
-CONTINUOUS = {"maddpg": MaddpgConfig, "masac": MasacConfig}  # those that have continuous actions
+CONTINUOUS = {"maddpg": MaddpgConfig, "masac": MasacConfig}  # algorithms for continuous actions
 ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig, "vdn": VdnConfig, **CONTINUOUS}
-WORLDS, BATCH = 64, 8192  # worlds that are stepped together; frames of all of them between two updates
+WORLDS, BATCH = 64, 8192  # worlds that are stepped together; frames, of all of them, between two updates
 
 
 def experiment(own: TaskClass, algorithm: str, frames: int, out: Path, seed: int = 0, **changes: Any) -> Experiment:
@@ -32,7 +32,7 @@ def experiment(own: TaskClass, algorithm: str, frames: int, out: Path, seed: int
     config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, 1024
     config.off_policy_n_optimizer_steps, config.off_policy_train_batch_size = 100, 512
     config.evaluation_interval, config.evaluation_episodes = 10 * BATCH, 64
-    # Who always does what is likeliest stands still at first, and lives long: evaluations draw actions.
+    # Evaluations draw actions: an untrained agent that takes the likeliest ones stands still, and so lives long.
     config.evaluation_deterministic_actions = False
     for key, value in changes.items():
         setattr(config, key, value)

@@ -1,4 +1,4 @@
-"""PPO in one file, in the manner of CleanRL: one network plays all agents of all worlds, against itself.
+"""PPO in one file, in the style of CleanRL: one network plays all agents of all worlds, against itself.
 
 python docs/examples/cleanrl_ppo.py --variant teams_3 --total-timesteps 10000000
 
@@ -43,7 +43,7 @@ class Args:
 
     variant: str = "duel"
     num_worlds: int = 32
-    total_timesteps: int = 300_000  # steps of agents
+    total_timesteps: int = 300_000  # agent-steps
     num_steps: int = 64
     num_minibatches: int = 8
     update_epochs: int = 4
@@ -96,7 +96,7 @@ class Rollouts:
         self.envs, self.agent, self.args = envs, agent, args
         observations, info = envs.reset(seed=args.seed)
         self.see(observations, info)
-        self.returns: list[float] = []  # of the episodes that ended in the last rollout, one for each agent
+        self.returns: list[float] = []  # returns of each agent in episodes that ended in the last rollout
 
     def see(self, observations: np.ndarray, info: dict) -> None:
         """Keep what the next actions are chosen from: scaled rows (agents, numbers), and the masks of actions."""
@@ -200,5 +200,5 @@ def arguments() -> Args:
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)  # the network is so small that more threads only wait for each other
+    torch.set_num_threads(1)  # the network is so small that more threads would only wait for each other
     train(arguments())

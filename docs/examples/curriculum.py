@@ -23,7 +23,7 @@ from outlast import FloorPlan, Level, integers, levels, uniform
 from outlast.systems import Lidar, Maze
 from outlast.training.curriculum import TrainingProgress
 
-LIMIT, HEALTH = 160, 150  # ticks of an episode; hit points, of which each tick outside of the zone takes one
+LIMIT, HEALTH = 160, 150  # ticks of an episode; hit points, one of which is lost in each tick outside of the zone
 SEARCH = (
     outlast.variant("ffa_1")
     .without("melee", "inventory", "pickup", "give_last", "death_drop", "heals", "cameras")
@@ -47,8 +47,8 @@ BY_HAND = (
 LAYOUTS = [plan.layout(5) for plan in BY_HAND]
 PLANS = SEARCH.with_(BY_HAND[0].mechanic(5)).vary(walls_layout=outlast.free(LAYOUTS[0]))
 METHODS = ("drawn", "chosen")
-KEPT, NEW = 96, 48  # levels that are played again, levels that are tried, in each rollout
-FORGET = 0.7  # what earlier episodes count with each rollout, as the policy changes
+KEPT, NEW = 96, 48  # in each rollout: levels that are played again, and new levels that are tried
+FORGET = 0.7  # the weight of earlier episodes is multiplied by it in each rollout, as the policy changes
 
 
 class Learnable:
@@ -58,7 +58,7 @@ class Learnable:
     """
 
     def __init__(self) -> None:
-        self.tallies: dict[tuple[int, int, int], np.ndarray] = {}  # solved, played
+        self.tallies: dict[tuple[int, int, int], np.ndarray] = {}  # episodes solved and played, by the level's key
 
     def __call__(self, progress: TrainingProgress) -> list[Level]:
         new: dict[tuple[int, int, int], np.ndarray] = {}
@@ -73,9 +73,9 @@ class Learnable:
         learnable = {key: share * (1 - share) for key, share in shares.items() if all_[key][0]}
         best = sorted(learnable, key=learnable.__getitem__, reverse=True)[:KEPT]
         self.tallies = {key: all_[key] for key in best}
-        again = best * (KEPT // max(1, len(best)))  # two of three episodes, also where there are few
+        again = best * (KEPT // max(1, len(best)))  # two of three episodes, even if few levels are kept
         tried = [(int(number), 0, 1) for number in progress.rng.integers(2**63, size=NEW)]
-        return [Level(key=key) for key in (*again, *tried)]  # all numbers follow from the key
+        return [Level(key=key) for key in (*again, *tried)]  # a level's numbers all follow from its key
 
 
 def held_out(folder: Path) -> dict[str, tuple[outlast.Scenario, list[Level]]]:

@@ -20,7 +20,8 @@ GAME = (
         safe_zone_damage=outlast.integers(1, 5),
     )
 )
-SIZE, FARTHEST, MOST = 10, 160.0, 0.6  # cells each way; metres, and share of ticks with an enemy in view, of the last
+# cells each way; metres moved, and share of ticks with an enemy in view, of the last cell
+SIZE, FARTHEST, MOST = 10, 160.0, 0.6
 
 
 def cells_of(found):

@@ -68,7 +68,7 @@ class BoxLocked(Event, capacity="agents", who="agent", whom="box"):
 
     agent: Array = column("i4", unit="entity")
     box: Array = column("i4", unit="entity")
-    locked: Array = column("u1")  # 1: it is now
+    locked: Array = column("u1")  # 1: locked, 0: unlocked
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def handle(
     """Locks first: a locked box is as static as walls are. Then what is held moves with its holder."""
     tables = (body, shape, entities, sight, handled)
     for box in boxes:
-        if not entities.alive[box]:  # broken, and later set up again
+        if not entities.alive[box]:  # it is broken: if it is set up again, it is not locked
             handled.locked_by[box], solid.dynamic[box] = NOBODY, 1
     for i in range(agents.size):
         e, own, locks = agents[i], side.side[agents[i]], action.lock[i] > 0
@@ -340,7 +340,7 @@ HIDE_AND_SEEK = Scenario(
         PLAN.mechanic(),
         systems.SpawnGrid(cells=8),
         systems.Steering(speed=4.0),
-        systems.Physics(linear_damping=3.0, angular_damping=3.0),  # boxes slide for a metre or so
+        systems.Physics(linear_damping=3.0, angular_damping=3.0),  # a box that is let go slides for a metre or so
         systems.Preparation(ticks=PREPARATION, sides=(SEEKERS,), blind=True),
         systems.Cameras(fov=0.75 * math.pi, depth=15.0),
         systems.Lidar(rays=15),

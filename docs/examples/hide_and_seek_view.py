@@ -1,4 +1,4 @@
-"""How hide and seek looks: locked boxes have the colour of who locked them, and held ones hang on their holder."""
+"""How hide and seek looks: locked boxes have the colour of the side that locked them, and lines show who holds what."""
 
 from dataclasses import dataclass
 

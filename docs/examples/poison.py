@@ -1,4 +1,4 @@
-"""Poison: an item that makes its user's enemies nearby ill. The ill lose hit points, tick after tick, for a while."""
+"""Poison: an item that makes enemies near its user ill. Ill agents lose hit points in every tick, for a while."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -35,14 +35,14 @@ from outlast.ecs import (
 class Vial(Component):
     """An item full of poison."""
 
-    strength: Array = column("i4")  # ticks for which it makes ill
+    strength: Array = column("i4")  # ticks for which it makes an agent ill
 
 
 class Illness(Component):
     """How ill an agent is. Written by poison."""
 
-    left: Array = column("i4")  # ticks until it is well again
-    source: Array = column("i4", fill=-1)  # the row of the agent that did it
+    left: Array = column("i4")  # ticks until the agent is well again
+    source: Array = column("i4", fill=-1)  # the row of the agent that used the vial
 
 
 class VialView(Observation):
@@ -51,7 +51,7 @@ class VialView(Observation):
     vials: Array = column("f4", "agents", "vials", fields=PLACE)
     vials_mask: Array = column("f4", "agents", "vials", low=0, high=1)
     vial_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
-    illness: Array = column("f4", "agents", 1, low=0)  # ticks
+    illness: Array = column("f4", "agents", 1, low=0)  # ticks until the agent is well
 
 
 class VialsUsed(Statistic):
@@ -67,7 +67,7 @@ class VialsUsed(Statistic):
 class Poison(Module):
     """Vials lie around; an agent that uses one poisons all enemies within reach."""
 
-    damage_type: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
+    damage_type: ClassVar[str] = "poison"  # deaths by poison are counted as "deaths_poison"
 
     count: int = number(4, low=1, about="number of vials")
     radius: float = number(0.25, low=0.002, unit="metres", about="radius of a vial")

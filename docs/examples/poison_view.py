@@ -1,4 +1,4 @@
-"""How poison looks in pictures and videos: vials as green discs, and a green ring around the ill."""
+"""How poison looks in pictures and videos: vials are green discs, and ill agents have a green ring."""
 
 from dataclasses import dataclass
 

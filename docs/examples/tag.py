@@ -1,4 +1,4 @@
-"""Tag: one agent is it, and a touch passes it on; a base is safe, running tires, and shields protect for a while."""
+"""Tag: one agent is it, and a touch passes that on; a base is safe, running tires, and shields protect for a while."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ from outlast.ecs.random import integer
 class Breath(Component):
     """How long an agent can still run. Written by stamina."""
 
-    left: Array = column("i4")  # ticks
+    left: Array = column("i4")  # ticks for which it can still run
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def see_stamina(
 class Player(Component):
     """What an agent is in the game. Written by tag, and `safe` also by shields."""
 
-    it: Array = column("u1")  # 1: it is it
+    it: Array = column("u1")  # 1: this agent is it
     safe: Array = column("i4")  # ticks for which it cannot be tagged
 
 
@@ -126,10 +126,10 @@ class Tags(Statistic):
 class Tag(systems.Melee):
     """One agent is it. Whom it strikes is it from then on, unless that one is in the base, or safe."""
 
-    damage_type: ClassVar[str] = ""  # it does no damage
+    damage_type: ClassVar[str] = ""  # tagging does no damage
 
     reach = 1.0
-    cooldown = 15  # ticks without a strike after one that hit somebody, and for who has become it
+    cooldown = 15  # ticks without a strike, after a hit and for an agent that has become it
     damage = 0
     base: float = number(1.5, low=0, unit="metres", about="radius of the safe circle in the middle of the room")
     it_reward: float = number(-1.0, unit="reward per tick", about="for being it")
@@ -230,7 +230,7 @@ def count(tags: Write[Tags], tagged: Read[Tagged], player: Read[Player], agents:
 class Shield(Component):
     """An item that makes its user safe."""
 
-    ticks: Array = column("i4")  # for which it does
+    ticks: Array = column("i4")  # for which the user is safe
 
 
 class ShieldView(Observation):

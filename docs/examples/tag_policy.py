@@ -1,10 +1,11 @@
-"""A scripted policy for tag: who is it runs after the nearest other agent, and the others run from it."""
+"""A scripted policy for tag: the agent that is it runs after the nearest other one, and all others run away from it."""
 
 import numpy as np
 
 from outlast.ecs import columns_of
 
-FULL, NEAR, CLOSE = 3, 4.0, 1.5  # the highest level of Steering; metres to run from, and to strike or use a shield
+# the highest level of Steering; metres within which to run away, and to strike or use a shield
+FULL, NEAR, CLOSE = 3, 4.0, 1.5
 
 
 def chase(env):
@@ -22,7 +23,7 @@ def chase(env):
         far = np.take_along_axis(far, nearest, -1)[..., 0]
         x, y = np.moveaxis(np.take_along_axis(ways, nearest[..., None], -2)[..., 0, :], -1, 0)
         bearing = np.arctan2(y, x) - own[..., angle]
-        speed = np.where(chasing, FULL, -FULL * (far < NEAR))  # who stands gets its breath back
+        speed = np.where(chasing, FULL, -FULL * (far < NEAR))  # agents that stand still get their breath back
         motion = np.rint([speed * np.cos(bearing), speed * np.sin(bearing), FULL * np.sin(bearing)])
         strike, use = chasing & (far < CLOSE), ~chasing & (far < CLOSE) & (own[..., shield] > 0)
         return np.stack([*(FULL + motion), strike, use], -1).astype(int)  # in the order of env.action_columns

@@ -1,4 +1,4 @@
-"""How tag looks: the base is a green disc, who is it has a red ring, and who is safe a blue one; so are shields."""
+"""How tag looks: the base is a green disc, a red ring marks who is it, a blue one who is safe, and shields are blue."""
 
 from dataclasses import dataclass
 

@@ -27,7 +27,7 @@ def test_agents_play(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.chdir(tmp_path)
     if name == "sb3":
         pytest.importorskip("stable_baselines3")
-        train_sb3("ffa_2-v1", seed=0, steps=1)  # one rollout
+        train_sb3("ffa_2-v1", seed=0, steps=1)  # steps are rounded up to one rollout
     game = Game("trained", SHORT.titled_as(outlast.variant("ffa_2")), (), 0)
     found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4, tmp_path / "self.rec")
     assert found["games"] == 4

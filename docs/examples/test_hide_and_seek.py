@@ -28,7 +28,7 @@ def placed(*places, boxes=(), scenario=OPEN, **numbers):
     body.x[0, own], body.y[0, own] = np.transpose([*boxes, *far][: own.stop - own.start])
     for column, value in (("angle", 0), ("cosine", 1), ("sine", 0)):
         getattr(body, column)[0] = value
-    step(env)  # in which they look around
+    step(env)  # agents look around, as they can only handle what they see
     return env, body, agents.start, own.start
 
 
@@ -70,7 +70,7 @@ def test_a_held_box_turns_with_its_holder():
 
 
 def test_what_is_out_of_reach_held_or_locked_is_not_grabbed():
-    env, _, me, _ = placed((0, 0), *ASIDE, boxes=[(2.3, 0)])  # 0.7 m
+    env, _, me, _ = placed((0, 0), *ASIDE, boxes=[(2.3, 0)])  # 0.7 m from the agent's rim
     step(env, GRAB)
     assert env.worlds[Grip].box[0, me] == -1
     env, _, me, box = placed((0, 0), (3.6, 0), *ASIDE[1:], boxes=[(1.8, 0)])
@@ -78,12 +78,13 @@ def test_what_is_out_of_reach_held_or_locked_is_not_grabbed():
     assert env.worlds[Grip].box[0, me : me + 2].tolist() == [box, -1]
     env, _, me, box = placed((0, 0), *ASIDE, boxes=[(1.8, 0), (0, -1.4)])
     step(env, LOCK)
-    step(env, GRAB)  # the nearest is locked
+    step(env, GRAB)  # the nearest box is locked, so the next one is grabbed
     assert env.worlds[Grip].box[0, me] == box + 1
 
 
 def test_agents_handle_what_they_see():
-    env, body, me, box = placed((0, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)])  # the seeker looks away
+    # the seeker, agent 2, looks away from the box
+    env, body, me, box = placed((0, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)])
     step(env, IDLE, IDLE, LOCK)
     step(env, IDLE, IDLE, GRAB)
     assert env.worlds[Handled].locked_by[0, box] == env.worlds[Handled].holder[0, box] == -1
@@ -140,7 +141,7 @@ def test_the_dead_have_no_hands():
 
 def test_a_locked_box_stands_until_its_side_unlocks_it():
     env, body, me, box = placed((0, 0), (-5, 3), (3.6, 0), (6, 1.5), boxes=[(1.8, 0)])
-    body.angle[0, me + 2], body.cosine[0, me + 2] = math.pi, -1  # it looks at the box
+    body.angle[0, me + 2], body.cosine[0, me + 2] = math.pi, -1  # now the seeker looks at the box
     step(env)
     observations, *_ = step(env, GRAB, IDLE, LOCK)  # a seeker locks what a hider holds
     (event,) = env.events()["box_locked"]
@@ -194,7 +195,7 @@ def test_sides_are_paid_by_who_is_seen():
         env, *_ = placed(*places, (5, 0.6), (5, -4), boxes=boxes, boxes_width=0.5 if pays < 0 else 2.2)
         body = env.worlds[Body]
         body.angle[0, 2:4], body.cosine[0, 2:4] = math.pi, -1  # seekers look to the left
-        if boxes:  # upright, and so wide that it hides both
+        if boxes:  # an upright box that is so long that it hides both
             env.worlds[outlast.components.Shape].half_height[0, env.worlds.span("box").start] = 4
         reward = step(env)[1]
         assert reward[0] == pytest.approx([pays, pays, -pays, -pays])

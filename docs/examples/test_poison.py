@@ -40,7 +40,7 @@ def test_enemies_lose_points_for_a_while():
         step(env)
     assert points(env) == [100, 100, 40, 100]
     step(env)
-    assert points(env) == [100, 100, 40, 100]  # well again
+    assert points(env) == [100, 100, 40, 100]  # agent 2 is well again
 
 
 def test_it_reaches_no_farther():

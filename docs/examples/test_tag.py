@@ -69,7 +69,7 @@ def test_only_agents_are_tagged():
 def test_who_has_become_it_waits_before_it_strikes():
     env = placed((2, 2), (3.4, 2), tag_cooldown=3)
     env.worlds[Body].angle[0, 1], env.worlds[Body].cosine[0, 1] = np.pi, -1
-    step(env, STRIKE, STRIKE)  # both strike in one tick: it is passed on once
+    step(env, STRIKE, STRIKE)  # both strike in the same tick, but being it is passed on once only
     for _ in range(3):
         assert its(env) == [0, 1]
         step(env, IDLE, STRIKE)
@@ -125,7 +125,7 @@ def test_everybody_sees_everything():
     env = placed((2, 2), (4, 4), (-4, -4), it=2)
     env.worlds[Breath].left[0, :3] = 10, 20, 30
     observations, *_ = step(env)
-    rows = observations["others"][0, 0]  # what agent 0 sees of 1 and 2
+    rows = observations["others"][0, 0]  # agent 0's rows of agents 1 and 2
     assert rows[:, env.fields["others"]["it"].start].tolist() == [0, 1]
     assert rows[:, env.fields["others"]["stamina"].start].tolist() == [22, 32]
     shields = env.worlds.span("shield")

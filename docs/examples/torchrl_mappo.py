@@ -1,4 +1,4 @@
-"""MAPPO with TorchRL's own parts: a collector, a critic that knows the state of the world, masks, and a clipped loss.
+"""MAPPO from TorchRL's own parts: a collector, a critic that sees the state of the world, masks, and a clipped loss.
 
 python torchrl_mappo.py --scenario ffa_1 --frames 400000
 """

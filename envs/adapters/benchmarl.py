@@ -42,7 +42,7 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         ValueError: BenchMARL sets an argument of make_torchrl by itself; see TAKEN.
     """
 
-    _evaluates = False  # whether the worlds that were asked for last are for evaluation, as every second time
+    _evaluates = False  # whether the last call was for evaluation; calls for it and for training alternate
 
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
         for argument in TAKEN.keys() & config.keys():

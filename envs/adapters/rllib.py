@@ -87,7 +87,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         """Take a step as SurvivalParallelEnv does; terminated also has "__all__", and truncated has nothing else."""
         observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
         self.agents = self._parallel.agents
-        self._cut |= any(truncated.values())  # stays so if step is called again after the end
+        self._cut |= any(truncated.values())  # remains true if step is called again after the end
         terminated["__all__"] = not self.agents and not self._cut
         return self._with_masks(observations, infos), rewards, terminated, {"__all__": self._cut}, infos
 

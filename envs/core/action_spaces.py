@@ -206,7 +206,7 @@ class ActionSpace:
 
     @cached_property
     def _by_idle(self) -> Array:
-        """Return a mask for each set of actions that would do nothing, bool (sets, mask_size); or DeclarationError."""
+        """Return a mask for each set of idle actions, bool (sets, mask_size). Raises DeclarationError for too many."""
         if len(self.keys) > MASKED:
             raise DeclarationError(f"masks of {len(self.keys)} actions: at most {MASKED} are possible; leave masks out")
         # whether each set has each action, (sets, actions)

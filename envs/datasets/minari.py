@@ -71,7 +71,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
         kwargs={"game": about["scenario"], "mechanics": about["mechanics"]},
     )
     with _staged(name, place), warnings.catch_warnings():
-        # Minari misses a link to the code, but that is in a release of a package
+        # Minari warns that there is no link to the code, which is in a released package
         warnings.simplefilter("ignore", UserWarning)
         minari.create_dataset_from_buffers(
             name,

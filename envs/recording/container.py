@@ -8,7 +8,7 @@ chunk    a header of 40 bytes, then the content: tag, bytes of the content store
          number of the first of them, blake2b-8 of the stored content, blake2b-8 of the 32 bytes before
 HEAD     the first chunk: JSON that says what was recorded (see reader)
 RECORDS  many chunks: tick records (see tick_records); after them, packed separately, what the policy thought in
-        these ticks, if the header has a policy. Earlier readers do not look beyond the tick records.
+         these ticks, if the header has a policy. Earlier readers do not look beyond the tick records.
 DONE     the last chunk, without content: it says that the recording was closed and nothing is missing
 ======== =========================================================================================
 

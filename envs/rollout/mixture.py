@@ -47,7 +47,7 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     pairs = []
     for part in text.split(","):
         name, weight = part.strip(), "1"
-        # C:/runs may be a folder, and not a weight
+        # C:/runs may be a folder, whose colon is not that of a weight
         if ":" in name and not name.endswith(SAVED) and not Path(name).is_dir():
             name, _, weight = (piece.strip() for piece in name.rpartition(":"))
         pairs.append((name, weight))

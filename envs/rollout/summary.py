@@ -13,7 +13,7 @@ from ..errors import UsageError
 Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
-MOMENTS = ("first_death",)  # moments at which something happened; 0 if it did not, which means leave out
+MOMENTS = ("first_death",)  # moments of an event; 0 in episodes without it, which the means leave out
 
 
 @dataclass(repr=False)

@@ -33,7 +33,7 @@ def imported() -> dict[str, type[Module]]:
     for kind in Module.imported()[1:]:
         module, before = sys.modules.get(kind.__module__), found.get(full_name(kind))
         if module is not None and (before is None or getattr(module, kind.__name__, None) is not before):
-            # if a file was imported several times, its present class; otherwise the last one
+            # if a file was imported several times: the class that is in the module now, or else the last one
             found[full_name(kind)] = kind
     return found | KNOWN
 
