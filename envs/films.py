@@ -116,7 +116,7 @@ def film(
         TypeError: A layer is not a layer.
     """
     _check(STEPS if steps is None else steps, mosaic, views)
-    check_pictures(size, mosaic or (1, 1), every)  # ahead of worlds, of which there are as many as it has room for
+    check_pictures(size, mosaic or (1, 1), every)  # before worlds are made: `mosaic` says how many
     looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
@@ -225,7 +225,7 @@ def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
 
 
 def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
-    """The recording, also by the path of its file; None for what names a scenario."""
+    """Return the recording that `game` is, or whose path it is; None if it is a scenario or names one."""
     if not isinstance(game, str | os.PathLike):
         return game if isinstance(game, Recording) else None
     name = os.fspath(game)

@@ -1,7 +1,7 @@
 """Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions.
 
-python benchmark_agents.py sb3 ffa_2-v1 0 1 2      # trains the policies of `sb3`, PPO of Stable-Baselines3; seeds 0 1 2
-python benchmark_agents.py mappo teams_2-v1 0 1 2  # trains the policies of `mappo`, MAPPO of BenchMARL
+python benchmark_agents.py sb3 ffa_2-v1 0 1 2      # trains what `sb3` loads, with these seeds: PPO of Stable-Baselines3
+python benchmark_agents.py mappo teams_2-v1 0 1 2  # the same of `mappo`: MAPPO of BenchMARL
 """
 
 import sys
@@ -12,7 +12,7 @@ import numpy as np
 
 import outlast
 
-Observations = dict[str, np.ndarray]  # arrays (worlds, agents, ...) by key
+Observations = dict[str, np.ndarray]  # by key, (worlds, agents, ...)
 Policy = Callable[[Observations], np.ndarray]  # integers (worlds, agents, actions)
 
 
@@ -51,7 +51,7 @@ def sb3(env, seed: int) -> Policy:
 
     def act(observations: Observations) -> np.ndarray:
         agents = {key: array.reshape(-1, *array.shape[2:]) for key, array in observations.items()}
-        actions, _ = model.predict(agents)  # actions are sampled, as in training
+        actions, _ = model.predict(agents)  # sampled, as in training
         return actions.reshape(env.num_worlds, env.num_agents, -1)
 
     return act
@@ -68,8 +68,7 @@ def train_mappo(task: str, seed: int, steps: int = 10_000_000) -> None:
     own = task_of_benchmarl(scenario, groups="all")
     folder = Path("runs", f"mappo-{scenario.file_name}-{seed}")
     folder.mkdir(parents=True, exist_ok=True)
-    # frames are ticks of a world, while steps count every agent
-    frames = steps // outlast.make_vec(scenario, 1).num_agents
+    frames = steps // outlast.make_vec(scenario, 1).num_agents  # ticks of a world
     run = experiment(own, "mappo", frames, folder, seed, evaluation=False)
     run.run()
     weights = run.algorithm.get_policy_for_loss("agents").state_dict()
@@ -77,8 +76,7 @@ def train_mappo(task: str, seed: int, steps: int = 10_000_000) -> None:
     np.savez(f"mappo-{scenario.file_name}-{seed}", **layers)
 
 
-# of three linear layers, with tanh in between
-LAYERS = [f"{k}.{part}" for k in (0, 2, 4) for part in ("weight", "bias")]
+LAYERS = [f"{k}.{part}" for k in (0, 2, 4) for part in ("weight", "bias")]  # between them is tanh
 
 
 def mappo(env, seed: int) -> Policy:
@@ -86,9 +84,8 @@ def mappo(env, seed: int) -> Policy:
     with np.load(f"mappo-{env.scenario.file_name}-{seed}.npz") as file:
         layers = [file[key] for key in LAYERS]
     sizes, generator = env.action_sizes, np.random.default_rng(seed)
-    # the actions that make up each joint action
-    joint = np.stack(np.unravel_index(np.arange(np.prod(sizes)), sizes), -1)
-    columns = joint + np.cumsum([0, *sizes[:-1]])  # their columns in a mask
+    joint = np.stack(np.unravel_index(np.arange(np.prod(sizes)), sizes), -1)  # all actions of each joint one
+    columns = joint + np.cumsum([0, *sizes[:-1]])  # of a mask
 
     def act(observations: Observations) -> np.ndarray:
         seen = outlast.scaled(observations, env.fields)
@@ -96,7 +93,7 @@ def mappo(env, seed: int) -> Policy:
         for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
             row = np.tanh(row @ weight.T + bias)
         scores = row @ layers[-2].T + layers[-1]
-        scores[~env.action_masks()[..., columns].all(-1)] = -np.inf  # masked, as in training
+        scores[~env.action_masks()[..., columns].all(-1)] = -np.inf  # as in training
         odds = np.cumsum(np.exp(scores - scores.max(-1, keepdims=True)), -1)
         drawn = generator.random((*odds.shape[:2], 1)) * odds[..., -1:]
         return joint[(odds > drawn).argmax(-1)]

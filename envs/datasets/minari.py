@@ -159,7 +159,7 @@ def _episode(whole: Samples, i: int) -> Any:
 
 
 def _spaces(worlds: Worlds) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-    """What one agent sees and does; the same for all of them."""
+    """Return the spaces of one agent's observations and actions, which are the same for all."""
     seen = Observations(worlds, "dict", scaled=False).of_agent(0)
     there = {key: box for key, box in seen.items() if all(box.shape)}
     return spaces.Dict(there), ActionSpace(worlds, "multi").single

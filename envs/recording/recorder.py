@@ -26,8 +26,8 @@ from .tick_records import JointActions, TickFormat, TickRecord, encode_policies,
 
 Array = np.ndarray[Any, Any]
 
-MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written: what a killed process loses
-MAX_PENDING_SECONDS = 5.0  # that they wait, as long as ticks go on
+MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written; a killed process loses them
+MAX_PENDING_SECONDS = 5.0  # after which waiting tick records are written with the next tick
 
 
 class Recorder:
@@ -110,7 +110,7 @@ class Recorder:
         self._continuous = False
         self._worlds.run(mode)
         if not all_step and (begun := mode == RESET).any():
-            self._keyed[begun] = self._keys()[begun]  # a replay has them, too, as they follow from those before
+            self._keyed[begun] = self._keys()[begun]  # a replay works these out from the keys before
         digest = self._digests.compute(self.ticks)
         try:
             self._file.append(TickRecord(mode.copy(), codes, keys, digest, thought))
@@ -140,13 +140,13 @@ class Recorder:
             raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
 
     def _keys(self) -> Array:
-        """What keys the random numbers of each world: a row without its number, see TickRecord.keys."""
+        """Return what keys the random numbers of each world: rows of TickRecord.keys without the world's number."""
         clock = self._worlds[Clock]
         given = [self._worlds[Given].words] if Given in self._worlds else []
         return np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
 
     def _new_keys(self) -> Array:
-        """What keys random numbers, of the worlds where the recording so far does not imply it; it does from now on."""
+        """Return what keys the worlds whose keys do not follow from the recording so far, and note it as recorded."""
         now = self._keys()
         rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
         self._keyed[rows] = now[rows]

@@ -78,7 +78,7 @@ OPTIONS = tuple(play.__kwdefaults__ or ())  # names of its keyword-only argument
 
 
 def _check(fps: Any, port: Any) -> None:
-    """PlayError for a rate or a port that cannot be, and where an event loop runs."""
+    """Raise PlayError if the rate or the port is not possible, or an event loop already runs in this thread."""
     if fps is not None and not (isinstance(fps, int | float) and 0 < fps <= FASTEST):
         raise PlayError(f"fps = {fps!r}: a number above 0, up to {FASTEST}, is needed")
     if not is_whole(port, 0, 65535):
