@@ -91,10 +91,11 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
     hints, own = get_type_hints(function, include_extras=True), inspect.signature(function).parameters
     for name, parameter in own.items():
         if parameter.default is not parameter.empty:
+            cure = f": the default of a number stands in the class of its mechanic, as in {name}: float = number(1.0)"
             raise DeclarationError(
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' has the default "
-                f"{parameter.default!r:.60}, but every call gives it; leave it out: the default of a number stands in "
-                f"the class of its mechanic, as in {name}: float = number(1.0)"
+                f"{parameter.default!r:.60}, but every call gives it; leave it out"
+                + (cure if hints.get(name) in (int, float, bool) or get_origin(hints.get(name)) is tuple else "")
             )
     return tuple(_parameter(function, name, hints.get(name)) for name in own)
 

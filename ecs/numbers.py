@@ -27,22 +27,22 @@ def number(
     """Declare a number of a module, with its default and its range.
 
     Args:
-        default: Its value where a scenario gives none.
+        default: The value if a scenario does not set it.
         low: Inclusive lower bound.
         high: Inclusive upper bound.
         above: Exclusive lower bound.
         choices: The values of a number that is a str; kernels get the index.
-        scales_with: The full name of another number ("room_size"): where a scenario changes that one, this one changes
-            in proportion, unless it was set by hand.
-        per_agent: Whether roles may differ in it, of an int or a float. Systems then read it by `of(reach, e)`, where e
-            is the row of the agent.
-        free: Whether worlds of a batch may have any value of one length, of a tuple (see distributions.free): nothing
-            but systems, and `check`, depends on what it is.
-        unit: In words, in the plural: "metres".
-        about: What it is, as in "radius of an agent", or what holds if it is True. `outlast numbers` prints it.
+        scales_with: The full name of another number ("room_size"): when a scenario changes that one, this one changes
+            in proportion, unless it was set explicitly.
+        per_agent: Whether roles may differ in it; only for an int or a float. Systems then read it by `of(reach, e)`,
+            where e is the row of the agent.
+        free: Whether worlds of a batch may have any value of the same length; only for a tuple (see
+            distributions.free). Then only systems, and `check`, may depend on the value.
+        unit: The unit in words, in the plural: "metres".
+        about: What the number is, as in "radius of an agent", or what holds if it is True. `outlast numbers` prints it.
 
     Raises:
-        DeclarationError: `scales_with`, `unit` or `about` is no text.
+        DeclarationError: `scales_with`, `unit` or `about` is not a text.
     """
     for key, text in (("scales_with", scales_with), ("unit", unit), ("about", about)):
         if not isinstance(text, str):

@@ -58,7 +58,7 @@ def combinable(tags: Sequence[str]) -> Sequence[str]:
 
 
 def explained(width: int = 78) -> Iterator[str]:
-    """A line or more for each column, for help."""
+    """Return a line or more for each column, for help."""
     indent = max(map(len, COLUMNS)) + 4
     for name, (unit, meaning) in COLUMNS.items():
         text = f"{unit} {meaning}".strip()

@@ -18,10 +18,10 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
-from ..scenarios.changes import by_full_name, defaults, numbers
+from ..scenarios.changes import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
-from ..scenarios.naming import distribution, mechanic, resolve
+from ..scenarios.naming import distribution, mechanic_and_numbers, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..web.announce import announce as announced
@@ -99,17 +99,16 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     import_files(options)
     asked = resolve(name or options.variant)
     walls = () if options.layout is None else named_layout(options.layout)
-    more = [(f"--with {text}", mechanic(text)) for text in getattr(options, "with")]
-    asked = asked.with_(*walls).with_(*(module for _, module in more)).without(*options.without)
+    more = [(f"--with {text}", *mechanic_and_numbers(text)) for text in getattr(options, "with")]
+    asked = asked.with_(*walls).with_(*(module for _, module, _ in more)).without(*options.without)
     if any(module not in asked.modules for module in walls):
         raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; say one of them")
-    if gone := [option for option, module in more if type(module) not in map(type, asked.modules)]:
+    if gone := [option for option, module, _ in more if type(module) not in map(type, asked.modules)]:
         raise ScenarioError(f"{gone[0]}: --without takes it out again; say one of them")
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
     given = by_full_name(asked.find_number, [_parts("--set", text) for text in options.set])
-    added = [module for _, module in more]
-    fixed = dict.fromkeys(numbers(added).keys() - defaults(added), "--with")
+    fixed = {name: "--with" for _, _, names in more for name in names}
     if twice := sorted(fixed.keys() & given.keys()):
         raise ScenarioError(f"--set {twice[0]}: --with has it, too; say one of them")
     now = asked.numbers()

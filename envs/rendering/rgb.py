@@ -43,7 +43,8 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
-    canvas, shown = Canvas(int(size), scene.half), [layer for layer in checked_layers(layers) if layer.fits(scene)]
+    chosen = checked_layers(LAYERS if layers is None else layers)
+    canvas, shown = Canvas(int(size), scene.half), [layer for layer in chosen if layer.fits(scene)]
     canvas.clear(WALL)
     image = paint(canvas, [layer for layer in shown if not isinstance(layer, Strip)], scene)
     strips = sorted((layer for layer in shown if isinstance(layer, Strip)), key=lambda strip: strip.zorder)
@@ -92,11 +93,12 @@ def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
         raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
 
 
-def checked_layers(layers: Iterable[Layer] | None) -> list[Layer]:
-    """The layers as a list, LAYERS for None. Raises TypeError for what is none."""
-    if isinstance(layers, Layer):
-        raise TypeError(f"layers = {layers!r:.60}: a list is needed, as in layers=[{type(layers).__name__}()]")
-    found = list(LAYERS if layers is None else layers)
+def checked_layers(layers: Any) -> list[Layer]:
+    """Return the layers as a list. Raises TypeError for anything that is not a layer."""
+    if not isinstance(layers, Iterable):
+        example = type(layers).__name__ if isinstance(layers, Layer) else "CamerasLayer"
+        raise TypeError(f"layers = {layers!r:.60}: a list is needed, as in layers=[{example}()]")
+    found = list(layers)
     for layer in found:
         if not isinstance(layer, Layer):
             raise TypeError(f"{layer!r} is not a layer: pass instances, as in layers=[*LAYERS, CamerasLayer()]")

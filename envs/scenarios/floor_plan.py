@@ -11,6 +11,7 @@ from typing import Any
 from outlast.components import Body, Floor, Shape, Wall
 from outlast.ecs import Entity, Module, Worlds
 from outlast.ecs.errors import did_you_mean
+from outlast.ecs.whole import is_whole
 from outlast.ecs.worlds import checked_worlds
 from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
@@ -112,8 +113,9 @@ class FloorPlan:
             ScenarioError: There is no such world.
             TypeError: `worlds` is something else, as an environment.
         """
-        if not 0 <= w < checked_worlds(worlds).count:
-            raise ScenarioError(f"world {w}: there are the worlds 0 to {worlds.count - 1}")
+        last = checked_worlds(worlds).count - 1
+        if not is_whole(w, 0, last):
+            raise ScenarioError(f"world {w!r}: there are the worlds 0 to {last}")
         if Wall not in worlds:
             return cls()
         body, shape, alive = worlds[Body], worlds[Shape], worlds[Entity].alive[w]

@@ -96,11 +96,18 @@ def mechanic(text: str) -> Module:
         ScenarioError: There is no such mechanic, or it has no such number.
         NumberError: A number is out of its range.
     """
+    return mechanic_and_numbers(text)[0]
+
+
+def mechanic_and_numbers(text: str) -> tuple[Module, list[str]]:
+    """Return `mechanic(text)`, and the full names of the numbers that the text gives it."""
     match = MECHANIC.fullmatch(text.strip())
     if match is None:
         raise ScenarioError(f"{text}: a mechanic is needed, as in 'DropLast(offset=2.0)' or FILE.py:NAME")
     kind = mechanic_in(match["place"], match["name"]) if match["place"] else _known(match["name"])
-    return kind(**_literals(text, match["numbers"] or "()", [item.name for item in dataclasses.fields(kind)]))
+    given = _literals(text, match["numbers"] or "()", [item.name for item in dataclasses.fields(kind)])
+    made = kind(**given)
+    return made, [f"{made.name}_{number}" for number in given]
 
 
 def distribution(text: str) -> Distribution:

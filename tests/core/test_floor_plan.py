@@ -68,8 +68,9 @@ def test_a_world_as_a_plan_is_set_up_again() -> None:
     other = outlast.make_vec(variant("ffa_1").with_(plan.mechanic()), 1, seed=5)
     other.reset()
     assert blocks(other.worlds, 0) == blocks(env.worlds, 2)
-    with pytest.raises(ScenarioError, match="there are the worlds 0 to 2"):
-        FloorPlan.of_world(env.worlds, 3)
+    for strange in (3, -1, 1.0, "x"):
+        with pytest.raises(ScenarioError, match=f"world {strange!r}: there are the worlds 0 to 2"):
+            FloorPlan.of_world(env.worlds, strange)
     env.close()
     other.close()
 

@@ -280,6 +280,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--set n_agents=3 --set agents_count=4", "agents_count is given twice"),
         ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; say one of them"),
         ("--with Boxes(count=3) --vary n_boxes=integers(1,3)", "--vary boxes_count: --with has it, too"),
+        ("--with DropLast(offset=1.0) --set drop_last_offset=2", "--set drop_last_offset: --with has it, too"),
         ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
         ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),
         ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 means nothing beside"),

@@ -295,6 +295,11 @@ def test_a_default_of_a_parameter_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"rush: parameter 'speed' has the default 9\.0, but every call"):
         Odd.system(Phase.MOVE)(rush)
 
+    def sink(energy: Read[Energy] = None) -> None: ...  # type: ignore[assignment]
+
+    with pytest.raises(DeclarationError, match=r"sink: parameter 'energy' .* gives it; leave it out$"):
+        Odd.system(Phase.MOVE)(sink)
+
 
 def test_numbers_of_what_is_no_dataclass_are_refused() -> None:
     class Forgot(Toy):

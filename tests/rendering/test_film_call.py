@@ -131,6 +131,7 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "views": ("ffa_1", {"views": "+visoin"}, FilmError, "did you mean vision"),
     "a layer": ("ffa_1", {"layers": ["vision"]}, TypeError, "'vision' is not a layer: pass instances"),
     "the class of a layer": ("ffa_1", {"layers": [CamerasLayer]}, TypeError, "is not a layer: pass instances"),
+    "no layers": ("ffa_1", {"layers": None}, TypeError, "layers = None: a list is needed, as in layers="),
     "a layer without a list": ("ffa_1", {"layers": CamerasLayer()}, TypeError, r"as in layers=\[CamerasLayer"),
     "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
     "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),

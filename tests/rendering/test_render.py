@@ -126,7 +126,7 @@ def test_worlds_that_are_not_there(w: Any) -> None:
             look(played("ffa_1", 0), w)
 
 
-@pytest.mark.parametrize("look", [draw, text, FloorPlan.of_world, lambda env, w: footage(env, (), [w])])
+@pytest.mark.parametrize("look", [draw, text, FloorPlan.of_world, lambda env, w: footage(env, (), np.arange(w))])
 def test_an_environment_in_place_of_its_worlds(look: Callable[[Any, int], object]) -> None:
     words = "SurvivalVectorEnv is given for worlds: those of an environment are env.worlds"
     with pytest.raises(TypeError, match=words):

@@ -180,6 +180,10 @@ def test_tables_are_of_all_games_that_are_there(
     found = (tmp_path / part / table).read_text()
     assert all(game.rpartition("-")[0] in found for game in games)
     assert filmed == [f"{games[0]}.gif" if part == "original" else "ffa_2.gif"]
+    if part == "mended":  # the other one is not measured for that
+        shutil.rmtree(tmp_path / part / "measured" / f"{games[1]}-0")
+        assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
+        assert games[1].rpartition("-")[0] not in (tmp_path / part / table).read_text()
 
 
 @pytest.mark.nightly

@@ -442,6 +442,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path
     assert not list(tmp_path.glob("*/*.tmp"))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
 def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
     """The other one reads, and writes nothing; a lock ends with its process, however that ends."""
     TrainingRun(config(EACH), tmp_path / "whole").train()

@@ -111,9 +111,14 @@ def _figures(evaluation: dict[str, Any], policy: str, against: str) -> list[Figu
     raise TrainingError(f"{policy} has not played against {against}")
 
 
+def measured(folder: Path) -> bool:
+    """Whether a folder has the tables of `measure`."""
+    return (folder / TABLES).exists()
+
+
 def _complete(folder: Path, texts: Sequence[str]) -> bool:
     """Whether a folder has the complete evaluation of these policies."""
-    if not (folder / TABLES).exists():
+    if not measured(folder):
         return False
     found = _read(folder)
     return bool(found["complete"]) and [policy["policy"] for policy in found["policies"]] == list(texts)

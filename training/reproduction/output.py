@@ -27,7 +27,7 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     """Write everything about a part, and yield the path of each file once it is written.
 
     Figures and tables show all experiments of the part whose runs are in the folder; otherwise those of one game would
-    replace those of another.
+    replace those of another. Mended games that are not chosen are shown if they were measured before.
 
     Args:
         part: One of experiments.PARTS.
@@ -42,6 +42,8 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     timed = seconds_table(experiments(PARTS), out, before)
     yield from _written({out / SECONDS: timed.encode()})
     there = [each for each in experiments([part]) if each.results(out)]
+    if part == "mended":
+        there = [each for each in there if each in chosen or all(map(mended.measured, _tables(each, out).values()))]
     yield from (_mended if part == "mended" else _beside_the_paper)(part, there, out, progress)
     for each in chosen:
         yield _film(each.scenario, each.results(out)[0], out / part / each.film)
@@ -64,8 +66,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
     """Policies to keep, what was measured of them, and a figure for each variant."""
     measured, curves = dict[str, list[Path]](), dict[str, list[Path]]()
     for each in there:
-        for place in each.results(out):
-            tables = out / part / "measured" / place.name.removesuffix(".csv")
+        for place, tables in _tables(each, out).items():
             kept = tables.parents[1] / f"{tables.name}.csv"
             if place.is_dir():
                 mended.measure(each.scenario, place, tables)
@@ -78,6 +79,11 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
     for name, own in curves.items():
         yield from plot(own, out / part / name, by=("scenario", *changed), curves=CURVES).files
         progress(1)
+
+
+def _tables(each: Experiment, out: Path) -> dict[Path, Path]:
+    """The folder of what is measured of each run of a mended game, by the run's folder or kept curves."""
+    return {place: out / each.part / "measured" / place.name.removesuffix(".csv") for place in each.results(out)}
 
 
 def _kept(run: Path, place: Path) -> dict[Path, bytes]:

@@ -177,11 +177,12 @@ def check_pictures(size: int, grid: Grid, every: int) -> None:
 
 
 def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: int) -> None:
-    if not chosen:
+    count = checked_worlds(worlds).count
+    if len(chosen) == 0:
         raise FilmError("no world is chosen: at least one is needed")
     check_pictures(size, grid, every)
-    if strange := [w for w in chosen if not 0 <= w < checked_worlds(worlds).count]:
-        raise FilmError(f"there is no world {strange[0]}: there are {worlds.count}, from 0 on")
+    if strange := [w for w in chosen if not 0 <= w < count]:
+        raise FilmError(f"there is no world {strange[0]}: there are {count}, from 0 on")
     if len(chosen) > grid[0] * grid[1] or min(grid) < 1:
         rows, columns = near_square(len(chosen))
         raise FilmError(
