@@ -126,6 +126,7 @@ def test_tables_can_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_events_are_listed_with_those_who_emit_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not with walls, which change what a strike has hit."""
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
     monkeypatch.syspath_prepend(str(DOCS / "_ext"))
     rows = [line.split(" | ") for line in importlib.import_module("catalogue").events().splitlines()]
     emits = {row[0].strip("| `"): row[-1].strip("| `") for row in rows}
