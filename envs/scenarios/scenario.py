@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
+from outlast.ecs.component import snake_case
 from outlast.ecs.errors import did_you_mean
 from outlast.ecs.per_agent import checked_roles
 from outlast.ecs.roles import NEVER
@@ -351,9 +352,10 @@ class Scenario:
     def _find(self, kind: type[Module] | str) -> Module:
         if found := self._found(kind):
             return found
-        known = ", ".join(module.name for module in sorted_(self))
+        known = [module.name for module in sorted_(self)]
         name = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
-        raise ScenarioError(f"{self.name} has no module '{name}'; it has: {known}")
+        hint = did_you_mean(snake_case(name), known, after=" ")
+        raise ScenarioError(f"{self.name} has no module '{name}'; {hint}it has: {', '.join(known)}")
 
     def _found(self, kind: type[Module] | str) -> Module | None:
         for module in self.modules:
