@@ -14,7 +14,7 @@ import torch
 from outlast.envs.errors import install
 from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
+from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
 
@@ -123,7 +123,11 @@ class TrainingRun:
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
-        self.fresh, self.lock, self._threads = files is None, FolderLock(folder), torch.get_num_threads()
+        self.fresh, self.lock, self._threads = (
+            files is None,
+            FolderLock(folder, "trains this run"),
+            torch.get_num_threads(),
+        )
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():
@@ -255,24 +259,19 @@ class TrainingRun:
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self, there: set[str]) -> None:
-        """Make the folder and lock it, remove temporary files of a killed process, and say in run.json what is asked.
+        """Make the folder and lock it, and say in run.json what is asked.
 
         there: What was in it when the checkpoint was read.
         """
         checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it could not be read again
-        self.folder.mkdir(parents=True, exist_ok=True)
         try:
             self.lock.acquire()
-        except BlockingIOError:
-            raise TrainingError(
-                f"{self.folder}: another process trains this run; wait until it ends, stop it, or choose another --out"
-            ) from None
+        except BlockingIOError as error:
+            raise TrainingError(str(error)) from None
         if self._there() != there:
             raise TrainingError(
                 f"{self.folder}: another process has trained this run in the meantime; go on from there with --resume"
             )
-        for path in filter(is_temporary, list(self.folder.iterdir())):
-            remove(path)
         if (self.folder / run_header.NAME).exists():
             header = run_header.read_run_folder(self.folder)
         else:

@@ -21,7 +21,7 @@ from ..rollout.saved import SAVED
 from ..scenarios.changes import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
-from ..scenarios.naming import distribution, mechanic_and_numbers, resolve
+from ..scenarios.naming import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..web.announce import announce as announced
@@ -99,7 +99,7 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     import_files(options)
     asked = resolve(name or options.variant)
     walls = () if options.layout is None else named_layout(options.layout)
-    more = [(f"--with {text}", *mechanic_and_numbers(text)) for text in getattr(options, "with")]
+    more = [(f"--with {text}", *mechanic(text)) for text in getattr(options, "with")]
     asked = asked.with_(*walls).with_(*(module for _, module, _ in more)).without(*options.without)
     if any(module not in asked.modules for module in walls):
         raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; say one of them")

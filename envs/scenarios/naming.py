@@ -84,8 +84,8 @@ def resolve(
     return scenario.replace(**numbers)
 
 
-def mechanic(text: str) -> Module:
-    """Return a mechanic that a user names.
+def mechanic(text: str) -> tuple[Module, list[str]]:
+    """Return a mechanic that a user names, and the full names of the numbers that the text gives it.
 
     Args:
         text: "DropLast" or "DropLast(offset=2.0)": one of outlast's mechanics, or of those imported already;
@@ -96,11 +96,6 @@ def mechanic(text: str) -> Module:
         ScenarioError: There is no such mechanic, or it has no such number.
         NumberError: A number is out of its range.
     """
-    return mechanic_and_numbers(text)[0]
-
-
-def mechanic_and_numbers(text: str) -> tuple[Module, list[str]]:
-    """Return `mechanic(text)`, and the full names of the numbers that the text gives it."""
     match = MECHANIC.fullmatch(text.strip())
     if match is None:
         raise ScenarioError(f"{text}: a mechanic is needed, as in 'DropLast(offset=2.0)' or FILE.py:NAME")

@@ -236,7 +236,7 @@ def test_mechanics_can_be_left_out_and_added(tag: Scenario) -> None:
     scenario = asked("ffa_3", *words, "--with", f"{EXAMPLES}/tag.py:Stamina(most=50)")
     plain = variant("ffa_3").without("safe_zone", "heals").replace(n_boxes=4)
     assert scenario.modules == (*plain.modules, DropLast(offset=2.0), type(tag["stamina"])(most=50))  # type: ignore[call-arg]
-    assert mechanic("Stamina") == type(tag["stamina"])()
+    assert mechanic("Stamina")[0] == type(tag["stamina"])()
     assert asked("ffa_3", "--with", "Teams").name == "ffa_3-with_teams"
 
 

@@ -14,7 +14,6 @@ from typing import Any
 from outlast.envs.errors import ActionError
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import newest
-from outlast.envs.storage.atomic_write import is_temporary, remove
 from outlast.envs.storage.folder_lock import FolderLock
 
 from .. import log_file
@@ -147,22 +146,17 @@ class EntryRun:
         """Do everything that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
         with self._alone():
             self.result = self._there(self.entry)  # which another process may have gone on with meanwhile
-            for path in filter(is_temporary, list(self.entry.folder.glob(".*"))):  # of a process that was killed
-                remove(path)
             return self._run()
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
         """Keep other processes out of the folder, which is made."""
         folder = self.entry.folder
-        lock = FolderLock(folder)
+        lock = FolderLock(folder, "plays this entry")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
-        except BlockingIOError:
-            raise TrainingError(
-                f"{folder}: another process plays this entry; wait until it ends, stop it, or choose another --out"
-            ) from None
+        except BlockingIOError as error:
+            raise TrainingError(str(error)) from None
         except OSError as error:
             raise TrainingError(f"{folder} cannot be a folder: {error.strerror}; choose another --out") from error
         try:

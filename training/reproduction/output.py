@@ -43,8 +43,10 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     yield from _written({out / SECONDS: timed.encode()})
     there = [each for each in experiments([part]) if each.results(out)]
     if part == "mended":
-        there = [each for each in there if each in chosen or all(map(mended.measured, _tables(each, out).values()))]
-    yield from (_mended if part == "mended" else _beside_the_paper)(part, there, out, progress)
+        shown = [each for each in there if each in chosen or all(map(mended.measured, _tables(each, out).values()))]
+        yield from _mended(part, shown, out, progress)
+    else:
+        yield from _beside_the_paper(part, there, out, progress)
     for each in chosen:
         yield _film(each.scenario, each.results(out)[0], out / part / each.film)
         progress(1)
