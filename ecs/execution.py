@@ -1,6 +1,7 @@
 """Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
 
 import os
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -126,8 +127,8 @@ def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseEx
     """
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
-    inside = file.startswith(os.path.dirname(numba.__file__))  # a line of numba's own says nothing
-    place = f" ({os.path.basename(file)}, {line})" if place and unit.system and not inside else ""
+    shown = place and unit.system and not _of_numba(file)  # a line of numba's own says nothing
+    place = f" ({os.path.basename(file)}, {line})" if shown else ""
     text = " ".join(map(str, arguments)) if arguments else kind.__name__
     try:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
@@ -140,3 +141,9 @@ def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseEx
         note += f' To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
     error.add_note(note)
     return error
+
+
+def _of_numba(file: str) -> bool:
+    """Whether a file is one of numba's, be it of the installation that compiled what is in the cache."""
+    folder, parts = Path(numba.__file__).parent, Path(file).parts
+    return any(part == "numba" and folder.joinpath(*parts[k:]).is_file() for k, part in enumerate(parts, 1))

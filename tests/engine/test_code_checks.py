@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba.core.compiler import run_frontend
+from numba.np import arrayobj
 
 from outlast.components import Body, Hit, Phase, SelfView, Side
 from outlast.ecs import (
@@ -31,6 +32,7 @@ from outlast.ecs import (
 )
 from outlast.ecs import random as draws
 from outlast.ecs.assignment_check import first_unassigned
+from outlast.ecs.execution import _of_numba
 from outlast.ecs.random import integer, normal, uniform
 from outlast.ecs.random_check import repeated_draw
 from outlast.envs.core.make import make_vec
@@ -280,6 +282,20 @@ def test_an_error_that_numba_raises_names_no_line_of_its_own() -> None:
         ValueError, match=r"^(hunt\.compare: )?The truth value of an array with more than one element is amb"
     ):
         env.step(np.zeros((1, 2, len(env.action_sizes)), int))
+
+
+@pytest.mark.parametrize(
+    ("file", "own"),
+    [
+        (arrayobj.__file__, True),
+        ("/another/venv/lib/site-packages/numba/np/arrayobj.py", True),  # that has compiled what is in the cache
+        ("/home/me/numba/game.py", False),
+        ("/home/me/numba", False),
+        ("game.py", False),
+    ],
+)
+def test_files_of_numba_are_known_wherever_it_is_installed(file: str, own: bool) -> None:
+    assert _of_numba(file) is own
 
 
 class Wide(Singleton):
