@@ -11,7 +11,6 @@ import inspect
 import operator
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import PurePath
 from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
@@ -27,6 +26,7 @@ from .abstract_values import (
     Column,
     Constant,
     Definitions,
+    Interval,
     PerAgent,
     Place,
     Shared,
@@ -36,14 +36,15 @@ from .abstract_values import (
     Values,
     added,
     component_name,
+    computed,
+    counted,
     floating,
-    moved,
     parts_of,
     tracked,
 )
 from .cache_key import FOREIGN
 from .component import Component
-from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean
+from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean, place
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
@@ -183,8 +184,8 @@ class Activation:
 
     def _number(self, variables: list[Any], function: Any) -> Values:
         self._refuse_per_agent(variables)
-        if places := moved(function, [self._of(each) for each in variables]):
-            return places
+        if found := computed(function, [self._of(each) for each in variables]):
+            return found
         float_ = function is operator.truediv or any(floating(self._of(each)) for each in variables)
         return frozenset([FLOATING]) if float_ and function not in TRUTHS else ANYTHING
 
@@ -241,7 +242,7 @@ class Activation:
         """The values that a loop over `value` yields."""
         if isinstance(value, tuple):
             return frozenset().union(*value)
-        return self._item(value, UNKNOWN)
+        return frozenset([value]) if isinstance(value, Interval) else self._item(value, UNKNOWN)
 
     # ---- calls
 
@@ -252,7 +253,9 @@ class Activation:
         if called is len:
             return ANYTHING
         if called is slice:
-            return frozenset([Slice(self._only(expression.args[0]))])
+            return frozenset([Slice(*map(self._only, expression.args[:2]))])
+        if called is range:
+            return counted([self._only(argument) for argument in expression.args])
         if isinstance(target, Column) and target.method in VIEWS:
             return frozenset([replace(target, method="")])
         if isinstance(target, Column) and target.method:
@@ -318,9 +321,11 @@ class Activation:
         """Refuse writes of whole rows and literal columns: a system's order relies on Offsets naming all it touches."""
         names = self.calls.offsets.get((target.component, target.name))
         count, last, _ = parts_of(index)
-        if isinstance(last, Place) and last.beyond():
-            self._refuse(f"writes {target} beside the {last.size} of {last.name}; take an Offset for each field")
-        literal = isinstance(last.start if isinstance(last, Slice) else last, Constant)
+        start, stop = (last.start, last.stop) if isinstance(last, Slice) else (last, UNKNOWN)
+        for end in (start, stop):
+            if isinstance(end, Place) and end.beyond(end is stop):
+                self._refuse(f"writes {target} beside the {end.size} of {end.name}; take an Offset for each field")
+        literal = isinstance(start, Constant)
         if names and target.axes < FIELD and (literal or target.axes + count < target.ndim):
             own = ", ".join(sorted(names))
             self._refuse(f"writes {target} beside the fields of its Offsets ({own}); take an Offset for each field")
@@ -391,8 +396,3 @@ def _can_follow(called: Any) -> bool:
         return False
     kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
     return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
-
-
-def place(function: FunctionType, line: int) -> str:
-    """A line of a function, as messages name it: "mine.py, line 12"."""
-    return f"{PurePath(function.__code__.co_filename).name}, line {line}"

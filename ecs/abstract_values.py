@@ -67,9 +67,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Slice:
-    """An index that selects several elements. start: the abstract value of the first index."""
+    """An index that selects several elements. start, stop: the abstract values of the first index and of the end."""
 
     start: Any
+    stop: Any = UNKNOWN
 
 
 def parts_of(index: Any) -> tuple[int, Any, int]:
@@ -94,39 +95,69 @@ class PerAgent:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """An integer that a loop over literal numbers counts, and what is computed from it. Both ends are included."""
+
+    low: int
+    high: int
+
+
+def interval(value: Any) -> Interval | None:
+    """The integers that an abstract value may be; None if that is not known."""
+    if isinstance(value, Constant) and isinstance(value.value, int):
+        return Interval(value.value, value.value)
+    return value if isinstance(value, Interval) else None
+
+
+def counted(arguments: list[Any]) -> Values:
+    """What a loop over range(*arguments) counts. arguments: abstract values."""
+    known = [value.value for value in arguments if isinstance(value, Constant) and isinstance(value.value, int)]
+    steps = range(*known) if len(known) == len(arguments) and 0 not in known[2:] else ()
+    return frozenset([Interval(min(steps), max(steps))]) if steps else ANYTHING
+
+
+@dataclass(frozen=True)
 class Place:
     """A column in the rows of an observation, computed from an Offset.
 
     Attributes:
         name: The parameter's name.
         size: How many columns the field has.
-        shift: How many columns it is behind the field's first one; None if a number was added that is no literal.
+        shift: How many columns it is behind the field's first one; None if a number was added that is not known.
     """
 
     name: str
     size: int
-    shift: int | None = 0
+    shift: Interval | None = Interval(0, 0)
 
-    def beyond(self) -> bool:
-        """Whether it is a column of another field: surely, or most likely if a field of one column is left."""
-        return self.size == 1 if self.shift is None else not 0 <= self.shift < self.size
+    def beyond(self, end: bool = False) -> bool:
+        """Whether it is a column of another field: surely, or most likely if a field of one column is left.
 
-    def moved(self, by: Any, sign: int) -> "Place":
-        """The place moved on (sign 1) or back (sign -1). by: an abstract value."""
-        known = isinstance(by, Constant) and isinstance(by.value, int) and self.shift is not None
-        return replace(self, shift=self.shift + sign * by.value if known else None)
+        Args:
+            end: Whether it is the end of a slice, which is not a part of it.
+        """
+        if self.shift is None:
+            return self.size == 1 and not end
+        return not 0 <= self.shift.low <= self.shift.high < self.size + end
 
 
-def moved(function: Any, operands: list[Values]) -> Values:
-    """The sum or difference of a Place and something else; an empty set if the operation is anything else."""
-    alone = [next(iter(values)) if len(values) == 1 else UNKNOWN for values in operands]
-    if len(alone) == 2 and function in (operator.add, operator.sub):
-        one, other = alone
-        if isinstance(one, Place):
-            return frozenset([one.moved(other, 1 if function is operator.add else -1)])
-        if isinstance(other, Place) and function is operator.add:
-            return frozenset([other.moved(one, 1)])
-    return frozenset()
+def computed(function: Any, operands: list[Values]) -> Values:
+    """The sum, difference or product of Places and known integers; an empty set if the operation is anything else."""
+    if len(operands) != 2 or function not in (operator.add, operator.sub, operator.mul):
+        return frozenset()
+    one, other = (next(iter(values)) if len(values) == 1 else UNKNOWN for values in operands)
+    if isinstance(other, Place) and function is operator.add:
+        one, other = other, one
+    by = interval(other)
+    if isinstance(one, Place) and function is not operator.mul:
+        return frozenset([replace(one, shift=by and one.shift and _computed(function, one.shift, by))])
+    left = interval(one)
+    return frozenset([_computed(function, left, by)] if left and by else [])
+
+
+def _computed(function: Any, one: Interval, other: Interval) -> Interval:
+    ends = [function(each, end) for each in (one.low, one.high) for end in (other.low, other.high)]
+    return Interval(min(ends), max(ends))
 
 
 @dataclass(frozen=True)

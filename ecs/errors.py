@@ -2,6 +2,8 @@
 
 import difflib
 from collections.abc import Iterable
+from pathlib import PurePath
+from types import FunctionType
 
 
 def did_you_mean(
@@ -22,6 +24,11 @@ def did_you_mean(
     """
     close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
     return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""
+
+
+def place(function: FunctionType, line: int) -> str:
+    """Return a line of a function as messages name it: "mine.py, line 12"."""
+    return f"{PurePath(function.__code__.co_filename).name}, line {line}"
 
 
 class OutlastError(Exception):

@@ -12,13 +12,25 @@ from typing import Any
 
 from numba.core.compiler import run_frontend
 
-from .abstract_interpreter import Activation, place
-from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Place, Shared, Table, Values, added, component_name
+from .abstract_interpreter import Activation
+from .abstract_values import (
+    ANYTHING,
+    FLOATING,
+    UNKNOWN,
+    Interval,
+    PerAgent,
+    Place,
+    Shared,
+    Table,
+    Values,
+    added,
+    component_name,
+)
 from .access import SELECTIONS, Parameter
 from .assignment_check import first_unassigned
 from .cache_key import FOREIGN
 from .compile_errors import AS_PYTHON, first_sentence
-from .errors import DeclarationError, ScheduleError
+from .errors import DeclarationError, ScheduleError, place
 from .jit import External, compiled
 from .random_check import repeated_draw
 from .references import is_outside, reachable, references
@@ -68,6 +80,11 @@ def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str
     return FLOATING if parameter.type is float else UNKNOWN
 
 
+def _passed(values: Values) -> Values:
+    """What a function gets: no Interval, as a recursive one would change it with every call, and never end."""
+    return ANYTHING if any(isinstance(each, Interval) for each in values) else values
+
+
 def _is_own(function: FunctionType) -> bool:
     """Whether a function is part of a user's mechanic."""
     return is_outside(function) and function.__module__.partition(".")[0] not in FOREIGN
@@ -85,6 +102,7 @@ class _Check:
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool = True
     ) -> Values:
         """The values that `function` returns. trail: the calls that lead to it. report: whether errors are raised."""
+        arguments = {name: _passed(values) for name, values in arguments.items()}
         key = (function, tuple(arguments.items()), report)
         if key not in self.results:
             self.results[key] = ANYTHING  # for a recursive call within this one

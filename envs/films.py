@@ -20,7 +20,7 @@ from .rendering.layers import FILM_LAYERS, Layer, Scene, select
 from .rendering.rgb import checked_layers
 from .rendering.video import footage, write_film
 from .rendering.video.footage import check_pictures
-from .rendering.video.writer import ending
+from .rendering.video.writer import FPS, ending
 from .rollout.local import ticks
 from .rollouts import worlds_of
 from .scenarios.naming import resolve
@@ -51,7 +51,7 @@ class Looks:
     mosaic: tuple[int, int] | None = None
     views: str = ""
     every: int = 1
-    fps: int = 30
+    fps: int = FPS
 
 
 def film(
@@ -68,7 +68,7 @@ def film(
     views: str = "",
     layers: Iterable[Layer] = (),
     every: int = 1,
-    fps: int = 30,
+    fps: int = FPS,
     progress: Progress = lambda count: None,
     **numbers: Number,
 ) -> Path:
@@ -99,7 +99,7 @@ def film(
         views: What else to show, and what not, such as "+vision,-scores,+mylayers.py:Marsh".
         layers: Layers of your own to show as well; see docs/mechanic.md.
         every: Show every `every`-th tick, and the ends of episodes.
-        fps: Frames per second; 30 is real time.
+        fps: Frames per second of a film; 30 is real time.
         progress: Called after each frame with the number of frames so far.
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

@@ -31,7 +31,7 @@ def add(command: Parser, required: bool) -> None:
     text += f"(default: all but {', '.join(FILM_OPTIONAL)})"
     command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
     add_number(command, "--every", DEFAULTS["every"], "draw only every Nth step, and the ends of episodes")
-    add_number(command, "--fps", DEFAULTS["fps"], "frames per second of a film")
+    add_number(command, "--fps", DEFAULTS["fps"], "frames per second; for films only")
 
 
 def grid(text: str) -> tuple[int, int]:

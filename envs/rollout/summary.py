@@ -188,7 +188,7 @@ class Summary:
 
     def _heading(self) -> str:
         if not self.episodes:
-            return "no episode ended; take more steps"
+            return "no episode ended: statistics are of whole episodes, which take more steps"
         if not self.episodes_per_world:
             return (
                 f"{self.episodes:,} episodes ended; those cut off at the end are missing, so means lean towards short "

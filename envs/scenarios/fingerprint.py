@@ -11,7 +11,7 @@ from outlast.ecs.references import is_outside
 
 from .differing import plain
 from .renamed import current_numbers
-from .scenario import Scenario, sorted_
+from .scenario import Scenario
 
 LONGEST = 200  # characters of a name, and entries of an order, at most
 MORE = {  # optional entries of a fingerprint, and what they say
@@ -31,7 +31,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
-    users = [module for module in sorted_(scenario) if is_outside(type(module))]
+    users = [module for module in scenario.modules if is_outside(type(module))]
     more = {
         "label": label if label != name else "",
         "order": [list(chain) for chain in scenario.order],

@@ -26,10 +26,9 @@ def check_together(scenario: str, modules: Sequence[Module]) -> None:
         modules: Its mechanics.
 
     Raises:
-        ScenarioError: One is not a mechanic; two take the same slot; two mechanics or numbers have the same name; or a
+        ScenarioError: Two take the same slot; two mechanics or numbers have the same name; or a
             number scales with one that no imported mechanic has.
     """
-    check_mechanics(scenario, modules)
     taken: dict[type, Module] = {}
     owners: dict[str, Module] = {}
     for module in modules:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from outlast.ecs import Module
 
-from .scenario import Scenario, sorted_
+from .scenario import Scenario
 
 
 class NumberRow(NamedTuple):
@@ -37,7 +37,7 @@ def scenario_rows(scenario: Scenario) -> list[NumberRow]:
     for name in scenario.by_role.numbers if scenario.by_role else ():
         values = [(each.name, dict(each.numbers).get(name, scenario.numbers()[name])) for each in roles]
         differing[name] = ", ".join(f"{role} {in_words(value)}" for role, value in values)
-    rows = [row for module in sorted_(scenario) for row in number_rows(module)]
+    rows = [row for module in scenario.modules for row in number_rows(module)]
     return [row._replace(value=differing.get(row.name, row.value)) for row in rows]
 
 

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import logging
 import os
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ class Scenario:
 
     Attributes:
         name: What errors and files call it.
-        modules: The mechanics, in any order.
+        modules: The mechanics; they may be given in any order, and are sorted by name.
         about: One line for people.
         order: Chains of systems, each of which runs before the next one: what `ordered` added.
         varied: Names of the numbers that each world draws, and their distributions: what `vary` added.
@@ -68,7 +68,8 @@ class Scenario:
     added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "modules", tuple(self.modules))
+        check_mechanics(self.name, self.modules)
+        object.__setattr__(self, "modules", tuple(sorted(self.modules, key=lambda module: module.name)))
         check_together(self.name, self.modules)
         if self.by_role:
             self.by_role.check_apart(dict(self.varied))
@@ -352,7 +353,7 @@ class Scenario:
     def _find(self, kind: type[Module] | str) -> Module:
         if found := self._found(kind):
             return found
-        known = [module.name for module in sorted_(self)]
+        known = [module.name for module in self.modules]
         name = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
         hint = did_you_mean(snake_case(name), known, after=" ")
         raise ScenarioError(f"{self.name} has no module '{name}'; {hint}it has: {', '.join(known)}")
@@ -384,11 +385,6 @@ class Scenario:
     def known_numbers(self) -> list[str]:
         """Return every name that `replace` takes, without those of earlier versions: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-
-
-def sorted_(scenario: Scenario) -> Iterator[Module]:
-    """Iterate over its modules, sorted by name."""
-    return iter(sorted(scenario.modules, key=lambda module: module.name))
 
 
 def _is(module: Module, kind: Any) -> bool:

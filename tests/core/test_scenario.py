@@ -344,7 +344,7 @@ def test_two_mechanics_of_one_name_are_refused() -> None:
     with pytest.raises(ScenarioError, match=r"'melee' is a name of both outlast\.systems\.melee\.Melee and .*Melee"):
         variant("ffa_1").with_(namesake())
     renamed = type("Melee", (Module,), {"name": "claws"})
-    assert variant("ffa_1").with_(renamed()).without("melee").modules[-1] == renamed()
+    assert variant("ffa_1").with_(renamed()).without("melee")["claws"] == renamed()
 
     @dataclasses.dataclass(frozen=True)
     class Drop(Module):
@@ -352,6 +352,16 @@ def test_two_mechanics_of_one_name_are_refused() -> None:
 
     with pytest.raises(ScenarioError, match="'room_size' is a name of both"):
         variant("ffa_1").with_(Drop())
+
+
+def test_scenarios_of_the_same_mechanics_are_equal_in_any_order() -> None:
+    duel = variant("ffa_3")
+    assert duel.with_(duel["melee"]) == duel
+    assert Scenario("ffa_3", duel.modules[::-1], duel.about) == duel
+    one, other = (duel.without("melee", "boxes").with_(*each) for each in ((Melee(), Boxes()), (Boxes(), Melee())))
+    assert one == other
+    assert one.name == other.name
+    assert one.to_json() == other.to_json()
 
 
 @dataclasses.dataclass(frozen=True)

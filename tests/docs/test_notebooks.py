@@ -98,4 +98,4 @@ def test_summaries_are_tables() -> None:
     assert cells[cells.index("first_death") :][:4] == ["first_death", "-", "-", "0"]
     assert "<pre>" in shown
     assert repr(summary) == str(summary)
-    assert Summary()._repr_html_() == "<p>no episode ended; take more steps</p>"
+    assert Summary()._repr_html_() == "<p>no episode ended: statistics are of whole episodes, which take more steps</p>"

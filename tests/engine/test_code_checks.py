@@ -354,13 +354,29 @@ def say_the_third(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -
         view.own[i, 2 + own_said] = 1
 
 
+def say_every_second(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -> None:
+    for i in range(agents.size):
+        for k in range(1, 6, 2):
+            view.own[i, own_said + (k - 1) // 2] = 1
+            view.own[i, 2 * k - 2 + own_said] = 1
+
+
+def say_at_once(view: Write[SelfView], agents: Rows[Side], own_said: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, own_said + 1 : own_said + 3] = 1
+
+
 @pytest.mark.parametrize(
     ("function", "size", "fits"),
     [
         (say_one_before, 1, False),
         (say_one_before, 3, False),
         (say_some, 1, False),
-        (say_some, 3, True),
+        (say_some, 2, True),
+        (say_every_second, 8, False),
+        (say_every_second, 9, True),
+        (say_at_once, 2, False),
+        (say_at_once, 3, True),
         (say_the_third, 2, False),
         (say_the_third, 3, True),
     ],

@@ -148,9 +148,10 @@ class BesideNaN(ExecutionMode):
 
 
 def shuffled(scenario: Scenario) -> Scenario:
-    """The scenario with its modules in another order."""
-    order = np.random.default_rng(1).permutation(len(scenario.modules))
-    return dataclasses.replace(scenario, modules=tuple(scenario.modules[k] for k in order))
+    """The scenario with its modules in another order, which no Scenario has by itself: it sorts them."""
+    order, made = np.random.default_rng(1).permutation(len(scenario.modules)), dataclasses.replace(scenario)
+    object.__setattr__(made, "modules", tuple(scenario.modules[k] for k in order))
+    return made
 
 
 def execution_modes(scenario: Scenario, specialize: bool) -> dict[str, ExecutionMode]:

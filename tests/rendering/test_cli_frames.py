@@ -87,6 +87,7 @@ def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
         (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no layer 'vison'", "did you mean vision")),
         (("ffa_3", "--out", "f.webm", "--size", "32"), ("size = 32", "64 to 4096")),
         (("ffa_3", "--out", "f.webm", "--fps", "5000"), ("fps = 5000",)),
+        (("ffa_3", "--out", "pictures", "--fps", "10"), ("fps = 10: for films only; pictures is a folder",)),
         (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),
     ],
 )

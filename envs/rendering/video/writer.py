@@ -18,10 +18,11 @@ from ...storage.interrupts import interrupts_held
 from ..canvas import Image
 from .codecs import CODECS, Codec, find_ffmpeg
 
+FPS = 30  # frames per second, by default: real time
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
 
 
-def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
+def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = FPS) -> int:
     """Write a film, or a folder of pictures.
 
     It is written to a temporary file, read back, and moved into place: an error, Ctrl-C or a full disk leaves whatever
@@ -33,7 +34,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
             pictures, frame_000000.png and so on; pictures of an earlier film in it are replaced.
         frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
             they are first kept on disk. In .mp4 and .webm, odd sizes get one more row or column.
-        fps: Frames per second.
+        fps: Frames per second. A folder of pictures keeps none.
 
     Returns:
         The number of frames.
@@ -74,6 +75,8 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
     codec = CODECS[suffix]
     if not is_whole(fps, 1, codec.fastest):
         raise FilmError(f"fps = {fps!r}: an integer from 1 to {codec.fastest} is needed for {suffix or 'a folder'}")
+    if not suffix and fps != FPS:
+        raise FilmError(f"fps = {fps}: for films only; {target} is a folder of pictures, which keeps no rate")
     if codec.extra:
         find_ffmpeg(suffix)
     return target.absolute(), codec
