@@ -28,7 +28,8 @@ from .per_agent import check_dead, requested
 
 try:
     from pettingzoo import ParallelEnv
-    from pettingzoo.utils.conversions import parallel_to_aec
+    from pettingzoo.utils.conversions import parallel_to_aec_wrapper
+    from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 except ModuleNotFoundError as error:
     hint = f"parallel_env and aec_env need PettingZoo: {install('pettingzoo')}"
     raise ModuleNotFoundError(hint, name=error.name) from error
@@ -309,6 +310,18 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         check_callable(self.base_env)
 
 
+class SurvivalTurns(parallel_to_aec_wrapper):  # type: ignore[misc]  # untyped, see pyproject.toml
+    """The agents of a SurvivalParallelEnv in turns; made by `outlast.aec_env`."""
+
+    def step(self, action: Any) -> None:
+        """Take the turn of `agent_selection`; None if it is done. A refused action leaves the turn with the agent."""
+        agent = self.agent_selection
+        if not (self.terminations[agent] or self.truncations[agent]):
+            self.env._check_open()
+            self.env._joint({agent: action})  # PettingZoo would keep it, and refuse the turn of the last agent for it
+        super().step(action)
+
+
 def parallel_env(
     scenario: str | Scenario = "ffa_3",
     *,
@@ -378,7 +391,7 @@ def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     Raises:
         ScenarioError, NumberError, ValueError: As for `parallel_env`.
     """
-    return parallel_to_aec(parallel_env(scenario, **options))
+    return OrderEnforcingWrapper(SurvivalTurns(parallel_env(scenario, **options)))
 
 
 env = aec_env  # PettingZoo's own modules call it `env`

@@ -9,7 +9,7 @@ import pytest
 import outlast
 from outlast import ScenarioError
 from outlast.components import Health
-from outlast.ecs import Entity, NumberError
+from outlast.ecs import Clock, Entity, NumberError
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from outlast.systems import Respawn
 from tests.adapters.test_parallel import Env, act, both, play, same, short
@@ -265,3 +265,24 @@ def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], me
     for make in (outlast.parallel_env, outlast.aec_env):
         with pytest.raises(error, match=message):
             make(**options)
+
+
+@pytest.mark.parametrize("wrong", [[5, 1, 1, 0, 0, 0], [0.5] * 6, [1, 1], None])
+def test_a_refused_action_leaves_the_turn_with_its_agent(wrong: Any) -> None:
+    """Not with the last agent of the tick, whose turn could then never be taken."""
+    env = outlast.aec_env("ffa_3", seed=0, n_agents=3)
+    env.reset()
+    for turn, agent in enumerate(env.possible_agents):
+        with pytest.raises(ActionError, match=f"of {agent}"):
+            env.step(wrong)
+        assert (env.agent_selection, env.unwrapped.base_env.worlds[Clock].tick[0, 0]) == (agent, 0), turn
+        env.step(IDLE)
+    assert env.unwrapped.base_env.worlds[Clock].tick[0, 0] == 1
+
+
+def test_no_turn_is_taken_in_a_closed_environment() -> None:
+    env = outlast.aec_env("ffa_3", seed=0)
+    env.reset()
+    env.close()
+    with pytest.raises(ClosedError, match="the environment is closed"):
+        env.step(IDLE)
