@@ -116,8 +116,9 @@ class _Check:
             code = self._code(each, {}, ())
             if code and (again := repeated_draw(code)):
                 raise DeclarationError(
-                    f"{self.label} ({place(each, again)}) draws at an index at which it has drawn already: both are "
-                    "made of the same random number; take another index for each, as in 2 * i and 2 * i + 1"
+                    f"{self.label} ({place(each, again)}) draws at an index at which it has drawn already, or "
+                    "does so in each round of a loop: all are made of the same random number; take another index for "
+                    "each, as in 2 * i and 2 * i + 1, or entities.identity[e]"
                 )
             if code and (found := first_unassigned(code)):
                 name, line = found

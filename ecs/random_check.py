@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 from numba.core import ir
+from numba.core.analysis import compute_cfg_from_blocks
 
 from . import random
 from .abstract_values import Constant, Values, floating
@@ -29,13 +30,63 @@ def refusal(arguments: Mapping[str, Values]) -> str:
 
 
 def repeated_draw(code: Any) -> int | None:
-    """The line of a draw with the same key and index as an earlier one in the same basic block; None: there is none.
+    """The line of a draw with the same key and index as an earlier one; None: there is none.
+
+    The earlier one is in the same basic block, or is that of the round before in a loop: see _in_each_round.
 
     Args:
         code: The intermediate representation of a function, numba's FunctionIR.
     """
     lines = (_repeated(block.body) for _, block in sorted(code.blocks.items()))
-    return next((line for line in lines if line is not None), None)
+    return next((line for line in lines if line is not None), None) or _in_each_round(code.blocks)
+
+
+def _in_each_round(blocks: Mapping[int, Any]) -> int | None:
+    """The line of a draw that every round of a loop makes with one key and index, which nothing in the loop changes.
+
+    A draw that only some rounds make is none: the loop may look for the one entity for which it is made.
+    """
+    graph = compute_cfg_from_blocks(blocks)
+    dominators = graph.dominators()
+    for loop in graph.loops().values():
+        assigned: dict[str, list[Any]] = {}
+        for statement in (one for label in loop.body for one in blocks[label].find_insts(ir.Assign)):
+            assigned.setdefault(statement.target.name, []).append(statement.value)
+        ends = [label for label in loop.body if loop.header in dict(graph.successors(label))]
+        for label in sorted(set(loop.body).intersection(*(dominators[end] for end in ends))):
+            for call in blocks[label].find_exprs(op="call"):
+                function = _named(call.func.name, assigned)
+                drawn = getattr(function, "py_func", function) in FUNCTIONS and len(call.args) >= 2
+                if drawn and all(_constant(argument.name, assigned, ()) for argument in call.args[:2]):
+                    return int(call.loc.line)
+    return None
+
+
+def _named(variable: str, assigned: Mapping[str, list[Any]]) -> Any:
+    """The function that a variable of a loop stands for; None if it is computed."""
+    match assigned.get(variable):
+        case [ir.Global() | ir.FreeVar() as named]:
+            return named.value
+        case [ir.Expr(op="getattr") as member]:
+            return getattr(_named(member.value.name, assigned), member.attr, None)
+    return None
+
+
+def _constant(variable: str, assigned: Mapping[str, list[Any]], trail: tuple[str, ...]) -> bool:
+    """Whether a variable is the same in all rounds of a loop. trail: the variables that are computed from it."""
+    if variable not in assigned:
+        return True
+    match assigned[variable]:
+        case [ir.Const() | ir.Global() | ir.FreeVar()]:
+            return True
+        case [ir.Var() as source]:
+            sources = [source]
+        case [ir.Expr(op="binop" | "unary" | "cast" | "build_tuple") as computed]:
+            sources = computed.list_vars()
+        case _:
+            return False
+    trail = (*trail, variable)
+    return all(each.name not in trail and _constant(each.name, assigned, trail) for each in sources)
 
 
 def _repeated(statements: Any) -> int | None:

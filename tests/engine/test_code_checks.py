@@ -216,12 +216,47 @@ def either(key: Any, e: int) -> float:
     return float(uniform(key, e)) / 2
 
 
-@pytest.mark.parametrize("function", [twice, two_kinds])
+def every_round(key: Any, ids: Any) -> None:
+    for k in range(len(ids)):
+        ids[k] = integer(key, 0, 4)
+
+
+def inner_round(key: Any, ids: Any, first: int) -> None:
+    for k in range(3):
+        index = first + k
+        for e in range(len(ids)):
+            ids[e] += draws.integer(key, 2 * index, 4)
+
+
+def round_by_round(key: Any, ids: Any) -> None:
+    index = 0
+    for e in ids:
+        ids[e] += integer(key, e, 4)
+        ids[e] += integer(key, len(ids) + index, 4)
+        index += 2
+
+
+def one_of_them(key: Any, ids: Any) -> None:
+    for k in range(len(ids)):
+        if ids[k] == 3:
+            ids[k] = integer(key, 0, 4)
+
+
+def first_of_them(key: Any, ids: Any) -> float:
+    for k in range(len(ids)):
+        if ids[k] == 3:
+            break
+    return float(uniform(key, 0))
+
+
+@pytest.mark.parametrize("function", [twice, two_kinds, every_round, inner_round])
 def test_two_draws_at_one_index_are_found(function: Any) -> None:
     assert repeated_draw(run_frontend(function)) > function.__code__.co_firstlineno
 
 
-@pytest.mark.parametrize("function", [two_indices, counted, counted_in_a_variable, either])
+@pytest.mark.parametrize(
+    "function", [two_indices, counted, counted_in_a_variable, either, round_by_round, one_of_them, first_of_them]
+)
 def test_draws_at_other_indices_are_not(function: Any) -> None:
     assert repeated_draw(run_frontend(function)) is None
 
