@@ -63,7 +63,10 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             if isinstance(component, Singleton):
                 raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
             if type(component) in have:
-                raise DeclarationError(f"two modules give '{part.name}' the component {type(component).__name__}")
+                raise DeclarationError(
+                    f"two archetypes called '{part.name}' have {type(component).__name__}, of two mechanics "
+                    "or of one: leave it out of one of them, or rename one"
+                )
             if type(component) in own:
                 raise DeclarationError(f"Archetype({part.name!r}, ...) has {type(component).__name__} twice")
             own.add(type(component))

@@ -141,7 +141,7 @@ def test_a_fill_may_be_a_row_of_values() -> None:
 @pytest.mark.parametrize(
     ("modules", "words"),
     [
-        ([Walkers(), parts("walker", Place())], "two modules give 'walker' the component Place"),
+        ([Walkers(), parts("walker", Place())], "two archetypes called 'walker' have Place, .* leave it out of one"),
         ([parts("ghost", Mark())], "extend the archetype 'ghost', but none declares how many"),
         ([Walkers(), parts("wolker", Mark())], "'wolker', .*; did you mean walker"),
         ([parts("ghost", Wind(), count=1)], "Wind is per world and cannot be part of 'ghost'"),
