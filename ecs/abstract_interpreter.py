@@ -65,6 +65,7 @@ class Calls(Protocol):
 
     label: str
     offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
+    used: set[tuple[type[Component], str]]  # columns that were looked up
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
@@ -201,6 +202,7 @@ class Activation:
         if isinstance(value, Table):
             columns = value.component.columns
             if name in columns:
+                self.calls.used.add((value.component, name))
                 return frozenset([Column(value.component, value.access, name)])
             if self.certain:
                 known = f"it has: {', '.join(columns)}{did_you_mean(name, columns, before='; ')}"

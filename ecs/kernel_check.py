@@ -30,7 +30,9 @@ from .access import SELECTIONS, Parameter
 from .assignment_check import first_unassigned
 from .cache_key import FOREIGN
 from .compile_errors import AS_PYTHON, first_sentence
+from .component import Component
 from .errors import DeclarationError, ScheduleError, place
+from .event import COUNT, Event
 from .jit import External, compiled
 from .random_check import repeated_draw
 from .references import is_outside, reachable, references
@@ -57,6 +59,7 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
     checked = _Check(system)
     checked.call(function, arguments, ())
     checked.check_code(function)
+    checked.check_events()
 
 
 def check_interpretable(system: System) -> None:
@@ -97,6 +100,7 @@ class _Check:
         self.system, self.label, self.offsets = system, system.label, system.offsets()
         self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}
+        self.used: set[tuple[type[Component], str]] = set()
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool = True
@@ -126,6 +130,18 @@ class _Check:
                     f"{self.label} ({place(each, line)}): on some path '{name}' has no value here, where machine code "
                     f"takes 0 or what an earlier round left; give it one ahead of that, as in {name} = -1"
                 )
+
+    def check_events(self) -> None:
+        """Look for events whose columns are written, or read, while nothing asks which of them there are."""
+        for parameter in self.system.parameters:
+            for event in parameter.components if parameter.kind in ("read", "write") else ():
+                columns = {name for component, name in self.used if component is event}
+                if issubclass(event, Event) and columns and COUNT not in columns:
+                    raise DeclarationError(
+                        f"{self.label} uses {event.__name__}.{min(columns)}, but neither emits the event nor looks at "
+                        f"its count: take k = emit({parameter.name}) for a new one, or a loop over "
+                        f"range({parameter.name}.count[0]), and {parameter.name}.{min(columns)}[k]"
+                    )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:
         """The intermediate representation of a function; None if numba cannot make one and it stays Python."""

@@ -220,6 +220,38 @@ def test_a_capacity_is_a_size_a_dimension_or_a_component() -> None:
         assert words in str(error.value)
 
 
+def whisper(cry: Write[Cry]) -> None:
+    cry.agent[0] = -1
+
+
+def overhear(cry: Read[Cry], heard: Write[Heard]) -> None:
+    for k in range(cry.agent.size):
+        heard.rings[0] += cry.agent[k]
+
+
+def turn(cry: Write[Cry]) -> None:
+    for k in range(cry.count[0]):
+        cry.agent[k] = -1
+
+
+@pytest.mark.parametrize(
+    ("function", "words"), [(whisper, r"k = emit\(cry\)"), (overhear, r"range\(cry\.count\[0\]\)"), (turn, "")]
+)
+def test_a_system_that_uses_entries_knows_which_there_are(function: Any, words: str) -> None:
+    class Odd(Loud):
+        name = "odd"
+
+        def singletons(self) -> Iterable[Singleton]:
+            return [*super().singletons(), Heard()]
+
+    Odd.system(Phase.MOVE)(function)
+    if words:
+        with pytest.raises(DeclarationError, match=rf"uses Cry\.agent, but neither emits .* {words}"):
+            make(*GAME, Odd())
+    else:
+        assert (run(make(*GAME, Odd(cries=2)), STEP)[Cry].agent[:, :2] == -1).all()
+
+
 def test_a_mechanic_that_emits_twice_says_so() -> None:
     @dataclass(frozen=True)
     class Twice(Toy):
