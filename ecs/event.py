@@ -258,5 +258,5 @@ def capacity_error(
         cure = f"its capacity is one for each entity with {kind.capacity.__name__}; declare another one if it is more"
     return CapacityError(
         f"world {w}, tick {int(ticks[w])}: more than {most} of the event {kind.__name__}, which "
-        f"{' and '.join(system.label for system in writers)} emit: {cure}"
+        f"{' and '.join(system.label for system in writers)} {'emits' if len(writers) == 1 else 'emit'}: {cure}"
     )

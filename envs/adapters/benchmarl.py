@@ -18,7 +18,7 @@ try:
     from torchrl.data import Composite
     from torchrl.envs import EnvBase
 except ImportError as error:
-    raise ModuleNotFoundError(f"this needs BenchMARL: {install('benchmarl')}", name="benchmarl") from error
+    raise ModuleNotFoundError(f"this needs BenchMARL ({error}): {install('benchmarl')}", name="benchmarl") from error
 
 DEFAULTS = {"groups": "sides", "scaled": True}  # defaults for arguments of make_torchrl
 EVALUATION = 1 << 32  # evaluations play the worlds from this number on, which training never reaches

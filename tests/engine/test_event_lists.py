@@ -174,7 +174,7 @@ def test_a_full_list_is_an_error_that_says_what_to_do(room: int) -> None:
     run(worlds, STEP) if room >= 6 else None
     with pytest.raises(CapacityError) as error:
         run(worlds, STEP)
-    for words in (f"more than {room} of the event Ring, which bell.ring emit", "def dims(self)", "'rings': 'agents'"):
+    for words in (f"more than {room} of the event Ring, which bell.ring emits", "def dims(self)", "'rings': 'agents'"):
         assert words in str(error.value)
     assert f"tick {1 if room < 6 else 2}" in str(error.value)
     assert worlds[Ring].count.max() == room
