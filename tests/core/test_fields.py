@@ -129,9 +129,9 @@ def test_what_is_added_to_rows_that_are_not_there_is_left_out() -> None:
 def test_a_game_with_other_fields_is_another_game() -> None:
     """A saved state or checkpoint of one is not of the other."""
     added = [(Field("a"),), (Field("b"),), (Field("a", size=2),), (Field("a", order=-1),), (Field("a"), Field("b"))]
-    assert len({code_digest(adding("own", *fields).modules[-1]) for fields in added}) == len(added)
+    assert len({code_digest(adding("own", *fields)["adding"]) for fields in added}) == len(added)
     shown = [column("f4", "agents", fields=fields) for fields in added]
-    assert len({code_digest(showing(mine=each).modules[-1]) for each in shown}) == len(shown)
+    assert len({code_digest(showing(mine=each)["showing"]) for each in shown}) == len(shown)
 
 
 def test_the_range_of_a_field_is_the_widest_of_all_worlds() -> None:
@@ -260,8 +260,8 @@ def test_an_offset_of_no_field_is_refused() -> None:
 
 
 def test_an_offset_that_could_be_two_fields_is_refused() -> None:
-    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
-    scenario = asking(own_slot_x=Offset).with_(slot, adding("own", Field("slot_x")).modules[-1])
+    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),)))["showing"]
+    scenario = asking(own_slot_x=Offset).with_(slot, adding("own", Field("slot_x"))["adding"])
     with pytest.raises(DeclarationError, match="could be the field 'slot_x' of 'own' and 'x' of 'own_slot'; rename"):
         Worlds(scenario.modules, 1)
 
@@ -298,7 +298,7 @@ def test_a_component_stands_for_what_writes_it() -> None:
 
 def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
     """An Offset into `own_slot` says nothing of the fields of `own` that the system touches."""
-    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
+    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),)))["showing"]
     (view,) = slot.singletons()
     scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)  # type: ignore[misc]
     with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
