@@ -59,7 +59,8 @@ SYSTEMS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (
         ("RECORD", "END"),
         "tally: Add[{name}Tally], sightings: Read[{name}Sighting], hits: Read[Hit]",
-        "tally.{stat}[0] += (sightings.agent[e] == e) + (hits.amount[e] if e < hits.count[0] else 0)",
+        "tally.{stat}[0] += e < sightings.count[0] and sightings.agent[e] == e\n"
+        "        tally.{stat}[0] += hits.amount[e] if e < hits.count[0] else 0",
     ),
     (
         ("OBSERVE",),
