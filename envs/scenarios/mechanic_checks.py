@@ -26,8 +26,8 @@ def check_together(scenario: str, modules: Sequence[Module]) -> None:
         modules: Its mechanics.
 
     Raises:
-        ScenarioError: Two take the same slot; two mechanics or numbers have the same name; or a
-            number scales with one that no imported mechanic has.
+        ScenarioError: Two take the same slot; two mechanics or numbers have the same name; or a number scales with one
+            that no imported mechanic has.
     """
     taken: dict[type, Module] = {}
     owners: dict[str, Module] = {}

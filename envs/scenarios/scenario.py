@@ -68,8 +68,9 @@ class Scenario:
     added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_mechanics(self.name, self.modules)
-        object.__setattr__(self, "modules", tuple(sorted(self.modules, key=lambda module: module.name)))
+        modules = tuple(self.modules)
+        check_mechanics(self.name, modules)
+        object.__setattr__(self, "modules", tuple(sorted(modules, key=lambda module: module.name)))
         check_together(self.name, self.modules)
         if self.by_role:
             self.by_role.check_apart(dict(self.varied))

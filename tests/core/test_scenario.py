@@ -358,6 +358,7 @@ def test_scenarios_of_the_same_mechanics_are_equal_in_any_order() -> None:
     duel = variant("ffa_3")
     assert duel.with_(duel["melee"]) == duel
     assert Scenario("ffa_3", duel.modules[::-1], duel.about) == duel
+    assert Scenario("ffa_3", iter(duel.modules), duel.about) == duel  # type: ignore[arg-type]
     one, other = (duel.without("melee", "boxes").with_(*each) for each in ((Melee(), Boxes()), (Boxes(), Melee())))
     assert one == other
     assert one.name == other.name
