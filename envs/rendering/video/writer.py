@@ -16,9 +16,9 @@ from ...errors import FilmError
 from ...storage import atomic_write
 from ...storage.interrupts import interrupts_held
 from ..canvas import Image
+from ..modes import FPS
 from .codecs import CODECS, Codec, find_ffmpeg
 
-FPS = 30  # frames per second, by default: real time
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
 
 
