@@ -27,7 +27,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, get_args, get_origin, get_type_hints
 
-from .component import Component, Singleton
+from .component import Clock, Component, Singleton
 from .errors import DeclarationError
 from .event import Event
 
@@ -118,6 +118,12 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
             raise DeclarationError(
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "
                 f"order of events is that of the systems that emit them: annotate it Write[{inner.__name__}]"
+            )
+        if kind in ("write", "add") and inner is Clock:
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[Clock], but the "
+                "engine alone sets the clock, which is the key of all random numbers: annotate it Read[Clock], and "
+                "count in a component of your own"
             )
         return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
     if get_origin(hint) in SELECTIONS:

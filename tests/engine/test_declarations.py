@@ -10,7 +10,9 @@ import pytest
 
 from outlast.ecs import (
     Action,
+    Add,
     Archetype,
+    Clock,
     Component,
     DamageType,
     DeclarationError,
@@ -472,6 +474,13 @@ def test_only_real_numbers_scale(kind: str, default: Any) -> None:
     space = {"__annotations__": {"size": kind}, "size": number(default, scales_with="walkers_count")}
     with pytest.raises(DeclarationError, match=f"size is {kind} and scales with another number: only a float"):
         dataclass(frozen=True)(type("Follows", (Toy,), space))()
+
+
+def test_the_clock_can_only_be_read() -> None:
+    """A system that set it would make later ticks draw the random numbers of others."""
+    for hint in (Write[Clock], Add[Clock]):
+        with pytest.raises(DeclarationError, match=r"is (Write|Add)\[Clock\], but the engine alone .* Read\[Clock\]"):
+            Walkers.system(Phase.MOVE)(_asking(hint))
 
 
 def test_a_singleton_without_columns_is_refused() -> None:
