@@ -8,6 +8,7 @@ from typing import Any
 
 from numba.core import ir
 from numba.core.analysis import compute_cfg_from_blocks
+from numba.core.ir_utils import find_const, get_definition, guard
 
 
 def first_unassigned(code: Any) -> tuple[str, int] | None:
@@ -21,19 +22,45 @@ def first_unassigned(code: Any) -> tuple[str, int] | None:
     """
     blocks = code.blocks
     graph = compute_cfg_from_blocks(blocks)
+    certain = {label: block.terminator.falsebr for label, block in blocks.items() if guard(_has_a_round, code, block)}
+    loops = graph.loops()
     assigned = {label: _assigned(block) for label, block in blocks.items()}
     everything = set[str]().union(*assigned.values())
     before = {label: set(everything) for label in graph.nodes()}
     before[graph.entry_point()] = set()
+
+    def after(label: int, following: int) -> set[str]:
+        """What has a value behind a block, on the way to another one."""
+        known = before[label]
+        if certain.get(label) == following and label in loops:  # a round is behind that way
+            known = set.intersection(
+                *(before[each] | assigned[each] for each, _ in graph.predecessors(label) if each in loops[label].body)
+            )
+        return known | assigned[label]
+
     changed = True
     while changed:
         changed = False
         for label in graph.nodes() - {graph.entry_point()}:
-            known = set.intersection(*(before[each] | assigned[each] for each, _ in graph.predecessors(label)))
+            known = set.intersection(*(after(each, label) for each, _ in graph.predecessors(label)))
             changed |= known != before[label]
             before[label] = known
     uses = [use for label in graph.nodes() for use in _unassigned(blocks[label], before[label])]
     return min(uses, key=lambda use: use[1], default=None)
+
+
+def _has_a_round(code: Any, block: Any) -> bool:
+    """Whether a block is the head of a loop over a range of constants that is not empty."""
+    found = block.terminator.cond if isinstance(block.terminator, ir.Branch) else None
+    for operation in ("pair_second", "iternext", "getiter"):
+        found = get_definition(code, found)
+        if not isinstance(found, ir.Expr) or found.op != operation:
+            return False
+        found = found.value
+    call = get_definition(code, found)
+    if not isinstance(call, ir.Expr) or call.op != "call" or find_const(code, call.func) is not range or call.kws:
+        return False
+    return len(range(*(find_const(code, each) for each in call.args))) > 0
 
 
 def _assigned(block: Any) -> set[str]:

@@ -74,6 +74,20 @@ def skipped(n: int) -> int:
     return found
 
 
+def skips_rounds(n: int) -> int:
+    for k in range(0, 9, 4):
+        if k >= n:
+            continue
+        found = n
+    return found
+
+
+def no_round(n: int) -> int:
+    for k in range(3, 3):
+        found = n + k
+    return found
+
+
 def always(n: int) -> int:
     while True:
         found = n
@@ -112,7 +126,7 @@ def both_branches(n: int) -> int:
     return found + total
 
 
-@pytest.mark.parametrize("function", [last_found, earlier_round, one_branch, skipped])
+@pytest.mark.parametrize("function", [last_found, earlier_round, one_branch, skipped, skips_rounds, no_round])
 def test_a_variable_that_may_have_no_value_is_found(function: Callable[[int], int]) -> None:
     """Python says the same of some number."""
     name, line = first_unassigned(run_frontend(function)) or ("", 0)
@@ -122,7 +136,18 @@ def test_a_variable_that_may_have_no_value_is_found(function: Callable[[int], in
         any(function(n) < 0 for n in range(9))
 
 
-@pytest.mark.parametrize("function", [always, or_raised, or_left, both_branches])
+ROUNDS = 3
+
+
+def first_round(n: int) -> int:
+    for k in range(ROUNDS):
+        found = n + k
+        if found % 5 == 0:
+            break
+    return found + k
+
+
+@pytest.mark.parametrize("function", [always, or_raised, or_left, both_branches, first_round])
 def test_a_variable_with_a_value_on_every_path_is_not(function: Callable[[int], int]) -> None:
     assert first_unassigned(run_frontend(function)) is None
     for n in range(9):
