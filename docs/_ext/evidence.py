@@ -148,11 +148,12 @@ def claimed() -> str:
     return claims_table(list(findings(kept())))
 
 
-def mended(begins: str) -> str:
-    """What agents do in games of docs/results/mended whose names begin so: a column for each, without rows of zeros."""
+def mended(*games: str) -> str:
+    """What agents do in these games of docs/results/mended: a column for each, without rows of zeros."""
     lines = (DOCS / "results" / "mended" / "measured.md").read_text().splitlines()
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows if row[0].startswith(begins)]
+    by_game = {row[0]: row for row in rows}
+    columns = [[code(game.replace("+", " +")), *by_game[game][1:]] for game in games]
     first, *others = zip(heads, *columns, strict=True)
     numbers = ([float(cell.split()[0].replace(",", "")) for cell in row[1:] if cell != NONE] for row in others)
     return grid(list(first), [list(row) for row, own in zip(others, numbers, strict=True) if any(own)])
