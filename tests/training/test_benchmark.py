@@ -303,7 +303,7 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     match |= {"won": match["lost"], "lost": match["won"], "drawn": match["drawn"]}
     shutil.copy(folder / "cross" / "fast-0-mine-1.rec", folder / "cross" / "fast-1-mine-1.rec")
     path.write_text(json.dumps(content))
-    found = [str(each) for check in cross_checks(folder, entries) if (each := check()).wrong]
+    found = [str(each) for check in cross_checks(folder, entries, entries) if (each := check()).wrong]
     assert len(found) >= 1
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
@@ -314,17 +314,28 @@ def test_what_is_of_an_unknown_task_is_said_of_its_entries(results: Path, tmp_pa
     first = result.read(results / str(BUDGET) / NAME / "fast/0" / result.NAME)
     later = Result(folder / "fast/0", first.content | {"task": "later-v9"})
     assert [check().wrong[:32] for check in checks(later)] == ["there is no task 'later-v9'; kno"]
-    assert cross_checks(folder, {later.name: later}) == []
+    assert cross_checks(folder, {later.name: later}, {later.name}) == []
 
 
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
     entries = {each.name: each for each in result.find(folder) if each.name != "mine/1"}
-    every = [check() for check in cross_checks(folder, entries)]
+    every = [check() for check in cross_checks(folder, entries, entries)]
     found = {each.what: (each.wrong, each.missing) for each in every}
     assert found["quick-v1 fast/0 against fast/1"] == ("", "")
     for one in ("fast/0", "fast/1"):
         assert found[f"quick-v1 {one} against mine/1"] == ("", "the entry mine/1 is not here")
+
+
+def test_a_part_of_the_results_can_be_verified_from_within(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(results / str(BUDGET) / NAME / "mine")
+    assert main(["benchmark", "verify", "1", "--jobs=1"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert sum("quick-v1 fast/" in line and "against mine/1: as recorded" in line for line in lines) == 2
+    assert not any("fast/0 against fast/1" in line for line in lines)
+    assert last == "11 checks: 10 as recorded, 0 wrong, 1 with missing files"
 
 
 # ---- what is read of others

@@ -45,6 +45,11 @@ class Result:
         return f"{self.content['agent']}/{self.content['seed']}"
 
     @property
+    def task_folder(self) -> Path:
+        """The folder of its task, whose other entries it is compared with; absolute, as `folder` may begin below it."""
+        return self.folder.resolve().parents[1]
+
+    @property
     def matches(self) -> list[Content]:
         """The matches that were played."""
         found: list[Content] = self.content["matches"]

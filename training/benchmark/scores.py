@@ -44,7 +44,7 @@ def task_folders(entries: Sequence[Result]) -> dict[Path, list[Result]]:
     """Return the results by the folder of their task."""
     found: dict[Path, list[Result]] = {}
     for entry in entries:
-        found.setdefault(entry.folder.parents[1], []).append(entry)
+        found.setdefault(entry.task_folder, []).append(entry)
     return found
 
 

@@ -67,7 +67,7 @@ def keep(places: Path, folder: Path) -> list[Path]:
             first = entry.content["seed"] == firsts[entry.content["agent"]]
             for name in (NAME, *((POLICY, recording_name(scores.TRAINED, SELF)) if first else ())):
                 copied[entry.folder / name] = folder / entry.folder.relative_to(places) / name
-        cross = entries[0].folder.parents[1] / crossplay.NAME
+        cross = entries[0].task_folder / crossplay.NAME
         copied[cross] = folder / cross.relative_to(places)
     there = {target for target in copied.values() if target.name in (NAME, crossplay.NAME)}
     tasks = {folder.joinpath(*target.relative_to(folder).parts[:2]) for target in there}

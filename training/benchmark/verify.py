@@ -1,7 +1,7 @@
 """Verification: every match is played again from its recording, bit for bit, and compared with what the result says."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -58,8 +58,14 @@ def checks(entry: Result) -> list[Check]:
     return found
 
 
-def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
-    """The checks of a task's cross-play. folder: Of the task. entries: All entries of the task, by name."""
+def cross_checks(folder: Path, entries: Mapping[str, Result], chosen: Container[str]) -> list[Check]:
+    """The checks of a task's cross-play.
+
+    Args:
+        folder: Of the task.
+        entries: All entries of the task, by name.
+        chosen: Names of entries, whose matches are checked.
+    """
     found: list[Check] = []
     try:
         task = task_of(folder.name)
@@ -67,6 +73,8 @@ def cross_checks(folder: Path, entries: Mapping[str, Result]) -> list[Check]:
         return found
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
+        if one not in chosen and other not in chosen:
+            continue
         if gone := [name for name in (one, other) if name not in entries]:
             found.append(partial(Finding, what, missing=f"the entry {gone[0]} is not here"))
         else:

@@ -59,7 +59,8 @@ def add(commands: Any) -> None:
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
     command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
-    text = f"run: tasks, or all; score, verify, table: folders of results (default {RESULTS}); anchors: a task"
+    text = f"run: tasks, or all; score, verify, table: folders of results (default {RESULTS}); verify: also "
+    text += "folders in them, such as that of an agent; anchors: a task"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
     text = "run: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
     text += "preset, the folder of a run, FILE.zip or FILE.py:FUNCTION, and {task} and {seed} in it stand for those of "
@@ -273,6 +274,7 @@ def _score(options: argparse.Namespace) -> int:
 def _verify(options: argparse.Namespace) -> int:
     """Verify; the exit status is 1 if anything is not what it claims."""
     from ..benchmark import scores
+    from ..benchmark.result import find
     from ..benchmark.verify import checks, cross_checks
 
     counts = {"as recorded": 0, "wrong": 0, "with missing files": 0}
@@ -281,7 +283,8 @@ def _verify(options: argparse.Namespace) -> int:
         jobs = []
         for folder, entries in folders:
             jobs += [check for entry in entries for check in checks(entry)]
-            jobs += cross_checks(folder, {entry.name: entry for entry in entries})
+            every = {entry.name: entry for entry in find(folder)}
+            jobs += cross_checks(folder, every, {entry.name for entry in entries})
         for found in results(jobs, _jobs(options)):
             fine, wrong, partly = counts
             counts[wrong if found.wrong else partly if found.missing else fine] += 1
