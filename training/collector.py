@@ -16,6 +16,7 @@ from .rollout import DEAREST, RewardScale, Rollout
 from .rows import concatenated
 
 Array = np.ndarray[Any, Any]
+BATCH = 4096  # samples of a rollout that are valued at once
 
 
 class Collector:
@@ -63,9 +64,9 @@ class Collector:
                         lane.take(t - 1, lane.env.recv(), policies)
                     if t < steps:
                         lane.env.send(lane.act(t, begun + t, policies))
-        return self._joined([lane.close(policies) for lane in self.lanes])
+        return self._joined([lane.close(policies) for lane in self.lanes], policies)
 
-    def _joined(self, parts: Sequence[Any]) -> Rollout:
+    def _joined(self, parts: Sequence[Any], policies: Sequence[ActorCritic]) -> Rollout:
         def joined(name: str, axis: int = 1) -> Array:
             each = [np.asarray(getattr(part, name)) for part in parts]
             return each[0] if len(each) == 1 else np.concatenate(each, axis)
@@ -73,7 +74,7 @@ class Collector:
         def everyones(name: str, axis: int = 1) -> Array:
             return self.crew.gather(joined(name, axis), axis)
 
-        numbers, rewards, values, ends = self.numbers, everyones("rewards"), everyones("values"), everyones("ends")
+        numbers, rewards, ends = self.numbers, everyones("rewards"), everyones("ends")
         if not np.isfinite(rewards).all():
             raise TrainingError(
                 "rewards are no finite numbers (NaN or infinity): a mechanic computes them, as by 0 / 0 or the root of "
@@ -85,8 +86,15 @@ class Collector:
                 f"rewards, or their discounted sums, are beyond {DEAREST:g}, and no run goes on with those: pay less"
             )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
-        found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         seen = concatenated([each for step in zip(*(part.seen for part in parts), strict=True) for each in step])
-        own = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
+        values, learner = joined("values"), joined("learner").ravel()
+        for number, policy in enumerate(policies):
+            own = np.flatnonzero(learner == number) if policy.apart else np.zeros(0, int)
+            for start in range(0, len(own), BATCH):  # a step of few agents costs about as much as a large batch
+                some = own[start : start + BATCH]
+                values.reshape(-1)[some] = policy.values(seen.select(torch.from_numpy(some))).numpy()
+        values = self.crew.gather(values, 1)
+        found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
+        kept = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
         learner = everyones("learner")
-        return Rollout(seen=seen, values=values, advantages=found, learner=learner, first=self.first, **own)
+        return Rollout(seen=seen, values=values, advantages=found, learner=learner, first=self.first, **kept)

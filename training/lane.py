@@ -38,7 +38,7 @@ class Samples:
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
         log_probs: float32, log-probabilities of the actions when they were chosen.
-        values: float32, the critic's values of what was observed.
+        values: float32, the critic's values of what was observed; left out where the policy computes them apart.
         rewards: float32.
         later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
         ends: bool, whether the agent's next step does not count for this one, as its episode ends.
@@ -182,16 +182,15 @@ class Lane:
             else:
                 part = self._part(seen, group)
             memory, begins = self._remembered(policy, group)
-            if index:
+            if index or policy.apart:
                 logs, memory = policy.logs(part, memory, begins)
             else:
-                logs, values, memory = policy(part, memory, begins)
+                logs, samples.values[t, group.where], memory = policy(part, memory, begins)
             if memory is not None:
                 self.memory[group.where, : policy.memory] = memory
             chosen = policy.choices.draw(logs, numbers[group.where])
             samples.actions[t, group.where] = chosen
             if not index:
-                samples.values[t, group.where] = values
                 samples.log_probs[t, group.where] = policy.choices.of(chosen, logs)
         self.begins[:] = False
         found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
@@ -290,7 +289,10 @@ class Lane:
         for (index, number), group in self.groups.items():
             if not index:
                 policy, part = policies[number], self._part(seen, group)
-                values[group.where] = policy(part, *self._remembered(policy, group))[1]
+                if policy.apart:
+                    values[group.where] = policy.values(part)
+                else:
+                    values[group.where] = policy(part, *self._remembered(policy, group))[1]
         return values
 
     def _seen(self, observations: dict[str, Array]) -> Observed:

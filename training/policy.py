@@ -73,6 +73,7 @@ class ActorCritic(nn.Module):
 
     Attributes:
         memory: How many numbers each agent keeps from step to step; 0: none.
+        apart: Whether values have networks of their own, so that nothing is computed twice if they are asked for later.
     """
 
     def __init__(
@@ -98,6 +99,7 @@ class ActorCritic(nn.Module):
         super().__init__()
         self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
         self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
+        self.apart = not (preset.shared or memory)
         self.recurrent = Memory(inputs, memory) if memory else None
         self.overview = dense(state, preset.hidden) if state else None
         self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
@@ -125,10 +127,7 @@ class ActorCritic(nn.Module):
             features = [torch.cat([each, after], 1) for each in features]
         if self.overview is None and len(features) == 1:
             return *self._both(features[0]), memory
-        known = features[-1]
-        if self.overview is not None:
-            known = torch.cat([known, self.critic.activation(self.overview(seen.state))], 1)
-        return self._logs(self.actor.inner(features[0])), self.critic(known).flatten(), memory
+        return self._logs(self.actor.inner(features[0])), self._valued(features[-1], seen), memory
 
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
@@ -140,6 +139,10 @@ class ActorCritic(nn.Module):
             features = torch.cat([features, after], 1)
         return self._logs(self.actor.inner(features)), memory
 
+    def values(self, seen: Observed) -> Tensor:
+        """Return the values only, (batch,), of a policy without a memory."""
+        return self._valued(self.extractors[-1](seen), seen)
+
     def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
         """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
         return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
@@ -149,6 +152,13 @@ class ActorCritic(nn.Module):
         if self.recurrent is None or memory is None or begins is None:
             raise ValueError("a policy with a memory needs `memory` and `begins`")
         return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
+
+    def _valued(self, features: Tensor, seen: Observed) -> Tensor:
+        """Values by the features of the critic and, if it learns from that, the state of the worlds."""
+        if self.overview is not None:
+            features = torch.cat([features, self.critic.activation(self.overview(seen.state))], 1)
+        values: Tensor = self.critic(features).flatten()
+        return values
 
     def _both(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Log probabilities and values of the same features: the first layers of both towers are one product."""
