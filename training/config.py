@@ -29,8 +29,9 @@ SELF, PAST = "self", "past"  # opponents that only training has
 OPPONENTS = (SELF, PAST, *NAMED)
 SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps over which gradients flow back through a memory
-MOST = 4096  # numbers of a memory, at most
-LEAST = {"steps": 0, "seed": 0, "worlds": 0, "rollout": 0, "threads": 0, "every": 1, "snapshots": 1}
+LEAST = dict.fromkeys(("steps", "seed", "worlds", "rollout", "threads", "memory"), 0)
+LEAST |= dict.fromkeys(("processes", "every", "snapshots"), 1)
+MOST = {"memory": 4096}  # whole numbers are at least as in LEAST and, if they are named here, at most this
 Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
@@ -128,9 +129,10 @@ class TrainingConfig:
             TrainingError: Another value is not possible.
         """
         for name, least in LEAST.items():
-            value = as_whole(getattr(self, name))
-            if not is_whole(value, least, 2**62 - 1):
-                raise TrainingError(f"{name} = {value!r}: a whole number from {least} is needed")
+            value, most = as_whole(getattr(self, name)), MOST.get(name, 2**62 - 1)
+            if not is_whole(value, least, most):
+                up_to = f" to {most}" if name in MOST else ""
+                raise TrainingError(f"{name} = {value!r}: a whole number from {least}{up_to} is needed")
             object.__setattr__(self, name, int(value))
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
@@ -144,8 +146,6 @@ class TrainingConfig:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
         if self.critic not in CRITICS:
             raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
-        if type(self.memory) is not int or not 0 <= self.memory <= MOST:
-            raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
         _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # these check themselves
         if (file := policy_file(teacher, TEACHERS)) != teacher:  # so that the run records which file it was
             object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
@@ -166,8 +166,7 @@ class TrainingConfig:
                 f"policies = 'side': {decisive[0]} varies, and with it who is on which side; take 'shared' or 'agent'"
             )
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
-        most = self.size[0]
-        if not 1 <= self.processes <= most:
+        if self.processes > (most := self.size[0]):
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
 
     def check_teacher(self) -> None:

@@ -61,11 +61,20 @@ class Curriculum:
 
         Args:
             choose: The function that chooses; it is called before the first rollout, and after each one.
-            env: Worlds like those that are played in. Raises NumberError if they can have no levels.
+            env: Worlds like those that are played in.
+
+        Raises:
+            TrainingError: The scenario has no levels, as it draws no numbers, walls or roles.
         """
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
-        env.set_levels(self.levels)
+        try:
+            env.set_levels(self.levels)
+        except NumberError:
+            raise TrainingError(
+                f"{env.scenario.name} has no levels to choose, as it draws no numbers, walls or roles: vary some, as "
+                "by scenario.vary(melee_damage=outlast.integers(5, 20)), or leave out levels"
+            ) from None
 
     def ask(self, progress: TrainingProgress) -> None:
         """Let the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""

@@ -120,7 +120,8 @@ class Opponents:
                 self._add(Opponent(name, weights[name], plain=plain(name, env)))
         for name, player in players.items():
             player.check(env)
-            self._add(Opponent(name, weights[name], player.policies, player.packer, player.team))
+            team = player.team if len(player.policies) > 1 else np.zeros(env.num_agents, int)  # 0.1.0 saved no team
+            self._add(Opponent(name, weights[name], player.policies, player.packer, team))
         self.past: list[int] = []
         self.dropped = 0
         self.memory = max([memory, *(player.memory for player in players.values())])

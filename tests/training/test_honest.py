@@ -1,5 +1,6 @@
 """What the learning side once did otherwise than it said."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,8 @@ def test_annealed_numbers_are_logged_as_they_were_played() -> None:
         assert trainer.env.worlds.number("melee_damage") == trainer.report()["anneal/melee_damage"]
         logged.append(trainer.report()["anneal/melee_damage"])
     assert logged == [1, 14, 27]
+    (number,) = replace(config, steps=0, anneal=parse_anneal(["melee_damage=1:40"])).anneal
+    assert number.value(0, config.scenario) == 1
 
 
 def test_a_number_that_varies_is_not_annealed() -> None:

@@ -1,6 +1,7 @@
 """Opponents that are drawn per world: who plays whom, whose samples are trained on, who won, ratings, going on."""
 
 import itertools
+import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -311,6 +312,19 @@ def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
         assert whole.report() == again.report()
         assert whole.update(one) == again.update(two)
     assert whole.opponents.all.keys() == again.opponents.all.keys()
+
+
+def test_a_file_that_names_no_team_plays_for_all_agents(tmp_path: Path) -> None:
+    """As those of 0.1.0."""
+    trainer, found = make(opponents={"self": 1.0}), []
+    files = trainer.policy_files(trainer.config.header())
+    header = {key: value for key, value in json.loads(files["run.json"]).items() if key != "team"}
+    for name, content in (("now", files), ("before", files | {"run.json": json.dumps(header).encode()})):
+        path = str(tmp_path / f"{name}.zip")
+        write_checkpoint(Path(path), content)
+        found.append(make(opponents={"self": 1.0, path: 1.0}).collect())
+    assert (found[0].learner == NOBODY).any()
+    assert np.array_equal(found[0].actions, found[1].actions)
 
 
 def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -> None:

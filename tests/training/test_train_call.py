@@ -83,6 +83,9 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch: 
         ({"opponents": None}, "opponents = None: names or paths of saved policies are needed, with weights"),
         ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
         ({"warm_start": None}, "warm_start = None: a name"),
+        ({"processes": "2"}, "processes = '2': a whole number from 1 is needed"),
+        ({"processes": 1.5}, "processes = 1.5: a whole number from 1 is needed"),
+        ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
     ],
 )
 def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
