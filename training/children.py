@@ -4,7 +4,9 @@ import logging
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -51,8 +53,15 @@ class ChildRun:
         """Start the process, which begins or continues the run."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
         self.process = subprocess.Popen(
-            self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True
+            self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
         )
+        self._last = deque[str](maxlen=1)
+        self._reader = threading.Thread(target=self._read, daemon=True)  # a full pipe would stop the run
+        self._reader.start()
+
+    def _read(self) -> None:
+        """Read all that the run prints, and keep the last line."""
+        self._last.extend(text for line in self.process.stdout or () if (text := line.strip()))
 
     def stop(self) -> None:
         """Interrupt the run, so that it saves and ends."""
@@ -66,9 +75,9 @@ class ChildRun:
     def report(self) -> int:
         """Print the run's last line of output. Returns its exit status as shells do: 128 + N if signal N ended it."""
         with self.process as process:  # `communicate` would first close the run's input, which interrupts the run
-            output = process.stdout.read().strip().splitlines() if process.stdout else []
+            self._reader.join()
             code = process.wait()
-        last = (output or ["ended without a word"])[-1]
+        last = (self._last or ["ended without a word"])[-1]
         tqdm.write(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
         return code if code >= 0 else SIGNALLED - code
 

@@ -63,6 +63,15 @@ def test_a_run_ends_well_while_its_input_is_open(tmp_path: Path, capsys: pytest.
     assert "outlast train ffa_2 --resume" in capsys.readouterr().out  # the end of the help
 
 
+def test_a_run_may_print_as_much_as_it_likes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """More than a pipe holds, as a system with `print` does."""
+    run = ChildRun(tmp_path / "run", [], resume=False)
+    run.words = [sys.executable, "-c", "print('said\\n' * 100_000, 'at last\\n')"]
+    run.start()
+    assert run.process.wait(30) == run.report() == 0
+    assert capsys.readouterr().out == "run: at last\n"
+
+
 class Killed(ChildRun):
     def start(self) -> None:
         super().start()
