@@ -327,6 +327,16 @@ def test_a_file_that_names_no_team_plays_for_all_agents(tmp_path: Path) -> None:
     assert np.array_equal(found[0].actions, found[1].actions)
 
 
+@pytest.mark.parametrize("role", [{"opponents": {"self": 1.0, "{}": 1.0}}, {"warm_start": "{}:100"}], ids=str)
+def test_who_learns_from_what_is_revealed_does_so_beside_a_policy_that_does_not(role: Any, tmp_path: Path) -> None:
+    """Otherwise it would play by rows that it was never trained on."""
+    trainer, path = make(opponents={"self": 1.0}), str(tmp_path / "fast.zip")
+    write_checkpoint(Path(path), trainer.policy_files(trainer.config.header()))
+    given = json.loads(json.dumps(role).replace("{}", path))
+    learner = Trainer(TrainingConfig(SHORT, "original", worlds=1, rollout=16, **given))
+    assert learner.env.scenario.numbers()["cameras_mode"] == "revealed"
+
+
 def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -> None:
     """A file may have been replaced since; one that was saved again with the same weights is the same policy."""
     path = tmp_path / "rival.zip"
