@@ -77,6 +77,6 @@ def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
             f"cameras_mode is {mode}: saved policies were trained to see what cameras see, the same in all worlds; "
             f"take {MASKED} or {REVEALED}"
         )
-    fitting = [scenario, *(player.scenario(scenario) for player in players)]
+    fitting: list[Scenario] = [scenario, *(player.scenario(scenario) for player in players)]
     revealed = (each for each in fitting if each.numbers().get("cameras_mode") == REVEALED)
     return next(revealed, fitting[-1])
