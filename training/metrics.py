@@ -233,6 +233,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who is alive, who died and who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
+        deaths = deaths[(deaths["agent"] >= self.agents.start) & (deaths["agent"] < self.agents.stop)]
         living = np.take_along_axis(living_sides(self.base_env.worlds), np.maximum(self.sides, 0), 1)
         self.totals["life"] += living & (self.sides >= 0)
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):

@@ -12,14 +12,15 @@ LOGGER.setLevel(logging.WARNING)
 
 
 def log(worlds: Worlds, first_world: int = 0) -> None:
-    """Log the deaths of the last tick at level INFO: world, tick, agent, cause and the side that did it."""
+    """Log the deaths of the last tick at level INFO: world, tick, who, cause and the side that did it."""
     if not LOGGER.isEnabledFor(LEVEL):
         return
     # "no damage" is last, as its number is -1
-    first, causes = worlds.span("agent").start, [*worlds.layout.damage_types, "no damage"]
+    causes = [*worlds.layout.damage_types, "no damage"]
     for death in worlds.entries(Death):
         if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
             continue
         by = f" by side {death['side']}" if death["side"] >= 0 else ""
-        w, i, cause = first_world + death["world"], death["agent"] - first, causes[death["damage_type"]]
-        LOGGER.log(LEVEL, "world %d, tick %d: agent %d died of %s%s", w, death["tick"], i, cause, by)
+        w, cause, entity = first_world + death["world"], causes[death["damage_type"]], worlds.entity(death["agent"])
+        who = f"{entity.archetype} {entity.index}"
+        LOGGER.log(LEVEL, "world %d, tick %d: %s died of %s%s", w, death["tick"], who, cause, by)

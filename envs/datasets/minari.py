@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
+from outlast.components import Return
 from outlast.ecs import Worlds
 
 from ..adapters.gymnasium_single import SurvivalEnv
@@ -68,7 +69,8 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     own = EnvSpec(
         f"outlast/recorded-{VERSION}",
         entry_point=f"{__name__}:{recovered.__name__}",
-        kwargs={"game": about["scenario"], "mechanics": about["mechanics"]},
+        kwargs={"game": about["scenario"], "mechanics": about["mechanics"]}
+        | ({"dead": "keep"} if Return in replay.worlds else {}),
     )
     with _staged(name, place), warnings.catch_warnings():
         # Minari warns that there is no link to the code, which is in a released package

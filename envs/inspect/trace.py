@@ -3,8 +3,9 @@
 describe(worlds, w) returns what stays the same during an episode, snapshot(worlds, w) the state after a tick. Together
 they are all that a page needs to draw the world and to list what agents have.
 
-Objects are all bodies that are not agents: boxes, items, walls. Agents are numbered from 0, and so are objects. As the
-number of a body, an agent has its own number, and an object has its number plus the number of agents.
+Objects are all bodies that are not agents: boxes, items, walls, marks on the floor. Agents are numbered from 0, and so
+are objects. As the number of a body, an agent has its own number, and an object has its number plus the number of
+agents.
 """
 
 import functools
@@ -38,7 +39,7 @@ from outlast.ecs import Action, AgentRoles, Clock, Component, Layout, Worlds
 from ..core.spaces import published
 from ..rendering.layers.cameras import blind_until, cone_corners, seen_rows
 from ..rendering.layers.lidar import directions, distances
-from ..rendering.layers.others import of_kind
+from ..rendering.layers.others import POINT, has_size, of_kind
 from ..rendering.scene import Scene
 from ..rendering.style import css, ink_on, of_box, of_side
 
@@ -79,7 +80,7 @@ def bodies_of(layout: Layout) -> Bodies:
     """Return the agents and objects of a layout, in order of rows."""
     agents = layout.rows(Body, Shape, Side).tolist()
     all_ = [(row, kind) for kind, span in layout.spans.items() for row in span]
-    bodies = {*layout.rows(Body, Shape).tolist(), *layout.rows(Item).tolist()}
+    bodies = {*layout.rows(Body).tolist(), *layout.rows(Item).tolist()}
     objects = [(row, kind) for row, kind in all_ if row in bodies and row not in agents]
     numbers = {row: k for k, row in enumerate([*agents, *(row for row, _ in objects)])}
     rows, kinds = tuple(row for row, _ in objects), tuple(kind for _, kind in objects)
@@ -102,9 +103,10 @@ def describe(worlds: Worlds, w: int) -> Json:
     [[x, y]], the point one metre along each ray, ahead and to the left.
 
     objects: [{kind, role, radius, width, height, hides, of, amount, health, color}]: role is box, box_item, heal, item,
-    wall or other; radius 0: a rectangle; hides: whether it blocks the view of cameras; of: the box that a box item was,
-    -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged; color: as
-    CSS, for items and others; else empty.
+    wall or other; radius 0: a rectangle (items and others without a size have the radius with which pictures draw
+    them); hides: whether it blocks the view of cameras; of: the box that a box item was, -1: none; amount: hit points
+    that a heal gives; health: hit points at the start, 0: cannot be damaged; color: as CSS, for items and others; else
+    empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -171,7 +173,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
-    alive = set(scene.living(Body, Shape))
+    alive = set(scene.living(Body))
     targets = {strike.agent: strike.target for strike in scene.events(Strike)}
     actions = worlds.actions[:, w].T.tolist()
     rewards = scene[Reward].reward if Reward in scene else [0.0] * len(bodies.agents)
@@ -198,18 +200,18 @@ def _role(scene: Scene, i: int) -> str:
 def _object(scene: Scene, e: int, kind: str) -> Json:
     role = next((role for component, role in ROLES if e in scene.rows(component)), "other")
     role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # a wall cannot be pushed
-    bodies, shape = bodies_of(scene.worlds.layout), scene.shape
+    bodies, shape, own = bodies_of(scene.worlds.layout), scene.shape, role in ("item", "other")
     return {
         "kind": kind,
         "role": role,
-        "radius": _number(shape.radius[e]),
+        "radius": _number(POINT if own and not has_size(scene, e) else shape.radius[e]),
         "width": _number(2 * shape.half_width[e]),
         "height": _number(2 * shape.half_height[e]),
         "hides": _hides(scene, e),
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,
         "health": scene.prefab(Health).points[e] if _has_health(scene, e) else 0,
-        "color": css(of_kind(scene, e)) if role in ("item", "other") else "",
+        "color": css(of_kind(scene, e)) if own else "",
     }
 
 
@@ -251,7 +253,7 @@ def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:
 
 def _hides(scene: Scene, e: int) -> bool:
     """Return whether a body blocks the view of cameras, see systems.cameras.see."""
-    if systems.Cameras not in scene:
+    if systems.Cameras not in scene or not has_size(scene, e):
         return False
     return e in scene.rows(Shape, Solid) or bool(scene.mechanic(systems.Cameras).items_occlude)
 

@@ -19,6 +19,7 @@ from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Samples, Selection, concatenate, read_samples
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
+from outlast.systems import Respawn
 from tests.conftest import COMPILED, draw_actions, scaled
 
 WORLDS, STEPS = 4, scaled(70, least=8)
@@ -257,6 +258,20 @@ def test_minari_of_an_agent_alone(tmp_path: Path, monkeypatch: Any) -> None:
     assert episode.observations.keys() == seen.keys() - {"others", "others_mask"}
     for key, array in episode.observations.items():
         np.testing.assert_array_equal(array[-1], seen[key][0, 0])
+
+
+def test_minari_of_a_game_in_which_agents_come_back(tmp_path: Path, monkeypatch: Any) -> None:
+    """Its environment cannot end with the death of an agent."""
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    game = outlast.variant("ffa_1").with_(Respawn(ticks=2)).replace(ending_rule="never", ending_limit=2)
+    env = outlast.make_vec(game, 1, seed=0)
+    with outlast.record(env, tmp_path / "a.rec"):
+        env.reset()
+        env.step(np.tile(env.noop, (1, 2, 1)))
+    assert export_dataset("minari:outlast/back-v0", Replay(tmp_path / "a.rec"), Selection([0], 0, 1)) == 2
+    again = minari.load_dataset("outlast/back-v0").recover_environment(others="noop")
+    assert again.reset()[1]["alive"]
 
 
 @pytest.mark.parametrize(

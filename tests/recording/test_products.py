@@ -1,20 +1,15 @@
 """What recordings, replays and their products once did otherwise than they said."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import outlast
-from outlast.components import Bag, Body, Death, Died, Guard, Health, Hit, Phase, Shape, Spawned
-from outlast.components.health import hurt
+from outlast.components import Bag, Body, Health, Phase
 from outlast.ecs import (
     Action,
-    Archetype,
     Array,
-    Clock,
-    Component,
     Event,
     Module,
     Read,
@@ -22,7 +17,6 @@ from outlast.ecs import (
     Write,
     column,
     emit,
-    number,
 )
 from outlast.envs.cli.main import main
 from outlast.envs.datasets.export import export_dataset
@@ -33,6 +27,7 @@ from outlast.envs.recording import Recording, Replay
 from outlast.envs.rendering.scene import Scene
 from outlast.envs.web.play.game import Game
 from outlast.systems import Agents, Record
+from tests.helpers.beasts import Beasts
 
 # ---- mechanics of one's own
 
@@ -69,37 +64,6 @@ def meet(meetings: Write[Meeting], body: Read[Body], agents: Rows[Bag]) -> None:
         meetings.amount[k, 1] = 2.5
 
 
-class Beast(Component):
-    age: Array = column("i4")
-
-
-@dataclass(frozen=True)
-class Beasts(Module):
-    """Animals that starve."""
-
-    count: int = number(2, low=1)
-
-    def archetypes(self) -> Any:
-        shape, life = Shape(radius=0.5, bound=0.5), Health(points=5)
-        parts = (Body(), shape, life, Guard(), Died(), Spawned(), Beast())
-        return [Archetype("beast", parts, self.count, order=60)]
-
-    def singletons(self) -> Any:
-        return [Hit(), Death()]
-
-    def dims(self) -> Any:
-        return {"hits": self.count}
-
-
-@Beasts.system(Phase.MELEE, after=Health)
-def starve(
-    health: Write[Health], guard: Read[Guard], hits: Write[Hit], clock: Read[Clock], beasts: Rows[Beast]
-) -> None:
-    for e in beasts:
-        if health.points[e] > 0:
-            hurt(health, guard, hits, e, 1, 0, -1, clock.tick[0], -1)
-
-
 def recorded(path: Path, scenario: Any, steps: int = 8) -> Path:
     env = outlast.make_vec(scenario, 1, seed=0)
     with outlast.record(env, path):
@@ -128,7 +92,8 @@ def test_an_event_may_have_several_amounts(tmp_path: Path) -> None:
     assert "2.5" in first["cause"]
 
 
-def test_what_dies_need_not_be_an_agent() -> None:
+def test_what_dies_need_not_be_an_agent(caplog: Any) -> None:
+    caplog.set_level("INFO", "outlast.deaths")
     env = outlast.make_vec(outlast.variant("ffa_2").with_(Beasts()), 1, seed=0)
     env.reset()
     found: list[Any] = []
@@ -137,6 +102,7 @@ def test_what_dies_need_not_be_an_agent() -> None:
         found += [event for event in events(env.worlds, 0) if "beast" in event["cause"]]
     assert [(event["kind"], event["agent"]) for event in found] == [("other", -1)] * 2
     assert found[0]["cause"] == "death beast 0 melee"
+    assert caplog.messages == [f"world 0, tick 5: beast {k} died of melee" for k in range(2)]
 
 
 def test_a_page_does_not_replace_its_recording(tmp_path: Path) -> None:

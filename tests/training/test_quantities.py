@@ -10,6 +10,7 @@ from outlast import Scenario, choice, integers, make_vec, variant
 from outlast.components import Item
 from outlast.ecs import Entity
 from tests.conftest import draw_actions
+from tests.helpers.beasts import Beasts
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
@@ -193,3 +194,16 @@ def test_an_evaluation_counts_gifts_by_giver() -> None:
     env.close()
     assert (metrics.totals["heals_given"] == expected).all()
     assert (expected > 0).any(1).sum() > 1
+
+
+@pytest.mark.parametrize("order", [0, 60])  # their rows come before those of agents, or after
+def test_an_evaluation_counts_no_deaths_of_animals(order: int) -> None:
+    env = make_vec(variant("ffa_1").with_(Beasts(order=order)), 1, seed=0)
+    env.reset()
+    metrics, actions = AgentMetrics(env), np.tile(env.noop, (1, 2, 1))
+    for _ in range(6):
+        metrics.before_step(actions)
+        env.step(actions)
+        metrics.after_step()
+    assert not env.worlds[Entity].alive[:, env.worlds.span("beast")].any()
+    assert not any(metrics.totals[name].any() for name in metrics.totals if name.startswith("deaths_"))

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from outlast import make_vec
+from outlast import make_vec, variant
+from outlast.components import Body, Item
+from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.inspect.events import events
 from outlast.envs.inspect.trace import describe, snapshot
 from tests.helpers.goal import TICK, won_at_the_limit
@@ -82,3 +84,26 @@ def test_strikes_say_whether_they_met_something() -> None:
     game.put("agent", 1, 0, 8)
     game.step({0: "attack"})
     assert strikes() == [1, 0]
+
+
+class Mark(Component):
+    """A kind that has no shape, on the floor or in a bag."""
+
+    worth: Array = column("i4")
+
+
+class Marks(Module):
+    """A place without a shape, and an item without one."""
+
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("base", (Body(x=1, y=2), Mark()), 1), Archetype("coin", (Body(x=3), Item(), Mark()), 1)]
+
+
+def test_what_has_no_shape_is_shown_as_in_pictures() -> None:
+    env = make_vec(variant("ffa_4").with_(Marks()), 1, seed=0)
+    env.reset()
+    pairs = zip(describe(env.worlds, 0)["objects"], snapshot(env.worlds, 0)["objects"], strict=True)
+    found = {kind["kind"]: kind | place for kind, place in pairs}
+    for name, role, x, y in (("base", "other", 1, 2), ("coin", "item", 3, 0)):
+        shown = {key: found[name][key] for key in ("role", "radius", "hides", "here", "x", "y")}
+        assert shown == {"role": role, "radius": 0.2, "hides": False, "here": True, "x": x, "y": y}

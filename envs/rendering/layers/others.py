@@ -40,7 +40,7 @@ class OthersLayer(Layer):
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
         body, shape, color = scene.body, scene.shape, of_kind(scene, e)
-        if max(shape.radius[e], shape.half_width[e], shape.half_height[e]) <= 0:
+        if not has_size(scene, e):
             canvas.circle(body.x[e], body.y[e], POINT, mix(color, INK, 0.6))
             canvas.circle(body.x[e], body.y[e], POINT - self.rim, color)
             return
@@ -66,6 +66,12 @@ def others(scene: Scene) -> list[int]:
     fixed = {*walls(scene)} if rows and Solid in scene else {}
     living = {*scene.living(Body)} if rows else {}
     return [e for e in rows if e in living and e not in fixed]
+
+
+def has_size(scene: Scene, e: int) -> bool:
+    """Return whether the entity in this row has a shape with a size."""
+    shape = scene.shape
+    return bool(max(shape.radius[e], shape.half_width[e], shape.half_height[e]) > 0)
 
 
 def of_kind(scene: Scene, e: int) -> Color:
