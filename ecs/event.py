@@ -39,8 +39,8 @@ class Event(Singleton, packed=False):
     Attributes:
         name: The class's name in snake case, unique in a scenario.
         capacity: A size, the name of a dimension, or a component: one entry for each entity that has it.
-        who: The column that tables of all events show as the entity that acted: `agent`, unless the class names
-            another.
+        who: The column that tables of all events show as the entity that acted: `agent`, if it holds integers of unit
+            "entity" or of none, unless the class names another.
         whom: The column that they show as the entity acted upon: `target`, likewise.
 
     Raises:
@@ -75,11 +75,17 @@ class Event(Singleton, packed=False):
             )
         if taken := sorted({COUNT, *TIMES} & cls.columns.keys()):
             raise DeclarationError(f"{own}: the engine has a column '{taken[0]}' of its own; call yours otherwise")
+        entities = [name for name, column in cls.columns.items() if _holds_entities(column)]
         for role, column in (("who", who), ("whom", whom)):
             if column not in (*cls.columns, "agent", "target"):
                 raise DeclarationError(f"{own}: {role}={column!r} is none of its columns: {', '.join(cls.columns)}")
+            if column not in (*entities, "agent", "target"):
+                raise DeclarationError(
+                    f"{own}: {role}={column!r} is to hold entities; declare it as "
+                    f'{column}: Array = column("i4", unit="entity")'
+                )
         cls.name, cls.capacity = snake_case(cls.__name__), capacity
-        cls.who, cls.whom = (role if role in cls.columns else "" for role in (who, whom))
+        cls.who, cls.whom = (role if role in entities else "" for role in (who, whom))
         below = f"{cls.capacity_dim()} + 1"
         cls.columns = cls.columns | {COUNT: Column(np.dtype(np.int32), (), 0, -np.inf, np.inf, below=below)}
         cls.Table = table_type(cls)
@@ -93,6 +99,11 @@ class Event(Singleton, packed=False):
     def capacity_dim(cls) -> str:
         """Return the name of the dimension in which a layout stores the capacity."""
         return f"capacity of {cls.name}"
+
+
+def _holds_entities(column: Column) -> bool:
+    """Return whether a column holds rows of entities, or may do so, as it does not say what it holds."""
+    return column.dtype.kind in "iu" and not column.dims and column.unit in ("entity", "")
 
 
 @kernel

@@ -69,8 +69,9 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
     found: dict[str, Array] = {name: rows[name] for name in TIMES}
     found["event"] = _same(event.name, rows)
     for name, column in event.columns.items():
-        if column.unit in words:
-            _check_words(event, name, rows, len(words[column.unit]) - 1)
+        unit = "entity" if name in (event.who, event.whom) else column.unit
+        if unit in words:
+            _check_words(event, name, rows, unit, len(words[unit]) - 1)
     found["who"], found["whom"] = (
         words["entity"][rows[name]] if name else _same("", rows) for name in (event.who, event.whom)
     )
@@ -86,12 +87,12 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
     return found
 
 
-def _check_words(event: type[Event], name: str, rows: Array, count: int) -> None:
+def _check_words(event: type[Event], name: str, rows: Array, unit: str, count: int) -> None:
     """Raise DeclarationError if the column `name`, whose values are numbers of `count` things, has any other number."""
     wrong = rows[name][(rows[name] < -1) | (rows[name] >= count)]
     if wrong.size:
         raise DeclarationError(
-            f"the event {event.__name__} has {name} = {wrong.flat[0]}, and its unit is {event.columns[name].unit!r}: "
+            f"the event {event.__name__} has {name} = {wrong.flat[0]}, and its unit is {unit!r}: "
             f"-1 to {count - 1} is possible; a system wrote something else"
         )
 

@@ -291,6 +291,7 @@ def declared(capacity: Any = 3, **more: Any) -> type[Event]:
         ({"columns": {"tick": column("i4")}}, ["column 'tick' of its own"]),
         ({"columns": {"count": column("i4")}}, ["column 'count' of its own"]),
         ({"who": "giver"}, ["who='giver' is none of its columns: agent"]),
+        ({"columns": {"spot": column("f4")}, "whom": "spot"}, ["whom='spot' is to hold entities", 'unit="entity"']),
         ({"columns": {"agent": column("i4", fill=-1)}}, ["leave out fill"]),
     ],
 )
@@ -299,6 +300,20 @@ def test_impossible_events_are_refused(declaration: dict[str, Any], words: list[
         declared(**declaration)
     for word in words:
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("target", "whom"),
+    [
+        (column("i4", unit="entity"), "target"),
+        (column("i4"), "target"),
+        (column("i4", unit="side"), ""),
+        (column("f4"), ""),
+        (column("i4", 2), ""),
+    ],
+)
+def test_a_target_that_is_no_entity_is_not_whom(target: Any, whom: str) -> None:
+    assert declared(columns={"target": target}).whom == whom
 
 
 def test_names_and_roles_have_defaults() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import outlast
 from outlast.components import Bag, Phase, Side
-from outlast.ecs import Array, Clock, Event, Module, Read, Rows, Singleton, Write, column, emit
+from outlast.ecs import Array, Clock, DeclarationError, Event, Module, Read, Rows, Singleton, Write, column, emit
 from outlast.envs.inspect.event_table import COLUMNS, event_table
 from outlast.envs.inspect.events import events
 from outlast.envs.rollout import random_policy, table_file
@@ -168,4 +168,34 @@ def test_a_users_own_events_are_everywhere(tmp_path: Path) -> None:
         (0, "shout 2.5 words=[0, 7]"),
         (1, "shout agent 0 2.5 words=[1, 7] side=1"),
     ]
+    env.close()
+
+
+class Knock(Event, capacity="agents"):
+    agent: Array = column("i4")
+    target: Array = column("f4")  # metres: no entity
+
+
+@dataclass(frozen=True)
+class Knocking(Module):
+    def singletons(self) -> Iterable[Singleton]:
+        return [Knock()]
+
+
+@Knocking.system(Phase.GIVE)
+def knock(knocks: Write[Knock], agents: Rows[Bag]) -> None:
+    k = emit(knocks)
+    knocks.agent[k], knocks.target[k] = agents[1], 2.5
+
+
+def test_who_is_an_entity_whatever_its_column_says() -> None:
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Knocking()), 1, seed=0)
+    env.reset()
+    env.step(np.tile(env.noop, (1, env.num_agents, 1)))
+    rows = env.events()["knock"]
+    table = event_table(env.worlds.layout, {"knock": rows})
+    assert [table[name][0] for name in ("who", "whom", "more")] == ["agent 1", "", "target=2.5"]
+    rows["agent"] = 1000
+    with pytest.raises(DeclarationError, match=r"the event Knock has agent = 1000, and its unit is 'entity': -1 to"):
+        event_table(env.worlds.layout, {"knock": rows})
     env.close()
