@@ -11,6 +11,7 @@ from outlast.components import Reward
 from outlast.ecs import Clock
 from outlast.envs.errors import PageError, RecordingError
 from outlast.envs.rollout import random_policy, scripted_policy
+from outlast.systems import Respawn
 from tests.conftest import run
 from tests.helpers.thinker import Thinker
 from tests.web.browser import Screen
@@ -90,6 +91,23 @@ def test_actions_rewards_and_thoughts_are_those_of_the_simulation(look: Any, pag
         assert shown["facts"]["Value"] == pytest.approx(value, rel=0.01, abs=0.051)
         np.testing.assert_allclose(shown["likely"], np.maximum(np.rint(100 * likely) / 100, 0.001), atol=0.011)
     assert len(paid) == 2
+
+
+def test_who_comes_back_acts_in_that_tick(look: Any, compiled: None, tmp_path: Path) -> None:
+    zone = {"safe_zone_radii": (0.1,), "safe_zone_damage": 100}
+    game = outlast.variant("ffa_1").with_(Respawn(ticks=3)).replace(ending_rule="never", ending_limit=50, **zone)
+    env, back, dead = outlast.make_vec(game, 1, seed=0), 0, 0
+    with outlast.record(env, tmp_path / "a.rec"):
+        env.reset()
+        while not back:
+            *_, info = env.step(np.full((1, 2, len(env.noop)), 1))
+            back = next((event["tick"] for event in env.events()["respawned"] if event["agent"] == 1), 0)
+            dead = dead if info["alive"][0, 1] else env.worlds[Clock].tick[0, 0]
+    screen = look(outlast.replay_page(tmp_path / "a.rec", tmp_path / "a.html"), f"#tick={back}&agent=1")
+    assert mind(screen)["note"] == ""
+    assert mind(screen)["chosen"] == {name: str(0 if name in NAMES[:3] else 1) for name in NAMES}
+    screen.seek(dead)
+    assert mind(screen)["note"] == "It is dead, and does nothing."
 
 
 def test_attention_is_listed_and_painted(look: Any, page: tuple[Path, Thoughts]) -> None:

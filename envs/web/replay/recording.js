@@ -64,8 +64,8 @@ const Recording = (() => {
 
     // What agent i was told to do in the tick that led to row k, by number of the action; null: nothing.
     action(i, k) {
-      const count = this.description.actions.length;
-      const acts = this.start + k > 0 && this.history("agent.alive", i)[Math.max(0, k - 1)];
+      const count = this.description.actions.length, alive = this.history("agent.alive", i);
+      const acts = this.start + k > 0 && (alive[Math.max(0, k - 1)] || alive[k]); // who comes back acts in that tick
       return acts ? Array.from({ length: count }, (_, n) => this.history("agent.action", i * count + n)[k]) : null;
     }
 
