@@ -9,6 +9,7 @@ const World = (() => {
   const { circle, ring, line, cross, outline, side } = Brush;
   const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
   const WIDEST = 0.55; // metres: a line to what has all the attention
+  const ITEMS = ["heal", "item", "box_item", "other"], SOLIDS = ["box", "wall"]; // roles of objects, see trace.py
   const CLEAR = 1.3; // metres around an agent that stay clear at night
 
   function draw(context, description, snapshot, options) {
@@ -27,12 +28,12 @@ const World = (() => {
     if (scene.show.lines) watchers(scene).forEach((agent) => lines(scene, agent));
     if (scene.show.rays) watchers(scene).forEach((agent) => rays(scene, agent));
     if (scene.show.attention && options.attends) attention(scene);
-    objects(scene, ["heal", "item", "box_item", "other"], Bodies.item);
-    objects(scene, ["box", "wall"], Bodies.solid);
+    objects(scene, ITEMS, Bodies.item);
+    objects(scene, SOLIDS, Bodies.solid);
     agents(scene, Bodies.strike);
     agents(scene, Bodies.agent);
     agents(scene, Bodies.hit);
-    if (scene.show.health) objects(scene, ["box"], Bodies.damage);
+    if (scene.show.health) objects(scene, [...ITEMS, ...SOLIDS], Bodies.damage);
     if (scene.show.health) agents(scene, Bodies.health);
     if (scene.show.bags) agents(scene, Bodies.bag);
     (options.marks || []).forEach((mark) => Bodies.mark(scene, mark));

@@ -10,8 +10,10 @@ import pytest
 import outlast
 from outlast.components import Body, Heal, Health, Phase, Reward, Side
 from outlast.ecs import Action, Array, Clock, Module, Read, Write, column
+from outlast.envs.rendering.style import SIZES, WHOLE
 from outlast.envs.web.play.game import Game, GamePhase
 from outlast.systems import Respawn
+from tests.helpers.beasts import Beasts
 from tests.helpers.own_bodies import Mine
 from tests.web.clients import enemy_shown, has, heals_shown, picture, served
 
@@ -271,6 +273,24 @@ def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
             rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
             assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
             assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
+    game.close()
+
+
+def test_what_is_wounded_has_a_bar_as_in_pictures(browser):
+    game = Game(outlast.variant("ffa_1").with_(Beasts()), others="noop", seed=1)
+    rows = game.worlds.span("beast")
+    game.worlds[Body].x[0, rows], game.worlds[Body].y[0, rows] = (-6, 6), 3
+    game.worlds[Health].points[0, rows] = (3, 5)  # of 5
+    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.keyboard.press("v")
+        page.wait_for_selector("#view[aria-pressed=false]")
+        image, up = picture(page), 3 + 0.5 + SIZES.bar_height * (SIZES.bar_gap + 0.5)
+        assert [has(game, image, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
+        drawn = outlast.draw(game.worlds, 0, size=min(image.shape[:2]))
+        assert [has(game, drawn, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
     game.close()
 
 
