@@ -252,6 +252,17 @@ def test_a_phone_shows_all_at_once(page):
         assert box["y"] + box["height"] <= 844
 
 
+def picture_of_everything(browser, game):
+    """What the page shows of the game's world without cameras, uint8 (height, width, 3)."""
+    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.keyboard.press("v")
+        page.wait_for_selector("#view[aria-pressed=false]")
+        return picture(page)
+
+
 def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
     game = Game(outlast.variant("ffa_1").with_(Mine()), others="noop", seed=1)
     kinds = {each["kind"]: each for each in game.world["objects"]}
@@ -261,18 +272,12 @@ def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
         "crate": "other",
         "door": "wall",
     }
-    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
-        page = context.new_page()
-        page.goto(address)
-        shows(page, 0)
-        page.keyboard.press("v")
-        page.wait_for_selector("#view[aria-pressed=false]")
-        image, body = picture(page), game.worlds[Body]
-        for kind in ("ball", "crate"):
-            row, color = game.worlds.span(kind).start, kinds[kind]["color"]
-            rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
-            assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
-            assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
+    image, body = picture_of_everything(browser, game), game.worlds[Body]
+    for kind in ("ball", "crate"):
+        row, color = game.worlds.span(kind).start, kinds[kind]["color"]
+        rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+        assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
+        assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
     game.close()
 
 
@@ -281,16 +286,10 @@ def test_what_is_wounded_has_a_bar_as_in_pictures(browser):
     rows = game.worlds.span("beast")
     game.worlds[Body].x[0, rows], game.worlds[Body].y[0, rows] = (-6, 6), 3
     game.worlds[Health].points[0, rows] = (3, 5)  # of 5
-    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
-        page = context.new_page()
-        page.goto(address)
-        shows(page, 0)
-        page.keyboard.press("v")
-        page.wait_for_selector("#view[aria-pressed=false]")
-        image, up = picture(page), 3 + 0.5 + SIZES.bar_height * (SIZES.bar_gap + 0.5)
-        assert [has(game, image, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
-        drawn = outlast.draw(game.worlds, 0, size=min(image.shape[:2]))
-        assert [has(game, drawn, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
+    image, up = picture_of_everything(browser, game), 3 + 0.5 + SIZES.bar_height * (SIZES.bar_gap + 0.5)
+    assert [has(game, image, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
+    drawn = outlast.draw(game.worlds, 0, size=min(image.shape[:2]))
+    assert [has(game, drawn, WHOLE, x - 0.3, up) for x in (-6, 6)] == [True, False]
     game.close()
 
 
