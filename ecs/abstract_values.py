@@ -1,7 +1,7 @@
 """The values of the abstract interpreter: what a variable of a kernel may hold, and where numba's code defines it."""
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,10 +109,16 @@ def interval(value: Any) -> Interval | None:
     return value if isinstance(value, Interval) else None
 
 
+def rounds(arguments: Sequence[Any]) -> range:
+    """What a loop over range(*arguments) counts; nothing if one is no known integer, or range does not take them."""
+    known = [each for each in arguments if isinstance(each, int)]
+    fit = len(known) == len(arguments) and 1 <= len(known) <= 3 and 0 not in known[2:]
+    return range(*known) if fit else range(0)
+
+
 def counted(arguments: list[Any]) -> Values:
     """What a loop over range(*arguments) counts. arguments: abstract values."""
-    known = [value.value for value in arguments if isinstance(value, Constant) and isinstance(value.value, int)]
-    steps = range(*known) if len(known) == len(arguments) and 0 not in known[2:] else ()
+    steps = rounds([value.value if isinstance(value, Constant) else None for value in arguments])
     return frozenset([Interval(min(steps), max(steps))]) if steps else ANYTHING
 
 

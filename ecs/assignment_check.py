@@ -10,6 +10,8 @@ from numba.core import ir
 from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.ir_utils import find_const, get_definition, guard
 
+from .abstract_values import rounds
+
 
 def first_unassigned(code: Any) -> tuple[str, int] | None:
     """Find a variable that is used although on some path to that line nothing was assigned to it.
@@ -60,7 +62,7 @@ def _has_a_round(code: Any, block: Any) -> bool:
     call = get_definition(code, found)
     if not isinstance(call, ir.Expr) or call.op != "call" or find_const(code, call.func) is not range or call.kws:
         return False
-    return len(range(*(find_const(code, each) for each in call.args))) > 0
+    return bool(rounds([find_const(code, each) for each in call.args]))
 
 
 def _assigned(block: Any) -> set[str]:

@@ -87,14 +87,14 @@ class Collector:
             )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
         seen = concatenated([each for step in zip(*(part.seen for part in parts), strict=True) for each in step])
-        values, learner = joined("values"), joined("learner").ravel()
+        values, learner = joined("values"), joined("learner")
         for number, policy in enumerate(policies):
-            own = np.flatnonzero(learner == number) if policy.apart else np.zeros(0, int)
-            for start in range(0, len(own), BATCH):  # a step of few agents costs about as much as a large batch
-                some = own[start : start + BATCH]
-                values.reshape(-1)[some] = policy.values(seen.select(torch.from_numpy(some))).numpy()
-        values = self.crew.gather(values, 1)
+            if policy.apart:
+                own = np.flatnonzero(learner == number)
+                for start in range(0, len(own), BATCH):  # a step of few agents costs about as much as a large batch
+                    some = own[start : start + BATCH]
+                    values.reshape(-1)[some] = policy.values(seen.select(torch.from_numpy(some))).numpy()
+        values, learner = self.crew.gather(values, 1), self.crew.gather(learner, 1)
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         kept = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
-        learner = everyones("learner")
         return Rollout(seen=seen, values=values, advantages=found, learner=learner, first=self.first, **kept)

@@ -38,7 +38,7 @@ class Samples:
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
         log_probs: float32, log-probabilities of the actions when they were chosen.
-        values: float32, the critic's values of what was observed; left out where the policy computes them apart.
+        values: float32, the critic's values of what was observed; 0 where the policy has them apart, see Collector.
         rewards: float32.
         later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
         ends: bool, whether the agent's next step does not count for this one, as its episode ends.
@@ -289,10 +289,7 @@ class Lane:
         for (index, number), group in self.groups.items():
             if not index:
                 policy, part = policies[number], self._part(seen, group)
-                if policy.apart:
-                    values[group.where] = policy.values(part)
-                else:
-                    values[group.where] = policy(part, *self._remembered(policy, group))[1]
+                values[group.where] = policy.values(part, *self._remembered(policy, group))
         return values
 
     def _seen(self, observations: dict[str, Array]) -> Observed:

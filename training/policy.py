@@ -139,9 +139,12 @@ class ActorCritic(nn.Module):
             features = torch.cat([features, after], 1)
         return self._logs(self.actor.inner(features)), memory
 
-    def values(self, seen: Observed) -> Tensor:
-        """Return the values only, (batch,), of a policy without a memory."""
-        return self._valued(self.extractors[-1](seen), seen)
+    def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
+        """Return the values only, for callers that choose no actions; see `forward`."""
+        if self.apart:
+            return self._valued(self.extractors[-1](seen), seen)
+        values: Tensor = self(seen, memory, begins)[1]
+        return values
 
     def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
         """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""

@@ -1,7 +1,10 @@
 """Code that would give a silent wrong number is refused: variables without a value, and one random number for two."""
 
+import ast
+import runpy
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +34,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs import random as draws
+from outlast.ecs.abstract_values import rounds
 from outlast.ecs.assignment_check import first_unassigned
 from outlast.ecs.execution import _of_numba
 from outlast.ecs.random import integer, normal, uniform
@@ -155,6 +159,18 @@ def test_a_variable_with_a_value_on_every_path_is_not(function: Callable[[int], 
             function(n)
         except ValueError:
             assert function is or_raised
+
+
+@pytest.mark.parametrize("given", ["", "0, 3, 0", "2.5", "1, 2, 3, 4"])
+def test_what_range_does_not_take_is_no_loop_that_has_a_round(given: str, tmp_path: Path) -> None:
+    """Python says so when it runs."""
+    path = tmp_path / "odd.py"
+    path.write_text(f"def odd(n):\n    for k in range({given}):\n        found = k\n    return found\n")
+    odd = runpy.run_path(str(path))["odd"]
+    assert first_unassigned(run_frontend(odd)) == ("found", 4)
+    assert not rounds([*ast.literal_eval(f"[{given}]")])
+    with pytest.raises((TypeError, ValueError), match=r"range|integer"):
+        odd(1)
 
 
 class Prey(Component):
