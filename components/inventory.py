@@ -21,7 +21,7 @@ CLOSED = -2  # in Bag.items: the agent does not have this slot
 
 
 class Bag(Component):
-    """An agent's inventory: a stack of item rows. Only its last item can be used, given or dropped."""
+    """An inventory: a stack of item rows. Only its last item can be used, given or dropped, which only agents do."""
 
     items: Array = column("i4", "slots", fill=-1, low=CLOSED, unit="entity")  # -1: free
     count: Array = column("i4", below="slots + 1")

@@ -10,7 +10,7 @@ class Attack(Action, order=1):
 
 
 class Weapon(Component):
-    """A melee weapon."""
+    """A melee weapon. Agents strike with it, as they have the action; other kinds need a system of their own."""
 
     target: Array = column("i4", fill=-1, unit="entity")  # row that this tick's strike hits, -1: none
     cooldown: Array = column("i4")  # ticks until it can strike again

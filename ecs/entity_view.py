@@ -38,7 +38,7 @@ class EntityView:
         self.row, self.world = int(row), int(world)
         spans = worlds.layout.spans
         self.archetype = next(name for name, span in spans.items() if row in span)
-        self.index = self.row - int(spans[self.archetype].start)
+        self.index, self._called = self.row - int(spans[self.archetype].start), worlds.layout.entity_names[self.row]
         parts = worlds.layout.archetypes[self.archetype].parts
         components: list[type[Component]] = [Entity, *map(type, parts)]
         self._tables = {component: worlds[component] for component in components}
@@ -74,7 +74,7 @@ class EntityView:
 
     @property
     def _name(self) -> str:
-        return f"entity {self.row} of world {self.world} ({self.archetype} {self.index})"
+        return f"entity {self.row} of world {self.world} ({self._called})"
 
     @property
     def _names(self) -> list[str]:

@@ -20,7 +20,7 @@ from .errors import DeclarationError, did_you_mean
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
-from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers, write_own
 from .placing import Place, place_columns
 from .prefabs import fill, one_of_each
 from .random import stream_number
@@ -178,6 +178,11 @@ class Layout:
         most = self.dims.get("agents", 0)
         fewest = [n.distribution.extremes()[0] for n in self.varied.values() if "agents" in n.dims]
         return range(min([most, *fewest]), most + 1)
+
+    @functools.cached_property
+    def entity_names(self) -> tuple[str, ...]:
+        """The names of the entities, by row, such as "agent 1"."""
+        return tuple(f"{name} {k}" for name, span in self.spans.items() for k in range(len(span)))
 
     @functools.cached_property
     def side_names(self) -> tuple[str, ...]:
@@ -373,6 +378,7 @@ class Layout:
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
                 fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}", self.dims)
+        write_own(self, block)
         return np.ascontiguousarray(block[0])
 
 

@@ -1,9 +1,9 @@
 """Numbers that differ from agent to agent: where they lie, how they are set at resets, and how kernels read them.
 
-Each has a four-byte word for every row of agents in the state of its world: the bits of a float32, or an int32. The
-systems of its mechanic get that array in place of the number. `of` reads either, so a kernel is written once, and
-compiles to the same code as before if no role changes the number. Prefab values that equal the number, such as the
-initial hit points, are written into the state.
+Each has a four-byte word for every row in the state of its world: the bits of a float32, or an int32. That of an entity
+that is no agent, such as a mechanic's animal, holds the game's own value. The systems of its mechanic get that array in
+place of the number. `of` reads either, so a kernel is written once, and compiles to the same code as before if no role
+changes the number. Prefab values that equal the number, such as the initial hit points, are written into the state.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from .roles import ANYONE, NEVER, Roles, spread
 from .varied import Varied, check_kind, encode
 
 AGENT = "agent"  # the archetype that has roles
-ROLES, ROWS, WORDS = "roles", "role rows", "role words"  # dimensions
+ROLES, WORDS = "roles", "role words"  # dimensions
 STREAM = stream_number("roles")
 FLAG = ir.IntType(1)
 OUTSIDE = "the row is out of bounds"
@@ -78,17 +78,17 @@ def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
     roles.of_agents(len(rows))
     roles = checked_roles(layout.modules, roles)
     known = owners(layout.modules)
-    found: dict[str, AgentNumber] = {}
+    found, each = dict[str, AgentNumber](), layout.dims["rows"]
     roles.check_apart(layout.varied)
     for name in roles.numbers:
         k, field = known[name]
         base = getattr(layout.modules[k], field)
-        values = tuple(dict(each.numbers).get(name, base) for each in roles.roles)
+        values = tuple(dict(role.numbers).get(name, base) for role in roles.roles)
         dtype = np.dtype("f4" if isinstance(base, float) else "i4")
-        found[name] = AgentNumber(name, k, field, len(found) * rows.stop, dtype, values)
-    layout.dims[ROLES], layout.dims[ROWS] = len(roles.roles), rows.stop
+        found[name] = AgentNumber(name, k, field, len(found) * each, dtype, values)
+    layout.dims[ROLES] = len(roles.roles)
     if found:
-        layout.dims[WORDS] = len(found) * rows.stop
+        layout.dims[WORDS] = len(found) * each
     return found
 
 
@@ -162,6 +162,14 @@ def agent_values(worlds: Any, number: AgentNumber) -> Array:
     rows = worlds.layout.spans[AGENT]
     words = worlds[AgentNumbers].words[:, number.start + rows.start : number.start + rows.stop]
     return words.copy().view(number.dtype)
+
+
+def write_own(layout: Any, block: Array) -> None:
+    """Write the game's own values of the numbers into initial states, uint8 (worlds, world_bytes), for every row."""
+    for number in layout.per_agent.values():
+        words, module = layout.columns(block, AgentNumbers).words, layout.modules[number.module]
+        own = encode(module, number.field, getattr(module, number.field))
+        words[:, number.start : number.start + layout.dims["rows"]] = own
 
 
 def all_patches(layout: Any) -> list[tuple[int, int, int]]:
@@ -356,7 +364,7 @@ def _element(number: Any, e: int) -> Any:
 
 @intrinsic(_element)
 def of(typing: Any, number: Any, e: Any) -> Any:
-    """Return the value for the agent in row `e` if roles differ in the number; else the number itself."""
+    """Return the number for the entity in row `e`: that of its role if roles differ in it, else the game's own."""
     if not hasattr(number, "ndim"):  # not an array
 
         def same(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:

@@ -44,7 +44,7 @@ from .given import GIVEN_DIM, Given
 from .jit import compiled
 from .layout import Layout
 from .module import Module
-from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
@@ -263,7 +263,7 @@ class Generator:
 
     def _per_agent(self, number: AgentNumber, parameter: str) -> str:
         """A number of which each agent has its own: an array by row."""
-        part, name = slice(number.start, number.start + self.layout.dims[ROWS]), f"number_{parameter}"
+        part, name = slice(number.start, number.start + self.layout.dims["rows"]), f"number_{parameter}"
         words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
         self.inside[f"{name} = {words}"] = None
         return name

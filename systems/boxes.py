@@ -23,6 +23,7 @@ from outlast.components import (
     ObservationMasks,
     Phase,
     Shape,
+    Side,
     Solid,
     Spawned,
 )
@@ -309,7 +310,7 @@ def see_slot(
     bag: Read[Bag],
     entities: Read[Entity],
     shape: Read[Shape],
-    agents: Rows[Bag],
+    agents: Rows[Side, Bag],
     boxes: Rows[Box],
     index: RowIndex[BoxItem],
     corners: int,

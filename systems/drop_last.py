@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.components import Bag, Body, Drop, Gift, Item, ItemDropped, Phase
+from outlast.components import Bag, Body, Drop, Gift, Item, ItemDropped, Phase, Side
 from outlast.components.inventory import empty_handed, place, pop
 from outlast.components.limits import FAR
 from outlast.components.respawn import inactive
@@ -42,7 +42,7 @@ def drop_last(
     entities: Write[Entity],
     drops: Write[ItemDropped],
     drop: Read[Drop],
-    agents: Rows[Bag],
+    agents: Rows[Side, Bag],
     items: Rows[Item],
     offset: float,
 ) -> None:

@@ -92,8 +92,8 @@ def choose(
     side: Read[Side],
     sides: Read[Sides],
     entities: Read[Entity],
-    agents: Rows[Gift],
-    index: RowIndex[Gift],
+    agents: Rows[Side, Gift],
+    index: RowIndex[Side, Gift],
     bodies: Bitset[Shape],
     half_extents: Scratch,
     blocks: Scratch,
@@ -138,7 +138,7 @@ def hand_over(
     item: Write[Item],
     gifts: Write[ItemGiven],
     gift: Read[Gift],
-    agents: Rows[Gift],
+    agents: Rows[Side, Gift],
     items: Rows[Item],
 ) -> None:
     """Hand over the items, in order of agents."""

@@ -17,6 +17,7 @@ from outlast.components import (
     ObservationMasks,
     Phase,
     Shape,
+    Side,
     Spawned,
 )
 from outlast.components.health import LARGEST, MOST
@@ -114,7 +115,7 @@ def see_slot(
     bag: Read[Bag],
     heal: Read[Heal],
     entities: Read[Entity],
-    agents: Rows[Bag],
+    agents: Rows[Side, Bag],
     index: RowIndex[Heal],
     heal_slot_amount: Offset,
 ) -> None:

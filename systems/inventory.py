@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.components import Bag, Item, ItemUsed, Phase, Use
+from outlast.components import Bag, Item, ItemUsed, Phase, Side, Use
 from outlast.components.inventory import CLOSED, pop
 from outlast.components.limits import MANY
 from outlast.components.respawn import inactive
@@ -72,7 +72,7 @@ def use_last(
     uses: Write[ItemUsed],
     use: Read[Use],
     entities: Read[Entity],
-    agents: Rows[Bag],
+    agents: Rows[Side, Bag],
     items: Rows[Item],
 ) -> None:
     """Take the last item out of the bag and record its user; the item's mechanic acts on that in phase EFFECT."""

@@ -90,7 +90,7 @@ def aim(
     guard: Read[Guard],
     side: Read[Side],
     entities: Read[Entity],
-    agents: Rows[Weapon],
+    agents: Rows[Side, Weapon],
     bodies: Bitset[Shape],
     half_extents: Scratch,
     blocks: Scratch,
@@ -147,7 +147,7 @@ def strike(
     guard: Read[Guard],
     side: Read[Side],
     clock: Read[Clock],
-    agents: Rows[Weapon],
+    agents: Rows[Side, Weapon],
     damage: int,
     damage_type: DamageType,
 ) -> None:

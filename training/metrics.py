@@ -135,6 +135,7 @@ class BehaviourMetrics:
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
         gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
         gifts = gifts[(gifts["item"] >= heals.start) & (gifts["item"] < heals.stop)]
+        gifts = gifts[(gifts["giver"] >= self.agents.start) & (gifts["giver"] < self.agents.stop)]
         where, givers = gifts["world"], gifts["giver"]
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given

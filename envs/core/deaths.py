@@ -21,6 +21,6 @@ def log(worlds: Worlds, first_world: int = 0) -> None:
         if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
             continue
         by = f" by side {death['side']}" if death["side"] >= 0 else ""
-        w, cause, entity = first_world + death["world"], causes[death["damage_type"]], worlds.entity(death["agent"])
-        who = f"{entity.archetype} {entity.index}"
+        w, cause = first_world + death["world"], causes[death["damage_type"]]
+        who = worlds.layout.entity_names[death["agent"]]
         LOGGER.log(LEVEL, "world %d, tick %d: %s died of %s%s", w, death["tick"], who, cause, by)

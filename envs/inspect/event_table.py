@@ -62,7 +62,7 @@ def event_table(
 
 def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
     """The table of the events of one kind."""
-    words = {"entity": entity_names(layout), "damage type": _damage_types(layout)}
+    words = _words(layout)
     rest = [name for name in event.columns if name not in (COUNT, event.who, event.whom)]
     amount = next((name for name in rest if name == "amount" and rows[name].ndim == 1), None)
     why = next((name for name in rest if event.columns[name].unit == "damage type"), None)
@@ -109,11 +109,7 @@ def _same(value: object, rows: Array) -> Array:
 
 
 @functools.lru_cache(maxsize=16)
-def entity_names(layout: Layout) -> Array:
-    """Return the name of each row, such as "agent 1", and at the end "", so that the row -1 has no name."""
-    names = [f"{kind} {k}" for kind, span in layout.spans.items() for k in range(len(span))]
-    return np.array([*names, ""], object)
-
-
-def _damage_types(layout: Layout) -> Array:
-    return np.array([*layout.damage_types, ""], object)
+def _words(layout: Layout) -> dict[str, Array]:
+    """Return the names of what columns of these units refer to, by number, and at the end "" for -1, which is none."""
+    names = {"entity": layout.entity_names, "damage type": layout.damage_types}
+    return {unit: np.array([*each, ""], object) for unit, each in names.items()}
