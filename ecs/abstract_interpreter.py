@@ -12,7 +12,7 @@ import operator
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import FunctionType, ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numba.core import ir
@@ -23,10 +23,12 @@ from .abstract_values import (
     FIELD,
     FLOATING,
     UNKNOWN,
+    Calls,
     Column,
     Constant,
     Definitions,
     Interval,
+    Member,
     PerAgent,
     Place,
     Shared,
@@ -35,6 +37,8 @@ from .abstract_values import (
     Table,
     Values,
     added,
+    bounded,
+    can_follow,
     component_name,
     computed,
     counted,
@@ -42,9 +46,8 @@ from .abstract_values import (
     parts_of,
     tracked,
 )
-from .cache_key import FOREIGN
-from .component import Component
 from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean, place
+from .index_check import wrong_index
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
@@ -58,19 +61,6 @@ SAME = (np.ascontiguousarray, np.asfortranarray, np.asarray, np.ravel, np.reshap
 WRITERS = (np.copyto, np.fill_diagonal, np.nditer, np.place, np.put, np.putmask)  # write their first argument
 ENGINE = __name__.rpartition(".")[0]
 ROUNDS = 9  # passes over a function, at most, until values flow no further; nested loops need fewer
-
-
-class Calls(Protocol):
-    """What follows calls of functions: the check of a system, kernel_check._Check."""
-
-    label: str
-    offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
-    used: set[tuple[type[Component], str]]  # columns that were looked up
-
-    def call(
-        self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
-    ) -> Values:
-        """The values that `function` returns."""
 
 
 class Activation:
@@ -92,6 +82,7 @@ class Activation:
         self.definitions = Definitions(self.statements)
         self.values: dict[str, Values] = {}
         self.returned: Values = frozenset()
+        self.bounded = set[Any]()  # values that the function compares, so that it may know that they are in bounds
         self.report, self.certain, self.line = False, False, 0
 
     def run(self, report: bool) -> Values:
@@ -124,7 +115,8 @@ class Activation:
                     self._refuse_added(statement.list_vars())
 
     def _of(self, variable: Any) -> Values:
-        return self.values.get(variable.name, frozenset())
+        values = self.values.get(variable.name, frozenset())
+        return values if self.bounded.isdisjoint(values) else ANYTHING
 
     def _only(self, variable: Any) -> Any:
         """The value of a variable if there is only one, else UNKNOWN."""
@@ -185,9 +177,11 @@ class Activation:
 
     def _number(self, variables: list[Any], function: Any) -> Values:
         self._refuse_per_agent(variables)
-        if found := computed(function, [self._of(each) for each in variables]):
+        operands = [self._of(each) for each in variables]
+        self.bounded |= bounded(function, operands)
+        if found := computed(function, operands):
             return found
-        float_ = function is operator.truediv or any(floating(self._of(each)) for each in variables)
+        float_ = function is operator.truediv or any(map(floating, operands))
         return frozenset([FLOATING]) if float_ and function not in TRUTHS else ANYTHING
 
     def _refuse_per_agent(self, variables: Iterable[Any]) -> None:
@@ -214,6 +208,8 @@ class Activation:
                 return frozenset([value])
             if name in (*WRITING, *VIEWS):
                 return frozenset([replace(value, method=name)])
+        elif isinstance(value, Shared):
+            return value.has(name)
         elif isinstance(value, Constant) and isinstance(value.value, ModuleType):
             if hasattr(value.value, name):
                 found = getattr(value.value, name)
@@ -232,8 +228,9 @@ class Activation:
                 return frozenset([Column(value.component, value.access, columns[index])])
             if value.access == "add":
                 self._refuse_access(value, f"takes a part of the table of {component_name(value)}")
-        elif isinstance(value, Column):
-            return frozenset([value.at(known)])
+        elif isinstance(value, (Column, Shared)):
+            self._check_index(value, known)
+            return frozenset([value.at(known)]) if isinstance(value, Column) else value.has("element")
         elif isinstance(value, tuple):
             if isinstance(index, int) and -len(value) <= index < len(value):
                 return value[index]  # type: ignore[no-any-return]
@@ -244,7 +241,7 @@ class Activation:
         """The values that a loop over `value` yields."""
         if isinstance(value, tuple):
             return frozenset().union(*value)
-        return frozenset([value]) if isinstance(value, Interval) else self._item(value, UNKNOWN)
+        return frozenset([value]) if isinstance(value, (Interval, Member)) else self._item(value, UNKNOWN)
 
     # ---- calls
 
@@ -252,6 +249,8 @@ class Activation:
         """The values of a call. A Python function is followed with the values of its arguments."""
         target = self._only(expression.func)
         called: Any = target.value if isinstance(target, Constant) else None
+        if called in (len, enumerate) and isinstance(rows := self._only(expression.args[0]), Shared):
+            return rows.has("size") if called is len else frozenset([replace(rows, kind="enumerate")])
         if called is len:
             return ANYTHING
         if called is slice:
@@ -267,7 +266,7 @@ class Activation:
         if module == f"{ENGINE}.per_agent":  # `of`, whose Python form computes with the number
             self._refuse_added(expression.list_vars())
             return ANYTHING
-        if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
+        if not can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
             self._refuse_added(expression.list_vars())
             if any(called is each for each in SAME) and expression.args:
                 return self._of(expression.args[0])
@@ -310,6 +309,7 @@ class Activation:
         self._refuse_write(target)
         self._refuse_per_agent([statement.value])
         if isinstance(target, Column):
+            self._check_index(target, self._only(statement.index))
             self._check_field(target, self._only(statement.index))
             kind = target.dtype
             if kind.kind in "iu" and floating(self._of(statement.value)):
@@ -318,6 +318,11 @@ class Activation:
             number = literal.value if isinstance(literal, Constant) and isinstance(literal.value, int) else 0
             if kind.kind in "iu" and not np.iinfo(kind).min <= number <= np.iinfo(kind).max:
                 self._refuse(f"writes {number} to {target}, {kind}, which cannot hold it")
+
+    def _check_index(self, target: Column | Shared, index: Any) -> None:
+        """Refuse a row where an index among some entities is needed, and the reverse."""
+        if self.calls.layout and (wrong := wrong_index(self.calls.layout, target, index)):
+            self._refuse(wrong)
 
     def _check_field(self, target: Column, index: Any) -> None:
         """Refuse writes of whole rows and literal columns: a system's order relies on Offsets naming all it touches."""
@@ -390,11 +395,3 @@ class Activation:
         if self.report:
             places = "; ".join((*self.trail, place(self.function, self.line)))
             raise kind(f"{self.calls.label} ({places}){colon} {what}")
-
-
-def _can_follow(called: Any) -> bool:
-    """Whether it is a Python function without *args and **kwargs, and not from a package that numba handles itself."""
-    if not isinstance(called, FunctionType) or called.__module__.partition(".")[0] in FOREIGN:
-        return False
-    kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
-    return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}

@@ -1,19 +1,36 @@
 """The values of the abstract interpreter: what a variable of a kernel may hold, and where numba's code defines it."""
 
+import inspect
 import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from types import FunctionType
+from typing import Any, Protocol
 
 import numpy as np
 from numba.core import ir
 
+from .cache_key import FOREIGN
 from .component import Component
 
 FIELD = 1 << 16  # a value of Column.axes, see there
 UNKNOWN, FLOATING = "unknown", "floating"  # any value; a float that does not come from a column
 Values = frozenset[Any]  # what a variable may hold; a tuple is a tuple of such sets
 ANYTHING: Values = frozenset([UNKNOWN])
+
+
+class Calls(Protocol):
+    """What follows calls of functions: the check of a system, kernel_check._Check."""
+
+    label: str
+    offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
+    used: set[tuple[type[Component], str]]  # columns that were looked up
+    layout: Any  # the layout of the worlds, or None
+
+    def call(
+        self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
+    ) -> Values:
+        """The values that `function` returns."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +98,44 @@ def parts_of(index: Any) -> tuple[int, Any, int]:
 
 
 @dataclass(frozen=True)
+class Member:
+    """An integer that says something of the rows with certain components.
+
+    Attributes:
+        what: "row" is one of them, "index" the index of one in Rows[components], "size" how many there are.
+        components: The components.
+    """
+
+    what: str
+    components: tuple[type[Component], ...]
+
+
+@dataclass(frozen=True)
 class Shared:
-    """A read-only array that is the same for all worlds: rows, or numbers. name: the parameter's name."""
+    """A read-only array that is the same for all worlds: rows, or numbers.
+
+    Attributes:
+        name: The parameter's name.
+        kind: The kind of the parameter; "enumerate" for enumerate(...) of rows.
+        components: What entities must have, if it selects entities.
+    """
 
     name: str
+    kind: str
+    components: tuple[type[Component], ...] = ()
+
+    def __str__(self) -> str:
+        return f"'{self.name}'"
+
+    def has(self, name: str) -> Values:
+        """Its attribute of that name, or "element"."""
+        if name == "shape":
+            return frozenset([(self.has("size"),)])
+        if self.kind == "enumerate":
+            return frozenset([tuple(frozenset([Member(each, self.components)]) for each in ("index", "row"))])
+        whole = {"size": "size", "element": "row"} if self.kind == "rows" else {}
+        what = "index" if (self.kind, name) == ("row_index", "element") else whole.get(name)
+        return frozenset([Member(what, self.components)]) if what else ANYTHING
 
 
 @dataclass(frozen=True)
@@ -118,6 +169,9 @@ def rounds(arguments: Sequence[Any]) -> range:
 
 def counted(arguments: list[Any]) -> Values:
     """What a loop over range(*arguments) counts. arguments: abstract values."""
+    for size in arguments[:2][-1:]:
+        if isinstance(size, Member) and size.what == "size":
+            return frozenset([Member("index", size.components)])
     steps = rounds([value.value if isinstance(value, Constant) else None for value in arguments])
     return frozenset([Interval(min(steps), max(steps))]) if steps else ANYTHING
 
@@ -186,9 +240,26 @@ class Constant:
         return id(self.value)
 
 
+def bounded(function: Any, operands: list[Values]) -> set[Any]:
+    """The Members that a comparison may keep in bounds: those that it compares with something other than a literal."""
+    if function not in (operator.lt, operator.le, operator.gt, operator.ge):
+        return set()
+    if any(isinstance(value, Constant) for values in operands for value in values):
+        return set()
+    return {value for values in operands for value in values if isinstance(value, Member)}
+
+
 def component_name(value: Any) -> str:
     """The name of the component of a table or a column."""
     return str(value.component.__name__)
+
+
+def can_follow(called: Any) -> bool:
+    """Whether it is a Python function without *args and **kwargs, and not from a package that numba handles itself."""
+    if not isinstance(called, FunctionType) or called.__module__.partition(".")[0] in FOREIGN:
+        return False
+    kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
+    return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
 
 
 def tracked(values: Values) -> bool:

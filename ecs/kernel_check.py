@@ -39,13 +39,16 @@ from .references import is_outside, reachable, references
 from .system import System
 
 
-def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, int] | None = None) -> None:
+def check(
+    system: System, per_agent: Collection[str] = (), widths: Mapping[str, int] | None = None, layout: Any = None
+) -> None:
     """Compare what a system does with what its parameter list declares.
 
     Args:
         system: Any system. In one that stays Python, only code that numba's front end understands is checked.
         per_agent: Names of its mechanic's numbers in which roles differ.
         widths: By name of the Offset of each field that its mechanic adds, how many columns from there on are its own.
+        layout: The ecs.layout.Layout of the worlds, by which indices of entities are checked; None: they are not.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a
@@ -56,7 +59,7 @@ def check(system: System, per_agent: Collection[str] = (), widths: Mapping[str, 
     arguments = {
         parameter.name: frozenset([_value(parameter, per_agent, widths or {})]) for parameter in system.parameters
     }
-    checked = _Check(system)
+    checked = _Check(system, layout)
     checked.call(function, arguments, ())
     checked.check_code(function)
     checked.check_events()
@@ -79,7 +82,7 @@ def _value(parameter: Parameter, per_agent: Collection[str], widths: Mapping[str
     if parameter.kind in ("read", "write", "add"):
         return Table(parameter.components[0], parameter.kind)
     if parameter.kind == "numbers" or parameter.kind in SELECTIONS.values():
-        return Shared(parameter.name)
+        return Shared(parameter.name, parameter.kind, parameter.components)
     return FLOATING if parameter.type is float else UNKNOWN
 
 
@@ -96,8 +99,8 @@ def _is_own(function: FunctionType) -> bool:
 class _Check:
     """The check of one system, which follows the functions it calls, each with the values of its arguments."""
 
-    def __init__(self, system: System) -> None:
-        self.system, self.label, self.offsets = system, system.label, system.offsets()
+    def __init__(self, system: System, layout: Any) -> None:
+        self.system, self.label, self.offsets, self.layout = system, system.label, system.offsets(), layout
         self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}
         self.used: set[tuple[type[Component], str]] = set()

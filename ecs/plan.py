@@ -89,7 +89,7 @@ def _made(wanted: Wanted) -> Plan:
     _check_labels(wanted.interpret, schedule)
     for system in schedule.systems:
         if system.outside:
-            check(system, differing_numbers(layout, system.module), _widths(layout, system.module))
+            check(system, differing_numbers(layout, system.module), _widths(layout, system.module), layout)
         if system.label in wanted.interpret:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)

@@ -49,6 +49,9 @@ def parts(name: str, *components: Component, count: int = 0) -> Module:
         def archetypes(self) -> list[Archetype]:
             return [Archetype(name, components, count)]
 
+        def dims(self) -> dict[str, int | str]:
+            return {f"{name}s": count} if count else {}
+
     return Parts()
 
 

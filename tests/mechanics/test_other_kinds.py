@@ -9,6 +9,7 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Died, Gift, Guard, Health, Return, Shape, Weapon
 from outlast.ecs import Archetype, Module, number
+from outlast.ecs.kernel_check import check
 from outlast.systems import DeathDrop, DropLast, Preparation, Respawn
 from tests.conftest import draw_actions
 
@@ -61,3 +62,9 @@ def test_agents_play_as_if_others_were_not_there(roles: dict[str, Any], order: i
     assert not env.worlds[Bag].count[:, crates].any()
     assert (env.worlds[Weapon].target[:, crates] == -1).all()
     assert (env.worlds[Health].points[:, crates] == 120).all()
+
+
+def test_no_system_takes_a_row_for_an_index() -> None:
+    env = outlast.make_vec(GAME.with_(Crates(order=0)), 1, seed=0)
+    for system in env.worlds.layout.systems:
+        check(system, layout=env.worlds.layout)
