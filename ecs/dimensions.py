@@ -8,7 +8,7 @@ from .errors import DeclarationError, NumberError, did_you_mean
 from .references import is_outside
 from .whole import is_whole
 
-NEEDED = 'a whole number, 0 or more, or names of dimensions, as in "agents + boxes"'
+NEEDED = 'a whole number, 0 or more, or names of dimensions and numbers, as in "agents + boxes" or "agents - 1"'
 
 
 def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[str, int]:
@@ -33,8 +33,7 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
             raise DeclarationError(f"{module.name}.dims() returned {type(declared).__name__}: a dict is needed")
         for dim, size in declared.items():
             _check_size(module, dim, size)
-            more = [name.strip() for name in size.split("+")] if isinstance(size, str) else [size]
-            terms.setdefault(dim, []).extend(more)
+            terms.setdefault(dim, []).extend(_terms(size) if isinstance(size, str) else [size])
     found: dict[str, int] = {}
 
     def size_of(dim: str, trail: tuple[str, ...]) -> int:
@@ -46,12 +45,18 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
                 _check_known(modules[0], dim, trail, {*terms, *given})
             more = (size_of(term, (*trail, dim)) if isinstance(term, str) else term for term in terms.get(dim, ()))
             total = given.get(dim, 0) + sum(more)
-            if total > MOST and dim in terms:
-                raise NumberError(f"the dimension '{dim}' would be {total}: at most {MOST} is possible")
+            if not 0 <= total <= MOST and dim in terms:
+                raise NumberError(f"the dimension '{dim}' would be {total}: 0 to {MOST} is possible")
             found[dim] = total
         return found[dim]
 
     return {dim: size_of(dim, ()) for dim in terms}
+
+
+def _terms(size: str) -> list[int | str]:
+    """The names and numbers whose sum a size is: "agents - 1" is that of "agents" and -1."""
+    parts = [part.strip() for part in size.replace(" - ", " + -").split("+")]
+    return [int(part) if part.lstrip("-").isdecimal() else part for part in parts]
 
 
 def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int]) -> None:

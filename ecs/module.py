@@ -293,7 +293,7 @@ class Module:
         return ()
 
     def dims(self) -> dict[str, int | str]:
-        """Return sizes by dimension, which add up over modules: an int, another dimension's name or a sum, "a + b"."""
+        """Return sizes by dimension, which add up over modules: an int, a dimension's name or a sum, "a + b - 1"."""
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:

@@ -75,7 +75,7 @@ class Agents(Module):
         return [SelfView(), OthersView(), Sight(), ObservationMasks()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"agents": self.count, "others": self.count - 1}
+        return {"agents": self.count, "others": "agents - 1"}
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Side, "agents")

@@ -74,8 +74,8 @@ def layout(*modules: Module) -> Layout:
 @pytest.mark.parametrize("names", [("Aa", "Zz"), ("Zz", "Aa")])
 def test_dimensions_name_each_other_in_any_order(names: tuple[str, str]) -> None:
     one = mechanic(names[0], dims={"wide": "middle"}, singletons=[Counted()])
-    other = mechanic(names[1], dims={"middle": "agents + heals"})
-    assert layout(one, other).dims["wide"] == 2 + 15
+    other = mechanic(names[1], dims={"middle": "agents + heals - 3"})
+    assert layout(one, other).dims["wide"] == 2 + 15 - 3
 
 
 @pytest.mark.parametrize(
@@ -86,10 +86,11 @@ def test_dimensions_name_each_other_in_any_order(names: tuple[str, str]) -> None
         ("wide", "in a circle: wide -> wide"),
         (-1, "'wide': -1}: a whole number, 0 or more, or names of dimensions"),
         (2.0, "'wide': 2.0}: a whole number"),
+        ("agents - 3", "the dimension 'wide' would be -1: 0 to"),
     ],
 )
 def test_sizes_that_are_none(size: Any, words: str) -> None:
-    with pytest.raises(DeclarationError) as error:
+    with pytest.raises((DeclarationError, NumberError)) as error:
         layout(mechanic("Sized", dims={"wide": size}, singletons=[Counted()]))
     assert words in str(error.value)
 

@@ -42,14 +42,15 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast import ABLATIONS, VARIANTS, Scenario, systems
-from outlast.ecs import Module
+from outlast import ABLATIONS, VARIANTS, Scenario, components, systems
+from outlast.ecs import Archetype, Component, Module, Singleton
 from outlast.errors import OutlastError
 from tests.conftest import COMPILED, digest
 from tests.fuzz import generated
 from tests.helpers.sines import sines_of_c
 
 TIMEOUT = 600.0  # seconds for a scenario
+COUNTED = {"agents": (components.Side,), "boxes": (components.Box, components.BoxItem), "heals": (components.Heal,)}
 EXCLUSIVE = ("Steering", "Teams", "FreeForAll")  # added in the place of another mechanic
 CAPS = {"count": 9, "cells": 12, "substeps": 4, "slots": 6, "iterations": 12, "rays": 20}  # by the end of the name
 SCALES = (0.1, 0.5, 1.5, 2.0, 10.0)
@@ -80,8 +81,11 @@ def make_scenario(rng: Random, name: str, folder: Path) -> Scenario:
         scenario = scenario.without(type(rng.choice(scenario.modules)))
     added = [getattr(systems, name)() for name in systems.__all__ if rng.random() < 0.05]
     scenario = scenario.with_(*(module for module in added if type(module).__name__ not in EXCLUSIVE))
-    if rng.random() < 0.6:
+    own = rng.random()  # generated mechanics refuse each other often, so few scenarios have both
+    if own < 0.6:
         scenario = scenario.with_(*_generated(rng, name, folder, scenario))
+    if own > 0.5:
+        scenario = scenario.with_(_kinds(rng, scenario))
     numbers = {key: value for key, value in _numbers(rng, scenario) if rng.random() < 0.08}
     scenario = _ordered(rng, scenario.replace(**numbers))
     return _differing(rng, scenario) if rng.random() < 0.4 else scenario
@@ -147,6 +151,37 @@ def _generated(rng: Random, name: str, folder: Path, scenario: Scenario) -> Iter
     sys.modules[name] = module
     spec.loader.exec_module(module)
     yield from (made() for made in module.MECHANICS)
+
+
+def _kinds(rng: Random, scenario: Scenario) -> Module:
+    """A mechanic with kinds of entities that have some of outlast's components, and with more entities of its kinds."""
+    able = [each for each in vars(components).values() if isinstance(each, type) and issubclass(each, Component)]
+    able = [each for each in able if not issubclass(each, Singleton)]
+    there = [kind for module in scenario.modules for kind in module.archetypes()]
+    found, dims = [], dict[str, int | str]()
+    names = ("thing", "beast", *dict.fromkeys(kind.name for kind in there if kind.count))
+    for name in rng.sample(names, rng.choice((1, 1, 2))):
+        has = {type(part) for kind in there if kind.name == name for part in kind.parts}
+        lacks = [part for part in able if part not in has]
+        count = rng.choice((0, 0, 1, 2)) if has else rng.choice((1, 2, 17))
+        here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
+        here |= {"radius": 0.3, "bound": 0.3}
+        parts = rng.sample(lacks, rng.randrange(1, len(lacks) if not has else 3))
+        made = [part(**{key: value for key, value in here.items() if key in part.columns}) for part in parts]
+        order = None if has else rng.choice((0, 10, 60))
+        found.append(Archetype(name, tuple(made), count, alive=bool(has) or rng.random() < 0.8, order=order))
+        for dim, counted in COUNTED.items() if rng.random() < 0.9 else ():
+            if {*has, *parts} & {*counted}:
+                dims[dim] = int(dims.get(dim, 0)) + count
+
+    class Kinds(Module):
+        def archetypes(self) -> Any:
+            return found
+
+        def dims(self) -> Any:
+            return dims
+
+    return Kinds()
 
 
 def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:

@@ -68,3 +68,22 @@ def test_no_system_takes_a_row_for_an_index() -> None:
     env = outlast.make_vec(GAME.with_(Crates(order=0)), 1, seed=0)
     for system in env.worlds.layout.systems:
         check(system, layout=env.worlds.layout)
+
+
+@dataclass(frozen=True)
+class More(Module):
+    """Two agents more."""
+
+    def archetypes(self) -> Any:
+        return [Archetype("agent", (), 2)]
+
+    def dims(self) -> Any:
+        return {"agents": 2}
+
+
+@pytest.mark.parametrize("name", ["ffa_2", "teams_3"])
+def test_a_mechanic_may_bring_more_agents(name: str) -> None:
+    scenario = outlast.variant(name)
+    _, expected = play(scenario.replace(agents_count=6))
+    _, found = play(scenario.replace(agents_count=4).with_(More()))
+    assert all(map(np.array_equal, expected, found))
