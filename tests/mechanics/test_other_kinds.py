@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Bag, Body, Died, Gift, Guard, Health, Return, Shape, Weapon
+from outlast.components import Bag, Body, Died, Gift, Guard, Health, Item, Return, Shape, Weapon
 from outlast.ecs import Archetype, Module, number
 from outlast.ecs.kernel_check import check
 from outlast.systems import DeathDrop, DropLast, Preparation, Respawn
@@ -62,6 +62,20 @@ def test_agents_play_as_if_others_were_not_there(roles: dict[str, Any], order: i
     assert not env.worlds[Bag].count[:, crates].any()
     assert (env.worlds[Weapon].target[:, crates] == -1).all()
     assert (env.worlds[Health].points[:, crates] == 120).all()
+
+
+def test_a_crate_picks_up_and_leaves_it_when_it_dies() -> None:
+    env = outlast.make_vec(outlast.variant("teams_2").with_(Crates()), 1, seed=0)
+    env.reset()
+    crate, heal = (env.worlds.span(name).start for name in ("crate", "heal"))
+    bag, item, body, idle = env.worlds[Bag], env.worlds[Item], env.worlds[Body], np.tile(env.noop, (1, 4, 1))
+    body.x[0, heal] = body.y[0, heal] = 500.3
+    env.step(idle)
+    assert (bag.count[0, crate], item.holder[0, heal]) == (1, crate)
+    env.worlds[Health].points[0, crate] = 0
+    env.step(idle)
+    assert (bag.count[0, crate], item.holder[0, heal]) == (0, -1)
+    assert np.hypot(body.x[0, heal] - 500, body.y[0, heal] - 500) == pytest.approx(0.5, abs=1e-3)
 
 
 def test_no_system_takes_a_row_for_an_index() -> None:
