@@ -29,6 +29,7 @@ from outlast.ecs import (
     Archetype,
     Array,
     Bitset,
+    DeclarationError,
     Entity,
     Layout,
     Module,
@@ -78,6 +79,12 @@ class Agents(Module):
         return {"agents": self.count, "others": "agents - 1"}
 
     def check(self, layout: Layout) -> None:
+        for name, archetype in layout.archetypes.items():
+            if name != "agent" and any(isinstance(part, Side) for part in archetype.parts):
+                raise DeclarationError(
+                    f"the kind '{name}' has Side, which makes agents: add them to the kind 'agent', as in "
+                    f"Archetype('agent', (), 2), and tell them apart by roles; or leave Side out of '{name}'"
+                )
         layout.check_count(Side, "agents")
         check_fits(layout, "agents.radius", self.radius, 2 * self.radius)
 

@@ -162,7 +162,7 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
     names = ("thing", "beast", *dict.fromkeys(kind.name for kind in there if kind.count))
     for name in rng.sample(names, rng.choice((1, 1, 2))):
         has = {type(part) for kind in there if kind.name == name for part in kind.parts}
-        lacks = [part for part in able if part not in has]
+        lacks = [part for part in able if part not in has and (part is not components.Side or rng.random() < 0.2)]
         count = rng.choice((0, 0, 1, 2)) if has else rng.choice((1, 2, 17))
         here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
         here |= {"radius": 0.3, "bound": 0.3}

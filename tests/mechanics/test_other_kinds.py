@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Bag, Body, Died, Gift, Guard, Health, Item, Return, Shape, Weapon
-from outlast.ecs import Archetype, Module, number
+from outlast.components import Bag, Body, Died, Gift, Guard, Health, Item, Return, Shape, Side, Weapon
+from outlast.ecs import Archetype, DeclarationError, Module, number
 from outlast.ecs.kernel_check import check
 from outlast.systems import DeathDrop, DropLast, Preparation, Respawn
 from tests.conftest import draw_actions
@@ -101,3 +101,12 @@ def test_a_mechanic_may_bring_more_agents(name: str) -> None:
     _, expected = play(scenario.replace(agents_count=6))
     _, found = play(scenario.replace(agents_count=4).with_(More()))
     assert all(map(np.array_equal, expected, found))
+
+
+def test_a_kind_with_a_side_is_refused() -> None:
+    class Rivals(More):
+        def archetypes(self) -> Any:
+            return [Archetype("rival", (Side(),), 2)]
+
+    with pytest.raises(DeclarationError, match="^the kind .rival. has Side, which makes agents"):
+        outlast.make_vec(outlast.variant("ffa_2").with_(Rivals()), 1)
