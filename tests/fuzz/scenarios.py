@@ -162,16 +162,17 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
     names = ("thing", "beast", *dict.fromkeys(kind.name for kind in there if kind.count))
     for name in rng.sample(names, rng.choice((1, 1, 2))):
         has = {type(part) for kind in there if kind.name == name for part in kind.parts}
-        lacks = [part for part in able if part not in has and (part is not components.Side or rng.random() < 0.2)]
-        count = rng.choice((0, 0, 1, 2)) if has else rng.choice((1, 2, 17))
+        counted = [part for parts in COUNTED.values() for part in parts]  # mostly refused in other kinds
+        lacks = [part for part in able if part not in has and (part not in counted or rng.random() < 0.1)]
+        count = rng.choice((0, 1, 2) if name in ("agent", "heal") else (0,)) if has else rng.choice((1, 2, 17))
         here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
         here |= {"radius": 0.3, "bound": 0.3}
         parts = rng.sample(lacks, rng.randrange(1, len(lacks) if not has else 3))
         made = [part(**{key: value for key, value in here.items() if key in part.columns}) for part in parts]
         order = None if has else rng.choice((0, 10, 60))
         found.append(Archetype(name, tuple(made), count, alive=bool(has) or rng.random() < 0.8, order=order))
-        for dim, counted in COUNTED.items() if rng.random() < 0.9 else ():
-            if {*has, *parts} & {*counted}:
+        for dim, kinds in COUNTED.items() if rng.random() < 0.9 else ():
+            if {*has, *parts} & {*kinds}:
                 dims[dim] = int(dims.get(dim, 0)) + count
 
     class Kinds(Module):
@@ -200,6 +201,7 @@ def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:
                 value = tuple(sorted((rng.uniform(0.5, 12) for _ in range(rng.randrange(1, 6))), reverse=True))
             elif isinstance(value, int):
                 value = rng.randrange(0, (cap or 2 * value + 3) + 1)
+                value += 150 * (item.name == "limit")  # less than the health of agents, or no limit, is mostly refused
             else:
                 value *= rng.choice(SCALES)
             if isinstance(value, (int, float)) and not choices and rng.random() < 0.97:  # else perhaps out of range

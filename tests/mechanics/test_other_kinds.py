@@ -108,5 +108,5 @@ def test_a_kind_with_a_side_is_refused() -> None:
         def archetypes(self) -> Any:
             return [Archetype("rival", (Side(),), 2)]
 
-    with pytest.raises(DeclarationError, match="^the kind .rival. has Side, which makes agents"):
+    with pytest.raises(DeclarationError, match=r"^the kind .rival. has Side, which makes agents"):
         outlast.make_vec(outlast.variant("ffa_2").with_(Rivals()), 1)
