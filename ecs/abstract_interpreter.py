@@ -249,10 +249,10 @@ class Activation:
         """The values of a call. A Python function is followed with the values of its arguments."""
         target = self._only(expression.func)
         called: Any = target.value if isinstance(target, Constant) else None
-        if called in (len, enumerate) and isinstance(rows := self._only(expression.args[0]), Shared):
-            return rows.has("size") if called is len else frozenset([replace(rows, kind="enumerate")])
-        if called is len:
-            return ANYTHING
+        if called is len or called is enumerate:
+            rows = self._only(expression.args[0]) if len(expression.args) == 1 and not expression.kws else UNKNOWN
+            if isinstance(rows, Shared) or called is len:
+                return rows.has(called.__name__) if isinstance(rows, Shared) else ANYTHING
         if called is slice:
             return frozenset([Slice(*map(self._only, expression.args[:2]))])
         if called is range:
@@ -265,6 +265,8 @@ class Activation:
         module = getattr(called, "__module__", "")
         if module == f"{ENGINE}.per_agent":  # `of`, whose Python form computes with the number
             self._refuse_added(expression.list_vars())
+            if len(expression.args) == 2:
+                self._check_index(*map(self._only, expression.args))
             return ANYTHING
         if not can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
             self._refuse_added(expression.list_vars())
@@ -319,9 +321,10 @@ class Activation:
             if kind.kind in "iu" and not np.iinfo(kind).min <= number <= np.iinfo(kind).max:
                 self._refuse(f"writes {number} to {target}, {kind}, which cannot hold it")
 
-    def _check_index(self, target: Column | Shared, index: Any) -> None:
+    def _check_index(self, target: Any, index: Any) -> None:
         """Refuse a row where an index among some entities is needed, and the reverse."""
-        if self.calls.layout and (wrong := wrong_index(self.calls.layout, target, index)):
+        layout = self.calls.layout if self.report else None
+        if layout is not None and (wrong := wrong_index(layout, target, index)):
             self._refuse(wrong)
 
     def _check_field(self, target: Column, index: Any) -> None:

@@ -128,12 +128,14 @@ class Shared:
         return f"'{self.name}'"
 
     def has(self, name: str) -> Values:
-        """Its attribute of that name, or "element"."""
+        """Its attribute of that name; or an "element", its "len" or "enumerate"."""
         if name == "shape":
             return frozenset([(self.has("size"),)])
+        if name == "enumerate" and self.kind == "rows":
+            return frozenset([replace(self, kind="enumerate")])
         if self.kind == "enumerate":
             return frozenset([tuple(frozenset([Member(each, self.components)]) for each in ("index", "row"))])
-        whole = {"size": "size", "element": "row"} if self.kind == "rows" else {}
+        whole = {"size": "size", "len": "size", "element": "row"} if self.kind == "rows" else {}
         what = "index" if (self.kind, name) == ("row_index", "element") else whole.get(name)
         return frozenset([Member(what, self.components)]) if what else ANYTHING
 
@@ -143,6 +145,9 @@ class PerAgent:
     """A number in which roles differ, which kernels get as an array. name: the parameter's name."""
 
     name: str
+
+    def __str__(self) -> str:
+        return f"'{self.name}'"
 
 
 @dataclass(frozen=True)

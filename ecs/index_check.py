@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from .abstract_values import UNKNOWN, Column, Member, Shared, Slice
+from .abstract_values import UNKNOWN, Column, Member, PerAgent, Shared, Slice
 from .component import Singleton
 
 
-def wrong_index(layout: Any, target: Column | Shared, index: Any) -> str:
+def wrong_index(layout: Any, target: Any, index: Any) -> str:
     """Find an index that selects another entity's number in these worlds, or none.
 
     Args:
         layout: The ecs.layout.Layout of the worlds.
-        target: What is indexed: a column, or a selection of entities.
+        target: The abstract value that is indexed: a column, a list of rows, or a number in which roles differ.
         index: The abstract value of the index.
 
     Returns:
@@ -33,13 +33,13 @@ def wrong_index(layout: Any, target: Column | Shared, index: Any) -> str:
     return ""
 
 
-def _dims(layout: Any, target: Column | Shared) -> tuple[int | str, ...]:
-    """The dimensions of a whole column or a selection; () for anything else."""
-    if isinstance(target, Shared):
-        if target.kind == "rows":
-            return (len(layout.rows(*target.components)),)
-        return ("rows",) if target.kind == "row_index" else ()
-    if target.part:
+def _dims(layout: Any, target: Any) -> tuple[int | str, ...]:
+    """The dimensions of a target; () for a part of a column, and for anything else."""
+    if isinstance(target, Shared) and target.kind == "rows":
+        return (len(layout.rows(*target.components)),)
+    if isinstance(target, PerAgent) or (isinstance(target, Shared) and target.kind == "row_index"):
+        return ("rows",)
+    if not isinstance(target, Column) or target.part:
         return ()
     own = target.component.columns[target.name].dims
     return own if issubclass(target.component, Singleton) else ("rows", *own)
@@ -54,10 +54,11 @@ def _wrong(layout: Any, dim: int | str, value: Member) -> str:
         wrong = value.what == "index" and not alike
         return f"which is by row, with an index in {listed}: take the row, which {listed} has there" if wrong else ""
     has = f"which has {size} ('{dim}')" if isinstance(dim, str) else f"which has {size}"
+    given = f"with {'a row of' if value.what == 'row' else 'an index in'} {listed}"
     if value.what == "row" and not alike:
-        return f"{has}, with a row of {listed}: take an index in that list, as range(its size) or RowIndex has it"
+        return f"{has}, {given}: take an index in that list, as range(its size) or RowIndex has it"
     if len(rows) <= size:
         return ""
     kinds = ", ".join(name for name, span in layout.spans.items() if {*span} & {*rows.tolist()})
     cure = "narrow the list by another component" + (f", or add to '{dim}' in dims()" if isinstance(dim, str) else "")
-    return f"{has}, with an index in {listed}, which has {len(rows)} ({kinds}): {cure}"
+    return f"{has}, {given}, which has {len(rows)} ({kinds}): {cure}"

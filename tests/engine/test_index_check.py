@@ -1,12 +1,27 @@
 """A row and an index among some entities are told apart where they differ."""
 
+import inspect
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
 import outlast
 from outlast.components import Health, Phase, Side
-from outlast.ecs import Array, DeclarationError, Module, Read, RowIndex, Rows, Singleton, Write, column, kernel
+from outlast.ecs import (
+    Array,
+    DeclarationError,
+    Module,
+    Read,
+    RowIndex,
+    Rows,
+    Singleton,
+    Write,
+    column,
+    kernel,
+    number,
+    of,
+)
 from tests.helpers.beasts import Beast, Beasts
 
 
@@ -63,12 +78,22 @@ def too_many(mark: Write[Mark], rows: Rows[Health]) -> None:
         mark.agent[i] = 1
 
 
+def number_by_index(health: Write[Health], agents: Rows[Side], harm: int) -> None:
+    for i in range(agents.size):
+        health.points[agents[i]] = of(harm, i)
+
+
 def fitting(mark: Write[Mark], health: Write[Health], agents: Rows[Side], index: RowIndex[Beast]) -> None:
     for i, e in enumerate(agents):
         mark.agent[i] = health.points[e]
     for e in range(index.size):
         if index[e] >= 0:
             mark.beast[index[e]] = health.points[e]
+
+
+def pairs_of_numbers(mark: Write[Mark], shares: tuple[float, ...], agents: Rows[Beast]) -> None:
+    for i, share in enumerate(shares):
+        mark.beast[i] = int(share) + agents.size
 
 
 def in_bounds(mark: Write[Mark], rows: Rows[Health]) -> None:
@@ -78,12 +103,19 @@ def in_bounds(mark: Write[Mark], rows: Rows[Health]) -> None:
 
 
 def made(function: Any, order: int) -> None:
+    @dataclass(frozen=True)
     class Marks(Module):
+        harm: int = number(3, low=0, per_agent=True)
+        shares: tuple[float, ...] = number((1.0, 2.0), low=0)
+
         def singletons(self) -> Any:
             return [Mark()]
 
     Marks.system(Phase.RESPAWN)(function)
-    outlast.make_vec(outlast.variant("teams_2").with_(Beasts(order=order), Marks()), 1, seed=0).close()
+    scenario = outlast.variant("teams_2").with_(Beasts(order=order), Marks())
+    if "harm" in inspect.signature(function).parameters:
+        scenario = scenario.roles(one=outlast.role(1, marks_harm=4), rest=outlast.role())
+    outlast.make_vec(scenario, 1, seed=0).close()
 
 
 AN_INDEX = r"indexes Mark.agent, which has 4 \('agents'\), with a row of Rows.Side.: take an index"
@@ -104,6 +136,7 @@ BEFORE, BEHIND = 0, 60  # where the rows of beasts are; those of agents begin wi
             AN_INDEX,
         ),
         (index_of_beast, BEHIND, "indexes Health.points, which is by row, with an index in Rows.Beast.: take the row"),
+        (number_by_index, BEFORE, "indexes 'harm', which is by row, with an index in Rows.Side.: take the row"),
         (too_many, BEHIND, r"which has 4 \('agents'\), with an index in Rows.Health., which has 6 \(agent, beast\)"),
     ],
 )
@@ -113,6 +146,6 @@ def test_an_index_that_selects_another_entity_is_refused(function: Any, order: i
 
 
 @pytest.mark.parametrize("order", [BEFORE, BEHIND])
-@pytest.mark.parametrize("function", [fitting, in_bounds])
+@pytest.mark.parametrize("function", [fitting, pairs_of_numbers, in_bounds])
 def test_what_fits_is_not_refused(function: Any, order: int) -> None:
     made(function, order)
