@@ -4,15 +4,20 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Array, Component, Field, Layout, Singleton, column, kernel
+from outlast.ecs import Array, Component, Coupled, DeclarationError, Field, Layout, Singleton, column, kernel
+from outlast.ecs.component import as_stored
 
 ONE, ZERO = np.float32(1), np.float32(0)
+HEADING, OUTLINE = ("angle", "cosine", "sine"), ("radius", "half_width", "half_height")
+TURN = "turn a body by face(body, e, angle) of outlast.components.body"
+BOUND = "the radius of the circle around the body decides how close to walls it may stand"
 SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales that are seldom exceeded
 
 
 class Body(Component):
     """Pose and velocity, world frame."""
 
+    coupled = (Coupled(HEADING, HEADING, TURN),)
     x: Array = column("f4")  # metres
     y: Array = column("f4")
     angle: Array = column("f4")  # radians, unwrapped; 0 faces +x, counter-clockwise
@@ -22,6 +27,14 @@ class Body(Component):
     vy: Array = column("f4")
     omega: Array = column("f4")  # radians/second
 
+    def __init__(self, **fills: Any) -> None:
+        """Take prefab values. Cosine and sine follow from the angle."""
+        if given := [name for name in HEADING[1:] if name in fills]:
+            raise DeclarationError(f"Body({given[0]}=...): it follows from the angle; give that, as in Body(angle=0.5)")
+        super().__init__(**fills)
+        angle = as_stored("Body.angle", self.columns["angle"], fills.get("angle", 0))
+        self.fills = fills | {"cosine": np.cos(angle), "sine": np.sin(angle)} if angle.any() else fills
+
 
 class Shape(Component):
     """Outline: a circle, or with radius 0 a rectangle along the body's own axes.
@@ -30,6 +43,7 @@ class Shape(Component):
     """
 
     requires = (Body,)
+    coupled = (Coupled(OUTLINE, ("bound",), BOUND, at_reset=False),)
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
@@ -86,6 +100,12 @@ def room_sides(layout: Layout) -> tuple[float, float] | None:
 def half_room(layout: Layout) -> float:
     """Return the distance from the middle of the room to the farther walls, metres: the scale of positions (or 1)."""
     return max(room_sides(layout) or (2.0, 2.0)) / 2
+
+
+@kernel
+def face(body: Any, e: int, angle: Any) -> None:
+    """Turn body `e` to an angle: radians, counter-clockwise from +x."""
+    body.angle[e], body.cosine[e], body.sine[e] = angle, np.cos(angle), np.sin(angle)
 
 
 PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # fields of a position

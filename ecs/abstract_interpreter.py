@@ -20,7 +20,6 @@ from numba.core import ir
 from . import random_check
 from .abstract_values import (
     ANYTHING,
-    FIELD,
     FLOATING,
     UNKNOWN,
     Calls,
@@ -30,7 +29,6 @@ from .abstract_values import (
     Interval,
     Member,
     PerAgent,
-    Place,
     Shared,
     Slice,
     Sum,
@@ -43,11 +41,10 @@ from .abstract_values import (
     computed,
     counted,
     floating,
-    parts_of,
     tracked,
 )
 from .errors import DeclarationError, EngineError, ScheduleError, did_you_mean, place
-from .index_check import wrong_index
+from .index_check import wrong_field, wrong_index
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
@@ -328,17 +325,9 @@ class Activation:
             self._refuse(wrong)
 
     def _check_field(self, target: Column, index: Any) -> None:
-        """Refuse writes of whole rows and literal columns: a system's order relies on Offsets naming all it touches."""
-        names = self.calls.offsets.get((target.component, target.name))
-        count, last, _ = parts_of(index)
-        start, stop = (last.start, last.stop) if isinstance(last, Slice) else (last, UNKNOWN)
-        for end in (start, stop):
-            if isinstance(end, Place) and end.beyond(end is stop):
-                self._refuse(f"writes {target} beside the {end.size} of {end.name}; take an Offset for each field")
-        literal = isinstance(start, Constant)
-        if names and target.axes < FIELD and (literal or target.axes + count < target.ndim):
-            own = ", ".join(sorted(names))
-            self._refuse(f"writes {target} beside the fields of its Offsets ({own}); take an Offset for each field")
+        """Refuse writes beside the fields of a system's Offsets: its order relies on these naming all it touches."""
+        if wrong := wrong_field(self.calls.offsets.get((target.component, target.name), set()), target, index):
+            self._refuse(wrong)
 
     def _set_attribute(self, statement: Any) -> None:
         target = self._only(statement.target)
@@ -370,6 +359,8 @@ class Activation:
 
     def _refuse_write(self, target: Any, whole: bool = False) -> None:
         """Refuse a write to something read-only. whole: whether the write covers all of the target."""
+        if isinstance(target, Column):
+            self.calls.written.add((target.component, target.name))
         if isinstance(target, Column) and whole:
             self._check_field(target, Slice(Constant(None)))
         if isinstance(target, Column) and target.access == "read":

@@ -25,6 +25,7 @@ class Calls(Protocol):
     label: str
     offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
     used: set[tuple[type[Component], str]]  # columns that were looked up
+    written: set[tuple[type[Component], str]]
     layout: Any  # the layout of the worlds, or None
 
     def call(

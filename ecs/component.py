@@ -22,7 +22,7 @@ import re
 from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -173,6 +173,22 @@ def table_type(cls: type["Component"]) -> Any:
     return table
 
 
+class Coupled(NamedTuple):
+    """Columns of a component that have to fit each other. A system that writes one of them without that is refused.
+
+    Attributes:
+        columns: Whoever writes one of these ...
+        needs: ... has to write all of these.
+        cure: How a system does that, in words.
+        at_reset: Whether that is true of systems of resets. False: a mechanic computes what is needed after them.
+    """
+
+    columns: tuple[str, ...]
+    needs: tuple[str, ...]
+    cure: str
+    at_reset: bool = True
+
+
 class Component:
     """State of an entity: in every world, one row for each entity of the archetypes that have the component.
 
@@ -181,6 +197,7 @@ class Component:
 
     columns: ClassVar[dict[str, Column]] = {}
     requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this gets these, too
+    coupled: ClassVar[tuple[Coupled, ...]] = ()
     Table: ClassVar[Any] = None
     order: ClassVar[int] = 0
     packed: ClassVar[bool] = True  # whether its columns lie in the state of the world, or in buffers of their own
@@ -233,6 +250,8 @@ class Component:
             raise DeclarationError(
                 f"{cls.__name__}.{named[0]} has fields, which only columns of an Observation have; make each a column"
             )
+        for name in {name for coupled in cls.coupled for name in (*coupled.columns, *coupled.needs)} - columns.keys():
+            raise DeclarationError(f"{cls.__name__}.coupled: there is no column '{name}'; known: {', '.join(columns)}")
         cls.columns, cls.order = columns, order
         cls.Table = table_type(cls)
 

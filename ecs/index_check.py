@@ -1,14 +1,16 @@
-"""Indices of entities: a row is the place of an entity in all tables, an index its place among some entities.
+"""Checks of indices: of entities, and of fields in the rows of an observation.
 
-Where agents have the first rows, the two are the same, so that a mechanic that confuses them works until another one
-brings entities that come before.
+A row is the place of an entity in all tables, an index its place among some entities. Where agents have the first
+rows, the two are the same, so that a mechanic that confuses them works until another one brings entities that come
+before.
 """
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
-from .abstract_values import UNKNOWN, Column, Member, PerAgent, Shared, Slice
+from .abstract_values import FIELD, UNKNOWN, Column, Constant, Member, PerAgent, Place, Shared, Slice, parts_of
 from .component import Singleton
 
 
@@ -30,6 +32,29 @@ def wrong_index(layout: Any, target: Any, index: Any) -> str:
             break
         if isinstance(value, Member) and (wrong := _wrong(layout, dim, value)):
             return f"indexes {target}, {wrong}"
+    return ""
+
+
+def wrong_field(offsets: Collection[str], target: Column, index: Any) -> str:
+    """Find a write of a whole row, of a literal column or of another field, where Offsets say which ones are written.
+
+    Args:
+        offsets: The names of the system's Offsets for the column.
+        target: What is written: a column, or a part of one.
+        index: The abstract value of the index.
+
+    Returns:
+        What is wrong with it, for an error; "" for nothing that is sure.
+    """
+    count, last, _ = parts_of(index)
+    start, stop = (last.start, last.stop) if isinstance(last, Slice) else (last, UNKNOWN)
+    for end in (start, stop):
+        if isinstance(end, Place) and end.beyond(end is stop):
+            return f"writes {target} beside the {end.size} of {end.name}; take an Offset for each field"
+    literal = isinstance(start, Constant)
+    if offsets and target.axes < FIELD and (literal or target.axes + count < target.ndim):
+        own = ", ".join(sorted(offsets))
+        return f"writes {target} beside the fields of its Offsets ({own}); take an Offset for each field"
     return ""
 
 

@@ -34,6 +34,7 @@ from .component import Component
 from .errors import DeclarationError, ScheduleError, place
 from .event import COUNT, Event
 from .jit import External, compiled
+from .phase import When
 from .random_check import repeated_draw
 from .references import is_outside, reachable, references
 from .system import System
@@ -63,6 +64,7 @@ def check(
     checked.call(function, arguments, ())
     checked.check_code(function)
     checked.check_events()
+    checked.check_coupled()
 
 
 def check_interpretable(system: System) -> None:
@@ -103,7 +105,7 @@ class _Check:
         self.system, self.label, self.offsets, self.layout = system, system.label, system.offsets(), layout
         self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}
-        self.used: set[tuple[type[Component], str]] = set()
+        self.used, self.written = set[tuple[type[Component], str]](), set[tuple[type[Component], str]]()
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool = True
@@ -144,6 +146,18 @@ class _Check:
                         f"{self.label} uses {event.__name__}.{min(columns)}, but neither emits the event nor looks at "
                         f"its count: take k = emit({parameter.name}) for a new one, or a loop over "
                         f"range({parameter.name}.count[0]), and {parameter.name}.{min(columns)}[k]"
+                    )
+
+    def check_coupled(self) -> None:
+        """Look for columns that are written without those that have to fit them."""
+        at_reset = self.system.phase.when is When.RESET
+        for component, name in sorted(self.written, key=lambda column: (column[0].__qualname__, column[1])):
+            for coupled in component.coupled:
+                lacking = [each for each in coupled.needs if (component, each) not in self.written]
+                if name in coupled.columns and lacking and (coupled.at_reset or not at_reset):
+                    raise DeclarationError(
+                        f"{self.label} writes {component.__name__}.{name}, but not {' and '.join(lacking)}, which must "
+                        f"fit it: {coupled.cure}"
                     )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:

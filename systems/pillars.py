@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Solid, Spawned, Wall
+from outlast.components.body import face
 from outlast.components.limits import FAR
 from outlast.ecs import (
     Array,
@@ -100,7 +101,7 @@ def build(
             if is_clear(body, shape, entities, solids, spawned, x, y, radius + gap):
                 e, angle = walls[stand], QUARTER * uniform(key, MOST + k)
                 place_block(body, shape, entities, e, x, y, half, half)
-                body.angle[e], body.cosine[e], body.sine[e] = angle, np.cos(angle), np.sin(angle)
+                face(body, e, angle)
                 stand += 1
                 break
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Side, Solid, Spawned, Unplaced, Wall
+from outlast.components.body import face
 from outlast.ecs import Entity, Layout, NumberError, Random, Read, RowIndex, Rows, Scratch, Write, number
 
 from .geometry.mazes import place_block
@@ -123,7 +124,7 @@ def build(
             place_block(
                 body, shape, entities, e, x, y, HALF * layout[ENTRY * k + WIDTH], HALF * layout[ENTRY * k + HEIGHT]
             )
-            body.angle[e], body.cosine[e], body.sine[e] = angle, np.cos(angle), np.sin(angle)
+            face(body, e, angle)
             count += 1
 
 

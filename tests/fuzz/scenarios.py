@@ -166,7 +166,7 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
         lacks = [part for part in able if part not in has and (part not in counted or rng.random() < 0.1)]
         count = rng.choice((0, 1, 2) if name in ("agent", "heal") else (0,)) if has else rng.choice((1, 2, 17))
         here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
-        here |= {"radius": 0.3, "bound": 0.3}
+        here |= {"radius": 0.3, "bound": 0.3, "angle": rng.uniform(-4, 4)}
         parts = rng.sample(lacks, rng.randrange(1, len(lacks) if not has else 3))
         made = [part(**{key: value for key, value in here.items() if key in part.columns}) for part in parts]
         order = None if has else rng.choice((0, 10, 60))

@@ -1,0 +1,93 @@
+"""Columns that have to fit each other are written together."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Body, Phase, Shape, Solid
+from outlast.components.body import face
+from outlast.ecs import Archetype, Array, Component, Coupled, DeclarationError, Module, Rows, Write, column
+
+ANGLE = 0.7
+
+
+class Door(Component):
+    """A marker."""
+
+
+def turn(body: Write[Body], doors: Rows[Door]) -> None:
+    for e in doors:
+        body.angle[e] += np.float32(0.1)
+
+
+def mirror(body: Write[Body], doors: Rows[Door]) -> None:
+    for e in doors:
+        body.sine[e] = -body.sine[e]
+
+
+def grow(shape: Write[Shape], doors: Rows[Door]) -> None:
+    for e in doors:
+        shape.half_width[e] += np.float32(0.1)
+
+
+def turn_all(body: Write[Body], doors: Rows[Door]) -> None:
+    for e in doors:
+        face(body, e, body.angle[e] + np.float32(0.1))
+
+
+def played(function: Any, phase: Any) -> Any:
+    """A game with a turned door, after its reset and a step."""
+
+    class Doors(Module):
+        def archetypes(self) -> Any:
+            solid = Body(x=2.0, angle=ANGLE), Shape(half_width=1.0, half_height=0.1), Solid(), Door()
+            return [Archetype("door", solid, 1)]
+
+    order: dict[str, Any] = {"before": Shape, "after": Body} if phase is Phase.SPAWN else {"after": ("room", Body)}
+    Doors.system(phase, **order)(function)
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Doors()), 1, seed=0)
+    env.reset()
+    env.step(np.tile(env.noop, (1, env.num_agents, 1)))
+    return env
+
+
+@pytest.mark.parametrize(
+    ("function", "phase", "words"),
+    [
+        (turn, Phase.MOVE, "Body.angle, but not cosine and sine, which must fit it: turn a body by face"),
+        (turn, Phase.SPAWN, "Body.angle, but not cosine and sine"),
+        (mirror, Phase.MOVE, "Body.sine, but not angle and cosine"),
+        (grow, Phase.MOVE, "Shape.half_width, but not bound"),
+    ],
+)
+def test_a_column_that_is_written_without_what_must_fit_it_is_refused(function: Any, phase: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"^doors.{function.__name__} writes {words}"):
+        played(function, phase)
+
+
+def test_a_mechanic_computes_bounds_after_resets() -> None:
+    env = played(grow, Phase.SPAWN)
+    door = env.worlds.span("door").start
+    assert env.worlds[Shape].bound[0, door] == pytest.approx(np.hypot(1.1, 0.1))
+
+
+@pytest.mark.parametrize("phase", [Phase.MOVE, Phase.SPAWN])
+def test_a_body_faces_its_angle(phase: Any) -> None:
+    """A prefab's cosine and sine follow, too."""
+    env = played(turn_all, phase)
+    entity = env.worlds.entity(env.worlds.span("door").start)
+    assert entity.Body.angle == pytest.approx(ANGLE + 0.1)
+    assert entity.Body[3:5] == pytest.approx((np.cos(ANGLE + 0.1), np.sin(ANGLE + 0.1)))
+    assert [*Body(angle=[0.0, ANGLE]).fills["sine"]] == pytest.approx([0, np.sin(ANGLE)])
+
+
+def test_declarations_that_mean_nothing() -> None:
+    with pytest.raises(DeclarationError, match=r"^Body\(sine=...\): it follows from the angle; give that"):
+        Body(sine=1)
+    with pytest.raises(DeclarationError, match=r"^Lamp.coupled: there is no column 'bright'; known: light"):
+
+        class Lamp(Component):
+            coupled = (Coupled(("light",), ("bright",), "write both"),)
+            light: Array = column("f4")
