@@ -46,7 +46,7 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
             more = (size_of(term, (*trail, dim)) if isinstance(term, str) else term for term in terms.get(dim, ()))
             total = given.get(dim, 0) + sum(more)
             if not 0 <= total <= MOST and dim in terms:
-                raise NumberError(f"the dimension '{dim}' would be {total}: 0 to {MOST} is possible")
+                raise NumberError(f"the dimension '{dim}' would be {total}: at least 0 and at most {MOST} is possible")
             found[dim] = total
         return found[dim]
 

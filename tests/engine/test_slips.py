@@ -86,7 +86,7 @@ def test_dimensions_name_each_other_in_any_order(names: tuple[str, str]) -> None
         ("wide", "in a circle: wide -> wide"),
         (-1, "'wide': -1}: a whole number, 0 or more, or names of dimensions"),
         (2.0, "'wide': 2.0}: a whole number"),
-        ("agents - 3", "the dimension 'wide' would be -1: 0 to"),
+        ("agents - 3", "the dimension 'wide' would be -1: at least 0 and"),
     ],
 )
 def test_sizes_that_are_none(size: Any, words: str) -> None:
