@@ -33,7 +33,8 @@ class Body(Component):
             raise DeclarationError(f"Body({given[0]}=...): it follows from the angle; give that, as in Body(angle=0.5)")
         super().__init__(**fills)
         angle = as_stored("Body.angle", self.columns["angle"], fills.get("angle", 0))
-        self.fills = fills | {"cosine": np.cos(angle), "sine": np.sin(angle)} if angle.any() else fills
+        if angle.any():
+            self.fills |= {"cosine": np.cos(angle), "sine": np.sin(angle)}
 
 
 class Shape(Component):

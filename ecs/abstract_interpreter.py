@@ -308,9 +308,9 @@ class Activation:
         self._refuse_write(target)
         self._refuse_per_agent([statement.value])
         if isinstance(target, Column):
-            self._check_index(target, self._only(statement.index))
-            self._check_field(target, self._only(statement.index))
-            kind = target.dtype
+            index, kind = self._only(statement.index), target.dtype
+            self._check_index(target, index)
+            self._check_field(target, index)
             if kind.kind in "iu" and floating(self._of(statement.value)):
                 self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
             literal = self._only(statement.value)

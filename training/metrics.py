@@ -125,7 +125,7 @@ class BehaviourMetrics:
     def bags(self) -> Array:
         """Return how many heals each agent has, int (worlds, agents)."""
         holder = self.base_env.worlds[Item].holder[:, self.heals]
-        where, items = np.nonzero((holder >= self.agents.start) & (holder < self.agents.stop))
+        where, items = np.nonzero(_among(holder, self.agents))
         count = self.base_env.num_agents
         place = where * count + holder[where, items] - self.agents.start
         return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
@@ -134,8 +134,7 @@ class BehaviourMetrics:
         """Heals that each agent gave to another in this step, int (worlds, agents); 0 for agents that have died."""
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
         gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
-        gifts = gifts[(gifts["item"] >= heals.start) & (gifts["item"] < heals.stop)]
-        gifts = gifts[(gifts["giver"] >= self.agents.start) & (gifts["giver"] < self.agents.stop)]
+        gifts = gifts[_among(gifts["item"], heals) & _among(gifts["giver"], self.agents)]
         where, givers = gifts["world"], gifts["giver"]
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
@@ -234,7 +233,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who is alive, who died and who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
-        deaths = deaths[(deaths["agent"] >= self.agents.start) & (deaths["agent"] < self.agents.stop)]
+        deaths = deaths[_among(deaths["agent"], self.agents)]
         living = np.take_along_axis(living_sides(self.base_env.worlds), np.maximum(self.sides, 0), 1)
         self.totals["life"] += living & (self.sides >= 0)
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
@@ -248,6 +247,12 @@ class AgentMetrics:
         self.sides[where] = side(self.base_env.worlds, where)
         for sums in (*self.totals.values(), *self.rates.values()):
             sums[where] = 0
+
+
+def _among(rows: Array, span: slice) -> Array:
+    """Whether each row is one of a span, bool."""
+    inside: Array = (rows >= span.start) & (rows < span.stop)
+    return inside
 
 
 def means(tallies: Iterable[Tallies]) -> dict[str, float]:

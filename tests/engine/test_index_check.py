@@ -130,11 +130,7 @@ BEFORE, BEHIND = 0, 60  # where the rows of beasts are; those of agents begin wi
         (row_in_pairs, BEFORE, AN_INDEX),
         (row_of_a_list, BEFORE, AN_INDEX),
         (row_in_its_list, BEFORE, "indexes 'agents', which has 4, with a row of Rows.Side.: take an index"),
-        (
-            row_in_a_kernel,
-            BEFORE,
-            AN_INDEX,
-        ),
+        (row_in_a_kernel, BEFORE, AN_INDEX),
         (index_of_beast, BEHIND, "indexes Health.points, which is by row, with an index in Rows.Beast.: take the row"),
         (number_by_index, BEFORE, "indexes 'harm', which is by row, with an index in Rows.Side.: take the row"),
         (too_many, BEHIND, r"which has 4 \('agents'\), with an index in Rows.Health., which has 6 \(agent, beast\)"),
