@@ -11,6 +11,7 @@ ONE, ZERO = np.float32(1), np.float32(0)
 HEADING, OUTLINE = ("angle", "cosine", "sine"), ("radius", "half_width", "half_height")
 TURN = "turn a body by face(body, e, angle) of outlast.components.body"
 BOUND = "the radius of the circle around the body decides how close to walls it may stand"
+MASS = "by itself, it changes nothing"
 SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales that are seldom exceeded
 
 
@@ -44,7 +45,7 @@ class Shape(Component):
     """
 
     requires = (Body,)
-    coupled = (Coupled(OUTLINE, ("bound",), BOUND, at_reset=False),)
+    coupled = (Coupled(OUTLINE, ("bound",), BOUND, "room.compute_bounds"),)
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
@@ -55,6 +56,7 @@ class Solid(Component):
     """A body that takes part in contacts. Without this component, a body is intangible, as items are."""
 
     requires = (Body, Shape)
+    coupled = (Coupled(("density",), ("mass", "inertia"), MASS, "physics.compute_mass"),)
     dynamic: Array = column("u1", high=1)  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
     mass: Array = column("f4")  # kilograms, computed at reset from density and shape

@@ -180,13 +180,13 @@ class Coupled(NamedTuple):
         columns: Whoever writes one of these ...
         needs: ... has to write all of these.
         cure: How a system does that, in words.
-        at_reset: Whether that is true of systems of resets. False: a mechanic computes what is needed after them.
+        computed_by: The system of resets, if any, that computes what is needed: those before it need not.
     """
 
     columns: tuple[str, ...]
     needs: tuple[str, ...]
     cure: str
-    at_reset: bool = True
+    computed_by: str = ""
 
 
 class Component:

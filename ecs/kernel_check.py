@@ -41,7 +41,11 @@ from .system import System
 
 
 def check(
-    system: System, per_agent: Collection[str] = (), widths: Mapping[str, int] | None = None, layout: Any = None
+    system: System,
+    per_agent: Collection[str] = (),
+    widths: Mapping[str, int] | None = None,
+    layout: Any = None,
+    behind: Collection[str] = (),
 ) -> None:
     """Compare what a system does with what its parameter list declares.
 
@@ -50,6 +54,7 @@ def check(
         per_agent: Names of its mechanic's numbers in which roles differ.
         widths: By name of the Offset of each field that its mechanic adds, how many columns from there on are its own.
         layout: The ecs.layout.Layout of the worlds, by which indices of entities are checked; None: they are not.
+        behind: Labels of the systems that run after it in the reset that it is part of.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist or a variable that may have no value, calls a
@@ -65,7 +70,7 @@ def check(
     checked.check_code(function)
     checked.check_events()
     if system.outside:
-        checked.check_coupled()
+        checked.check_coupled(behind)
 
 
 def check_interpretable(system: System) -> None:
@@ -149,16 +154,16 @@ class _Check:
                         f"range({parameter.name}.count[0]), and {parameter.name}.{min(columns)}[k]"
                     )
 
-    def check_coupled(self) -> None:
+    def check_coupled(self, behind: Collection[str]) -> None:
         """Look for columns that are written without those that have to fit them. Outlast's own systems share that."""
-        at_reset = self.system.phase.when is When.RESET
         for component, name in sorted(self.written, key=lambda column: (column[0].__qualname__, column[1])):
             for coupled in component.coupled:
                 lacking = [each for each in coupled.needs if (component, each) not in self.written]
-                if name in coupled.columns and lacking and (coupled.at_reset or not at_reset):
+                if name in coupled.columns and lacking and coupled.computed_by not in behind:
+                    first = self.system.phase.when is When.RESET and coupled.computed_by
                     raise DeclarationError(
                         f"{self.label} writes {component.__name__}.{name}, but not {' and '.join(lacking)}, which must "
-                        f"fit it: {coupled.cure}"
+                        f"fit it: {coupled.cure}{f'; {first}, which runs before, computes that' if first else ''}"
                     )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:

@@ -14,7 +14,7 @@ from .kernel_check import check, check_interpretable
 from .layout import Layout
 from .module import Module
 from .per_agent import differing_numbers
-from .phase import Phase
+from .phase import Phase, When
 from .references import is_outside
 from .roles import Roles
 from .run_units import CALL, RUN, call, run_units
@@ -87,9 +87,11 @@ def _made(wanted: Wanted) -> Plan:
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
     _check_labels(wanted.interpret, schedule)
+    resets = [system.label for system in schedule.systems if system.phase.when is When.RESET]
     for system in schedule.systems:
         if system.outside:
-            check(system, differing_numbers(layout, system.module), _widths(layout, system.module), layout)
+            behind = resets[resets.index(system.label) + 1 :] if system.label in resets else ()
+            check(system, differing_numbers(layout, system.module), _widths(layout, system.module), layout, behind)
         if system.label in wanted.interpret:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)

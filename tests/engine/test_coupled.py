@@ -32,12 +32,17 @@ def grow(shape: Write[Shape], doors: Rows[Door]) -> None:
         shape.half_width[e] += np.float32(0.1)
 
 
+def lighten(solid: Write[Solid], doors: Rows[Door]) -> None:
+    for e in doors:
+        solid.density[e] = np.float32(0.5)
+
+
 def turn_all(body: Write[Body], doors: Rows[Door]) -> None:
     for e in doors:
         face(body, e, body.angle[e] + np.float32(0.1))
 
 
-def played(function: Any, phase: Any) -> Any:
+def played(function: Any, phase: Any, **order: Any) -> Any:
     """A game with a turned door, after its reset and a step."""
 
     class Doors(Module):
@@ -45,7 +50,8 @@ def played(function: Any, phase: Any) -> Any:
             solid = Body(x=2.0, angle=ANGLE), Shape(half_width=1.0, half_height=0.1), Solid(), Door()
             return [Archetype("door", solid, 1)]
 
-    order: dict[str, Any] = {"before": Shape, "after": Body} if phase is Phase.SPAWN else {"after": ("room", Body)}
+    if not order:
+        order = {"before": (Shape, Solid), "after": Body} if phase is Phase.SPAWN else {"after": ("room", Body)}
     Doors.system(phase, **order)(function)
     env = outlast.make_vec(outlast.variant("ffa_1").with_(Doors()), 1, seed=0)
     env.reset()
@@ -59,7 +65,12 @@ def played(function: Any, phase: Any) -> Any:
         (turn, Phase.MOVE, "Body.angle, but not cosine and sine, which must fit it: turn a body by face"),
         (turn, Phase.SPAWN, "Body.angle, but not cosine and sine"),
         (mirror, Phase.MOVE, "Body.sine, but not angle and cosine"),
-        (grow, Phase.MOVE, "Shape.half_width, but not bound"),
+        (grow, Phase.MOVE, "Shape.half_width, but not bound, .* how close to walls it may stand$"),
+        (
+            lighten,
+            Phase.MOVE,
+            "Solid.density, but not mass and inertia, which must fit it: by itself, it changes nothing$",
+        ),
     ],
 )
 def test_a_column_that_is_written_without_what_must_fit_it_is_refused(function: Any, phase: Any, words: str) -> None:
@@ -67,10 +78,17 @@ def test_a_column_that_is_written_without_what_must_fit_it_is_refused(function: 
         played(function, phase)
 
 
-def test_a_mechanic_computes_bounds_after_resets() -> None:
+def test_the_system_that_computes_what_must_fit_comes_later() -> None:
+    words = r"^doors.grow writes Shape.half_width, but not bound, .*; room.compute_bounds, which runs before, computes"
+    with pytest.raises(DeclarationError, match=words):
+        played(grow, Phase.SPAWN, after=("room.compute_bounds", Body))
+
+
+def test_mechanics_compute_bounds_and_masses_behind_a_system_of_a_reset() -> None:
     env = played(grow, Phase.SPAWN)
     door = env.worlds.span("door").start
     assert env.worlds[Shape].bound[0, door] == pytest.approx(np.hypot(1.1, 0.1))
+    assert played(lighten, Phase.SPAWN).worlds[Solid].mass[0, door] == pytest.approx(2 * 0.2 * 0.5)
 
 
 @pytest.mark.parametrize("phase", [Phase.MOVE, Phase.SPAWN])
