@@ -311,7 +311,7 @@ class Fills(Module):
 @Fills.system(Phase.MELEE)
 def overfill(bag: Write[Bag], agents: Rows[Bag]) -> None:
     for e in agents:
-        bag.count[e] = 1000
+        bag.items[e, 0], bag.count[e] = -1, 1000
 
 
 class Doubles(Module):
