@@ -160,10 +160,10 @@ class _Check:
             for coupled in component.coupled:
                 lacking = [each for each in coupled.needs if (component, each) not in self.written]
                 if name in coupled.columns and lacking and coupled.computed_by not in behind:
-                    first = self.system.phase.when is When.RESET and coupled.computed_by
+                    later = self.system.phase.when is When.RESET and coupled.computed_by
                     raise DeclarationError(
                         f"{self.label} writes {component.__name__}.{name}, but not {' and '.join(lacking)}, which must "
-                        f"fit it: {coupled.cure}{f'; {first}, which runs before, computes that' if first else ''}"
+                        f"fit it: {coupled.cure}{f'; or run before {later}, which computes that' if later else ''}"
                     )
 
     def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:

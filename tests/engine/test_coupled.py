@@ -84,7 +84,7 @@ def test_a_column_that_is_written_without_what_must_fit_it_is_refused(function: 
 
 
 def test_the_system_that_computes_what_must_fit_comes_later() -> None:
-    words = r"^doors.grow writes Shape.half_width, but not bound, .*; room.compute_bounds, which runs before, computes"
+    words = r"^doors.grow writes Shape.half_width, but not bound, .*; or run before room.compute_bounds, which computes"
     with pytest.raises(DeclarationError, match=words):
         played(grow, Phase.SPAWN, after=("room.compute_bounds", Body))
 
