@@ -18,13 +18,13 @@ class Item(Component):
 
 
 CLOSED = -2  # in Bag.items: the agent does not have this slot
-BY_HAND = "put items in and take them out by push and pop of outlast.components.inventory"
+PUSH_POP = "put items in and take them out by push and pop of outlast.components.inventory"
 
 
 class Bag(Component):
     """An inventory: a stack of item rows. Only its last item can be used, given or dropped, which only agents do."""
 
-    coupled = (Coupled(("count",), ("items",), BY_HAND),)
+    coupled = (Coupled(("count",), ("items",), PUSH_POP),)
     items: Array = column("i4", "slots", fill=-1, low=CLOSED, unit="entity")  # -1: free
     count: Array = column("i4", below="slots + 1")
 
