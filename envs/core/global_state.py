@@ -52,13 +52,11 @@ class GlobalState:
         self.bodies = np.setdiff1d(rows(Body), known)
         self.numbers = {name: n for name, n in worlds.layout.varied.items() if n.kind in (bool, int, float)}
         blocks = [np.tile(block, count) for count, block in self._blocks()]
-        low, high, self.scale = np.concatenate(blocks, 1, dtype=np.float32)
+        low, high, self.scale, radians = np.concatenate(blocks, 1, dtype=np.float32)
         self.names = list(self._names())
-        radians = {"angle", *(name for name, field in worlds.layout.fields["own"].items() if field.unit == "rad")}
-        angles = np.flatnonzero([name.split(".")[1] in radians for name in self.names])
         self._scale: Scale | None = None
         if scaled:
-            self._scale, low, high = Scale(self.scale, angles, angles[:0]).limited(low, high)
+            self._scale, low, high = Scale(self.scale, np.flatnonzero(radians), np.zeros(0, int)).limited(low, high)
         self.space = spaces.Box(low, high, dtype=np.float32)
 
     def __call__(self, w: int | slice = 0) -> Array:
@@ -74,12 +72,15 @@ class GlobalState:
         return state
 
     def _blocks(self) -> list[tuple[int, Array]]:
-        """Return, for every block, its number of rows, and low, high and scale of a row, float32 (3, numbers)."""
+        """Return, for every block, how many rows it has, and a row's low, high, scale and whether it is in radians.
+
+        Those of a row are float32 (4, numbers).
+        """
         known, flag, carrier = bounds(self.worlds), _column(0, 1), _column(0, len(self.agents), len(self.agents))
-        place = [_column(scale=scale) for scale in self._scales("own", *POSE)]
+        place = np.hsplit(np.vstack([[[-np.inf] * 3, [np.inf] * 3], self._units("own", *POSE)]), 3)
         half, health = _column(scale=VERTICES.scale), _column(scale=self._toughest())
-        own = np.vstack([*np.stack(known["own"])[:, 0], self._scales("own")])
-        zone = np.vstack([*np.stack(known["zone"])[:, 0], self._scales("zone")]) if "zone" in known else None
+        own = np.vstack([*np.stack(known["own"])[:, 0], self._units("own")])
+        zone = np.vstack([*np.stack(known["zone"])[:, 0], self._units("zone")]) if "zone" in known else None
         return [
             (len(self.agents), np.hstack([flag, own])),
             *([] if zone is None else [(1, zone)]),
@@ -111,10 +112,11 @@ class GlobalState:
         """Return the name of an entity, from its archetype and its number in that: "box_3"."""
         return next(f"{name}_{row - span.start}" for name, span in self.worlds.layout.spans.items() if row in span)
 
-    def _scales(self, key: str, *names: str) -> list[float]:
-        """Return the scales of the columns of these fields of an observation, or of all its fields."""
+    def _units(self, key: str, *names: str) -> Array:
+        """Return scale and whether in radians, (2, columns), of these fields of an observation, or of all of it."""
         fields = self.worlds.layout.fields[key]
-        return [scale for name in names or fields for scale in [fields[name].scale] * fields[name].size]
+        chosen = [fields[name] for name in names or fields]
+        return np.hstack([np.full((2, field.size), [[field.scale], [field.unit == "rad"]]) for field in chosen])
 
     def _toughest(self) -> float:
         """Return the most hit points that any object has at the start; 1 if there are no objects."""
@@ -168,4 +170,4 @@ def _extent(distribution: Distribution) -> tuple[float, float, float]:
 
 
 def _column(low: float = -np.inf, high: float = np.inf, scale: float = 1.0) -> Array:
-    return np.array([[low], [high], [scale]], np.float32)
+    return np.array([[low], [high], [scale], [False]], np.float32)

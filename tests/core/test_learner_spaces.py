@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Attack, Bag, Body, Health, Phase, Weapon
-from outlast.ecs import Action, Entity, Module, Read, Rows, Write, column
+from outlast.components import Attack, Bag, Body, Health, Phase, Side, Weapon, ZoneView
+from outlast.ecs import Action, Clock, Entity, Field, Module, Offset, Read, Rows, Write, column
 from outlast.envs.core.scaling import LIMIT
 from outlast.envs.rollout.policies import STYLES, others_policy
 from outlast.errors import ActionError, DeclarationError
@@ -336,14 +336,30 @@ def test_without_copies_arrays_are_reused() -> None:
     assert not first.flags.writeable
 
 
-def test_scaled_states_are_states_divided_by_their_scales() -> None:
-    plain, scale = (outlast.make_vec("teams_3", 4, seed=0, scaled=each) for each in (False, True))
+class Storm(Module):
+    """A wind that turns, seen in the row of the zone."""
+
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"zone": (Field("wind_angle", "rad", scale=math.pi),)}
+
+
+@Storm.system(Phase.OBSERVE)
+def blow(clock: Read[Clock], view: Write[ZoneView], agents: Rows[Side], zone_wind_angle: Offset) -> None:
+    for i in range(agents.size):
+        view.zone[i, zone_wind_angle] = 2.0 + clock.tick[0]
+
+
+@pytest.mark.parametrize("storm", [False, True])
+def test_scaled_states_are_states_divided_by_their_scales(storm: bool) -> None:
+    game = outlast.variant("teams_3").with_(*[Storm()] * storm)
+    plain, scale = (outlast.make_vec(game, 4, seed=0, scaled=each) for each in (False, True))
     for env in (plain, scale):
         env.reset()
         rng = np.random.default_rng(0)
         for _ in range(scaled(30, 5)):
             env.step(draw_actions(env, rng))
-    angle = np.array([name.endswith(".angle") for name in plain.state_names])
+    angle = np.array([name.endswith("angle") for name in plain.state_names])
+    assert ("zone.wind_angle" in plain.state_names) == storm
     raw = plain.state()
     raw[:, angle] = np.remainder(raw[:, angle] + math.pi, math.tau) - math.pi
     divided = np.clip(raw / plain._global_state.scale, scale.state_space.low, scale.state_space.high)
