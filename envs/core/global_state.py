@@ -24,7 +24,7 @@ class GlobalState:
 
     ======= ===================================================================================
     agents  alive (0, 1), then the row `own` of their observation, with its fields
-    zone    the row `zone` of their observation, likewise; only if the scenario has one
+    zone    the row `zone` of agent_0's observation, likewise; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and other things with hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
     walls   stands (0, 1), x, y, angle, half width, half height: blocks inside the room
@@ -64,7 +64,7 @@ class GlobalState:
         parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w)]
         parts += [self._bodies(w), self._numbers(w)]
         if ZoneView in self.worlds:
-            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # that of agent 0, as it is the same for all agents
+            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # differs only in fields of mechanics of one's own
         flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
         state = np.concatenate(flat, -1, dtype=np.float32)
         if self._scale is not None:
