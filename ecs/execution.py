@@ -18,6 +18,9 @@ from .segments import Segment
 from .team import TEAM, Team, aligned
 from .tick import Unit
 
+# How many worlds go through all units together: at least TOGETHER; more, if their memory takes no more than these bytes,
+# which fit into a second-level cache of 0.5 MB.
+TOGETHER, TOGETHER_BYTES = 32, 7 << 16
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
 
 
@@ -49,7 +52,7 @@ class CompiledExecution:
         """The frame of a thread."""
         blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
         frame = aligned(TABLE + 2 * len(blocks))
-        frame[FAILED], frame[UNITS] = NONE, len(blocks)
+        frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), worlds_together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
         frame[TABLE + 1 :: 2] = [block.address for block in blocks]
         self._share_fetching(worlds, blocks)
@@ -60,7 +63,7 @@ class CompiledExecution:
         """Let the units that run in every tick prefetch the next worlds, in equal parts, if that pays."""
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
-            ahead = worlds.block.ctypes.data + CHUNK * worlds.layout.world_bytes
+            ahead = worlds.block.ctypes.data + worlds_together(worlds) * worlds.layout.world_bytes
             lines = touched_lines(worlds.layout, worlds.schedule.touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
@@ -95,7 +98,8 @@ class CompiledExecution:
         if frame[FAILED] != NONE:
             unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
             frame[FAILED] = NONE
-            raise _exception(self._units[unit], first_world, self._count, exception)
+            last = min(first_world + int(frame[CHUNK]), self._count) - 1
+            raise _exception(self._units[unit], first_world, last, exception)
 
 
 class PythonExecution:
@@ -116,13 +120,20 @@ class PythonExecution:
                     raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
-def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseException:
+def worlds_together(worlds: Any) -> int:
+    """How many worlds go through all units together. More need fewer calls, but their memory must stay in the cache."""
+    buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
+    used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)
+    return max(TOGETHER, TOGETHER_BYTES // used)
+
+
+def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
     """The exception that a unit raised, with the unit's label, and a note on how to find the line.
 
     Args:
         unit: The unit.
         first_world: The first of the worlds that it was handling.
-        count: How many worlds there are.
+        last: The last of them.
         address: The address of the exception, see `exception_at`.
     """
     kind, arguments, place = exception_at(address)
@@ -134,7 +145,6 @@ def _exception(unit: Unit, first_world: int, count: int, address: int) -> BaseEx
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
     except Exception:  # a class that cannot be made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
-    last = min(first_world + CHUNK, count) - 1
     worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"
     note = f"Raised in {worlds} of the batch, counted from 0."
     if unit.system:

@@ -173,6 +173,7 @@ class Layout:
         others = [replaced(self.modules, {n: value}) for n in self.varied.values() for value in n.distribution.probes()]
         return {_groups(modules, agents) for modules in (self.modules, *others)}
 
+    @functools.cached_property
     def agent_counts(self) -> range:
         """The numbers of agents that a world can have."""
         most = self.dims.get("agents", 0)
@@ -194,7 +195,7 @@ class Layout:
         plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or self.dims.get("sides", 0)))
         if not teams or self.roles is None or self.roles.drawn != NEVER:
             return plain
-        counts, owned = self.agent_counts(), [set[int]() for _ in plain]
+        counts, owned = self.agent_counts, [set[int]() for _ in plain]
         for count, roles in zip(counts, self.roles.of_counts(counts[0], counts[-1]), strict=True):
             for sizes in self.groupings(count):
                 for team, (first, last) in enumerate(pairwise(np.minimum(np.cumsum([0, *sizes]), count))):

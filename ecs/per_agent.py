@@ -238,7 +238,7 @@ def plan(layout: Any) -> Plan:
                     choices += encode(layout.modules[number.module], number.field, each).tolist()
             else:
                 ends[n, r] = given.values
-    agents, counts = layout.spans[AGENT], layout.agent_counts()
+    agents, counts = layout.spans[AGENT], layout.agent_counts
     return Plan(
         rows=np.array(agents, np.int32),
         fixed=np.array(layout.roles.of_counts(counts[0], counts[-1]), np.int8),

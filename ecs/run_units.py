@@ -9,9 +9,8 @@ from .arguments import AHEAD, STRIDE
 from .jit import kernel, loader, storer
 from .machine_code import call_address, prefetch
 
-CHUNK = 32  # worlds that go through all units together
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, TABLE = range(6)  # words of a frame, see run_units
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, CALLER, CHUNK, TABLE = range(7)  # words of a frame, see run_units
 NONE = -1  # the word FAILED, if no unit has failed
 RUN, CALL = "run_units", "call"  # labels
 read_word, write_word = loader("int64"), storer("int64")
@@ -24,17 +23,18 @@ def run_units(frame: int, start: int, stop: int) -> int:
     Args:
         frame: Address of int64 words, see the names above: the number of units; the index of the one that raised an
             exception, or NONE, the first of its worlds, and the exception; a word for the use of a function that runs
-            the tick as a part of its own work; and for each unit the address of its function and of its arguments.
+            the tick as a part of its own work; how many worlds go through all units together; and for each unit the
+            address of its function and of its arguments.
         start: The first world.
         stop: One after the last world.
 
     Returns:
         0, or 1 if a unit raised an exception.
     """
-    units = read_word(frame + 8 * UNITS)
+    units, chunk = read_word(frame + 8 * UNITS), read_word(frame + 8 * CHUNK)
     write_word(frame + 8 * FAILED, NONE)
-    for first in range(start, stop, CHUNK):
-        last = min(first + CHUNK, stop)
+    for first in range(start, stop, chunk):
+        last = min(first + chunk, stop)
         for k in range(units):
             entry = frame + 8 * (TABLE + 2 * k)
             status = call_address(read_word(entry), read_word(entry + 8), first, last, frame + 8 * EXCEPTION)

@@ -10,8 +10,8 @@ teams_3 with a mechanic from a user's file; what is edited is a copy of outlast.
 In the row with the typo, the process ends with the error.
 """
 
+import functools
 import os
-import re
 import shutil
 import statistics
 import subprocess
@@ -61,13 +61,21 @@ OTHERS = (
 )
 
 
+ZONE = "outlast/systems/safe_zone.py"
+EDITS = {  # by row: a file, a text in it, the text instead (with a number), whether the process then ends with an error
+    "a mechanic of the user's edited": ("swamp.py", "> 1:", "> {}:", False),
+    "a mechanic of outlast's edited": (ZONE, "share *", "{} * share *", False),
+    "a docstring edited": (ZONE, '"""Move the zone', '"""{} Move the zone', False),
+    "a typo, reported": ("swamp.py", "body.x", "body.z{}", True),
+}
+
+
 class Game:
     """A folder with a user's mechanic, a copy of outlast and a cache."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.cache = folder, folder / "cache"
-        self.mechanic = folder / "swamp.py"
-        self.mechanic.write_text(MECHANIC)
+        (folder / "swamp.py").write_text(MECHANIC)
         hidden = shutil.ignore_patterns("__pycache__")
         shutil.copytree(PACKAGE, folder / "outlast", symlinks=False, ignore=hidden)
 
@@ -87,12 +95,12 @@ class Game:
         shutil.rmtree(self.cache, ignore_errors=True)
         return self.start()
 
-    def after_edit(self, file: Path, old: str, new: str, fails: bool = False) -> float:
-        """The same with `new` in place of `old`, a regular expression, in a file, which is then restored."""
+    def after_edit(self, what: str, k: int) -> float:
+        """The same after one of the EDITS, which is then undone. k: number of the repetition."""
+        name, old, new, fails = EDITS[what]
+        file = self.folder / name
         text = file.read_text()
-        if not re.search(old, text):
-            raise RuntimeError(f"{file.name} has no {old}")
-        file.write_text(re.sub(old, new, text, count=1))
+        file.write_text(text.replace(old, new.format(k + 2), 1))
         try:
             return self.start(fails=fails)
         finally:
@@ -109,17 +117,11 @@ def main() -> None:
     table = Table("edit", "what", "least", "median")
     with tempfile.TemporaryDirectory() as name:
         game = Game(Path(name))
-        zone = game.folder / "outlast" / "systems" / "safe_zone.py"
         rows: dict[str, Callable[[int], float]] = {
             "cold, empty cache": lambda k: game.cold(),
             "warm": lambda k: game.start(),
             "warm, other numbers": lambda k: game.start(NUMBERS),
-            "a mechanic of the user's edited": lambda k: game.after_edit(game.mechanic, "> 1:", f"> {k + 2}:"),
-            "a mechanic of outlast's edited": lambda k: game.after_edit(
-                zone, "> zone.radius", f"> {k + 2} * zone.radius"
-            ),
-            "a docstring edited": lambda k: game.after_edit(zone, '"""Move it', f'"""{k} Move it'),
-            "a typo, reported": lambda k: game.after_edit(game.mechanic, "body.x", f"body.z{k}", fails=True),
+            **{what: functools.partial(game.after_edit, what) for what in EDITS},
         }
         for what, timed in rows.items():
             seconds = [timed(k) for k in range(given.repeats)]

@@ -32,7 +32,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.jit import compiled
+from outlast.ecs.jit import compiled, noinline_kernel
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .box2d import native, portable
@@ -143,7 +143,7 @@ def broad_phase(
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, solids)
+    count = nonempty_blocks(blocks, entities, solids)
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
     for k in range(count):
@@ -153,6 +153,7 @@ def broad_phase(
             e = first_row(b, pending)
             pending &= pending - 1
             solid.max_travel[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
+    aabbs = compute_aabbs(half_extents, body, shape)  # not earlier: the processor stores the distances meanwhile
     for k in range(count):
         b = blocks[BLOCK, k]
         pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
@@ -279,14 +280,22 @@ def integrate(
     vx = (body.vx[e] + inverse_mass * (push.x[e] / parts)) * linear_scale
     vy = (body.vy[e] + inverse_mass * (push.y[e] / parts)) * linear_scale
     omega = (body.omega[e] + inverse_inertia * (push.turn[e] / parts)) * angular_scale
-    x, y = dt * vx, dt * vy
-    if x * x + y * y > LONGEST * LONGEST:
-        ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))
-        vx, vy = vx * ratio, vy * ratio
-    turn = dt * omega
-    if turn * turn > MOST * MOST:
-        omega *= MOST / abs(turn)
+    x, y, turn = dt * vx, dt * vy, dt * omega
+    if x * x + y * y > LONGEST * LONGEST or turn * turn > MOST * MOST:
+        vx, vy, omega = slowed(vx, vy, omega, dt)
     body.vx[e], body.vy[e], body.omega[e] = vx, vy, omega
     body.x[e] += dt * vx
     body.y[e] += dt * vy
     body.angle[e] += dt * omega
+
+
+@noinline_kernel
+def slowed(vx: Real, vy: Real, omega: Real, dt: Real) -> tuple[Real, Real, Real]:
+    """Return velocities that Box2D allows. A call that is hardly ever made: inlined, its root is taken every time."""
+    x, y, turn = dt * vx, dt * vy, dt * omega
+    if x * x + y * y > LONGEST * LONGEST:
+        ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))
+        vx, vy = vx * ratio, vy * ratio
+    if turn * turn > MOST * MOST:
+        omega *= MOST / abs(turn)
+    return vx, vy, omega

@@ -8,7 +8,7 @@ import numpy as np
 from outlast.components import Side
 from outlast.ecs import Entity, Worlds
 
-from .spaces import reported_statistics
+from .spaces import statistic_dims
 
 Array = np.ndarray[Any, Any]
 
@@ -32,7 +32,7 @@ def counts_vary(worlds: Worlds) -> bool:
 
 def fewest_agents(worlds: Worlds) -> int:
     """Return how many agents every world has at least, whatever is drawn."""
-    return worlds.layout.agent_counts()[0]
+    return worlds.layout.agent_counts[0]
 
 
 def fewest_sides(worlds: Worlds) -> int:
@@ -56,7 +56,7 @@ def counted(worlds: Worlds) -> dict[str, Array]:
     sides = side(worlds)
     inhabited = (sides[:, :, None] == np.arange(worlds.dims["sides"])).any(1)
     by_dims = {("agents",): present(worlds), ("sides",): inhabited}
-    return {key: by_dims[dims] for key, (_, dims) in reported_statistics(worlds).items() if dims in by_dims}
+    return {key: by_dims[dims] for key, dims in statistic_dims(worlds).items() if dims in by_dims}
 
 
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
@@ -77,11 +77,11 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: sl
         By key, (worlds, agents): the agent's own entry if there is one per agent, its side's if there is one per side,
         and its world's otherwise; 0 for absent agents.
     """
-    reported, sides, own = reported_statistics(worlds), side(worlds)[:, agents], dict[str, Array]()
+    known, sides, own = statistic_dims(worlds), side(worlds)[:, agents], dict[str, Array]()
     absent = sides < 0
     of_sides, some_absent = (np.arange(len(sides))[:, None], np.maximum(sides, 0)), absent.any()
     for key, values in statistics.items():
-        _, dims = reported.get(key, (None, ()))
+        dims = known.get(key, ())
         if dims == ("agents",):
             own[key] = values[:, agents].copy()
         elif dims == ("sides",):

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -27,9 +27,31 @@ from outlast.ecs.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
-Reported = tuple[Array, tuple[int | str, ...]]  # values (worlds,) or (worlds, n), and the dimensions behind `worlds`
-STATISTICS: WeakKeyDictionary[Worlds, dict[str, Reported]] = WeakKeyDictionary()  # see reported_statistics
+Dims = tuple[int | str, ...]
+DAMAGE_TYPES = ("damage_types",)  # dims of a statistic with an entry per damage type
+LARGEST = 8  # bytes of a number
 BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
+
+
+class Counted(NamedTuple):
+    """Where the statistics of episodes lie in the states of worlds.
+
+    Attributes:
+        dims: The dimensions of each behind `worlds`: () if it is one number.
+        places: Where each is when the words are side by side: index of its type, and its columns as such numbers.
+        dtypes: The types.
+        memory: The states as words as large as the smallest number, (worlds, words of a state).
+        words: Which words are statistics.
+    """
+
+    dims: dict[str, Dims]
+    places: dict[str, tuple[int, int | slice]]
+    dtypes: list[Any]
+    memory: Array
+    words: Array
+
+
+COUNTED: WeakKeyDictionary[Worlds, Counted] = WeakKeyDictionary()
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -89,7 +111,7 @@ def check_published(worlds: Worlds) -> None:
     _check_signals(worlds)
     names = [*INFO, *worlds.layout.varied]
     for key, _, _, column in published(worlds, Statistic):
-        names += _reported(worlds, key, column)
+        names += _reported(worlds, key, column.dims)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
     for _, component, name, _ in published(worlds, Statistic):
@@ -227,32 +249,49 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
     A column with an entry per damage type becomes one key for each: "deaths_zone".
     """
-    rows, result = np.flatnonzero(where), dict[str, Array]()
-    for key, (values, _) in reported_statistics(worlds).items():
-        if len(rows) == len(where):
-            result[key] = values.copy()
-        else:
-            result[key] = np.zeros(values.shape, values.dtype)
-            result[key][rows] = values[rows]
+    counted, rows = _counted(worlds), where.nonzero()[0]
+    table = np.zeros((len(where), len(counted.words)), counted.memory.dtype)  # one for all: each call of numpy costs
+    table[rows] = counted.memory[rows[:, None], counted.words]
+    views = [table.view(dtype) for dtype in counted.dtypes]
+    result = {key: views[k][:, place] for key, (k, place) in counted.places.items()}
     for key, values in worlds.numbers().items():
         if values.dtype.kind in "bif":
             result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
     return result
 
 
-def reported_statistics(worlds: Worlds) -> dict[str, Reported]:
-    """Return where the reported statistics are counted, by the names under which they are reported."""
-    if worlds not in STATISTICS:
-        STATISTICS[worlds] = found = dict[str, Reported]()
-        for key, component, name, column in published(worlds, Statistic):
-            values = getattr(worlds[component], name)
-            if column.dims == ("damage_types",):
-                found |= {each: (row, ()) for each, row in zip(_reported(worlds, key, column), values.T, strict=True)}
-            else:
-                found[key] = values if column.dims else values[:, 0], column.dims
-    return STATISTICS[worlds]
+def statistic_dims(worlds: Worlds) -> dict[str, Dims]:
+    """Return the dimensions behind `worlds` of each statistic, by the names under which they are reported."""
+    return _counted(worlds).dims
 
 
-def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:
+def _counted(worlds: Worlds) -> Counted:
+    if (known := COUNTED.get(worlds)) is not None:
+        return known
+    found = [
+        (key, column.dims, getattr(worlds[component], name))  # values: (worlds, n)
+        for key, component, name, column in published(worlds, Statistic)
+    ]
+    dtypes = sorted({values.dtype for _, _, values in found}, key=lambda dtype: dtype.itemsize)
+    word = dtypes[0].itemsize if dtypes else LARGEST
+    starts, words = dict[str, int](), list[int]()
+    for key, _, values in sorted(found, key=lambda each: -each[2].itemsize):  # in this order, all are aligned
+        first = (values.ctypes.data - worlds.block.ctypes.data) // word
+        starts[key] = len(words) * word // values.itemsize
+        words += range(first, first + values[0].nbytes // word)
+    words += words[:1] * (-len(words) % (LARGEST // word))  # so that rows can be viewed as any type
+    dims, places = dict[str, Dims](), dict[str, tuple[int, int | slice]]()
+    for key, of, values in found:
+        k, start = dtypes.index(values.dtype), starts[key]
+        if of and of != DAMAGE_TYPES:
+            dims[key], places[key] = of, (k, slice(start, start + values.shape[1]))
+        else:
+            for place, name in enumerate(_reported(worlds, key, of), start):
+                dims[name], places[name] = (), (k, place)
+    COUNTED[worlds] = made = Counted(dims, places, dtypes, worlds.block.view(f"u{word}"), np.array(words, np.intp))
+    return made
+
+
+def _reported(worlds: Worlds, key: str, dims: Dims) -> list[str]:
     """Return the names under which a statistic is reported: its key, or one per damage type ("deaths_zone")."""
-    return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if column.dims == ("damage_types",) else [key]
+    return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if dims == DAMAGE_TYPES else [key]

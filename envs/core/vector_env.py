@@ -225,8 +225,8 @@ class SurvivalVectorEnv(Described):
             if flags & FAULTY:
                 check_faults(self.worlds, self.first_world)
         finally:  # episodes of the other worlds may have ended
-            if (flags & DONE or self._stops is not None) and (done := tracker.done).any():
-                ended = self._finish(done)
+            if flags & DONE or (self._stops is not None and tracker.stopped.any()):
+                ended = self._finish(tracker.done)
         info = self._info()
         if ended:
             info |= ended

@@ -1,10 +1,13 @@
 """The ends of episodes: autoreset in all modes, statistics, and the time limit."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.ecs import Clock, Entity
+from outlast.components import Phase, Side
+from outlast.ecs import Array, Clock, Entity, Module, Read, Rows, Singleton, Statistic, Write, column
 from outlast.envs.errors import NotResetError
 from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
@@ -112,6 +115,57 @@ def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
         fresh = done if mode == "NextStep" else fresh
     assert count >= WORLDS
     assert {"heals_used", "boxes_placed", "kills"} < found.keys()
+
+
+class Sizes(Statistic):
+    tiny: Any = column("u1")
+    short: Any = column("i2", "agents")
+    single: Any = column("f4")
+    harm: Any = column("i4", "damage_types")
+    long: Any = column("i8")
+    double: Any = column("f8", "agents")
+
+
+class Measures(Module):
+    def singletons(self) -> list[Singleton]:
+        return [Sizes()]
+
+
+@Measures.system(Phase.ZONE)
+def measure(sizes: Write[Sizes], clock: Read[Clock], agents: Rows[Side]) -> None:
+    tick = int(clock.tick[0])
+    sizes.tiny[0], sizes.single[0], sizes.long[0] = tick, np.float32(tick) / 4, -tick * 2**40
+    for k in range(sizes.harm.size):
+        sizes.harm[k] = 100 * k + tick
+    for k in range(agents.size):
+        sizes.short[k], sizes.double[k] = -tick * (k + 1), tick / (k + 3)
+
+
+def test_statistics_of_every_type_are_reported() -> None:
+    """One number, or one for each agent or type of damage, of 1 to 8 bytes."""
+    env = make_vec(short("teams_3").with_(Measures()), WORLDS, seed=0)
+    env.reset()
+    k, ended = np.arange(4), 0
+    for tick in range(60):
+        *_, terminated, truncated, info = env.step(numbered_actions(env, tick))
+        if not (done := terminated | truncated).any():
+            continue
+        found, length = info["statistics"], info["statistics"]["length"].astype(np.int64)
+
+        def reported(key: str, values: Array, found: Any = found, done: Array = done) -> None:
+            dtype = Sizes.columns[key.split("_")[0]].dtype
+            assert found[key].dtype == dtype
+            assert np.array_equal(found[key], np.where(done if values.ndim == 1 else done[:, None], values, 0)), key
+
+        reported("tiny", length.astype(np.uint8))
+        reported("single", length / 4)
+        reported("long", -length * 2**40)
+        reported("harm_melee", length)
+        reported("harm_zone", 100 + length)
+        reported("short", -length[:, None] * (k + 1))
+        reported("double", length[:, None] / (k + 3))
+        ended += int(done.sum())
+    assert ended >= WORLDS
 
 
 def test_the_time_limit_truncates() -> None:

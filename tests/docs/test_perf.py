@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import compare, interfaces, profile, step, vector_step
+from perf import compare, edit, interfaces, profile, step, vector_step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -280,3 +280,9 @@ def test_two_checkouts_are_compared(
     with pytest.raises(SystemExit):
         compare.main()
     assert f"{tmp_path} is no checkout of outlast: there is no .src/outlast in it" in capsys.readouterr().err
+
+
+def test_what_the_edit_loop_edits_is_there(tmp_path: Path) -> None:
+    game = edit.Game(tmp_path)
+    for name, old, _, _ in edit.EDITS.values():
+        assert old in (game.folder / name).read_text(), (name, old)
