@@ -20,6 +20,7 @@ from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
 from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
 
+PER_WORD = 3  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
 ZERO = np.float32(0)
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
@@ -100,43 +101,33 @@ def see(
         far = of(depth, me)
         if differs(fov):
             half_cos, half_sin = half_angle(of(fov, me))
-        count = hiding = 0
-        if entities.alive[me]:
-            count = list_others(blocks, alive_blocks, living, me)
         for b in range(bodies.size):
             sight.visible[i, b] = 0
-        for k in range(count):
-            b, here = blocks[BLOCK, k], blocks[BITS, k]
+        if not entities.alive[me]:
+            continue
+        for k in range(living):
+            b = alive_blocks[BLOCK, k]
+            here = without_row(alive_blocks[BITS, k], b, me)
             inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
-            hides = around & here & occluders[b]
-            blocks[BITS, hiding], blocks[BLOCK, hiding] = hides, b
-            hiding += hides != 0
-        for b in range(bodies.size):
-            pending = sight.visible[i, b]
+            blocks[BITS, k], blocks[BLOCK, k] = around & here & occluders[b], b
+        for start in range(0, living, PER_WORD):
+            pending = 0  # of several blocks, as the end of a loop over few rows is often mispredicted
+            for k in range(start, min(start + PER_WORD, living)):
+                pending |= int(sight.visible[i, blocks[BLOCK, k]]) * (1 << SIMD_WIDTH * (k - start))
             while pending:
-                e = first_row(b, pending)  # inner walls hide others, but are not observed themselves
-                if is_inner_wall(entities, e) or not line_of_sight(blocks, hiding, aabbs, body, shape, me, e):
-                    sight.visible[i, b] ^= pending & -pending
+                bit = trailing_zeros(pending)
                 pending &= pending - 1
+                b, lane = blocks[BLOCK, start + (bit >> SIMD_SHIFT)], bit & SIMD_WIDTH - 1
+                e = SIMD_WIDTH * b + lane  # inner walls hide others, but are not observed themselves
+                if is_inner_wall(entities, e) or not line_of_sight(blocks, living, aabbs, body, shape, me, e):
+                    sight.visible[i, b] ^= 1 << lane
 
 
 @kernel
 def half_angle(fov: Real) -> tuple[Real, Real]:
     """Return cosine and sine of half of an opening angle."""
     return np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
-
-
-@kernel
-def list_others(blocks: Array, alive_blocks: Array, living: int, me: int) -> int:
-    """List the blocks with rows other than `me`, and their bitsets; return how many."""
-    count = 0
-    for k in range(living):
-        b = alive_blocks[BLOCK, k]
-        here = without_row(alive_blocks[BITS, k], b, me)
-        blocks[BITS, count], blocks[BLOCK, count] = here, b
-        count += here != 0
-    return count
 
 
 @noinline_kernel
@@ -269,16 +260,25 @@ def line_of_sight(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: A
     blocks: the rows that may be in between.
     """
     x, y, dx, dy, reach = ray_to(body, shape, me, e)
-    if reach == NO_HIT:
-        return False
+    near = 0  # whether some body may be in between, which is hardly ever so: found without a branch for each block
     for k in range(count):
-        b = blocks[BLOCK, k]
-        pending = without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, e)
+        near |= near_ray(blocks, k, aabbs, x, y, dx, dy, e)
+    if near == 0 or reach == NO_HIT:
+        return bool(reach != NO_HIT)
+    for k in range(count):
+        pending = near_ray(blocks, k, aabbs, x, y, dx, dy, e)
         while pending:
-            if raycast_entity(body, shape, x, y, dx, dy, first_row(b, pending)) < reach:
+            if raycast_entity(body, shape, x, y, dx, dy, first_row(blocks[BLOCK, k], pending)) < reach:
                 return False
             pending &= pending - 1
     return True
+
+
+@kernel
+def near_ray(blocks: Array, k: int, aabbs: AABBs, x: Real, y: Real, dx: Real, dy: Real, e: int) -> int:
+    """Return the bitset of rows other than `e` in line `k` of `blocks` whose AABB a ray hits."""
+    b = blocks[BLOCK, k]
+    return without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, e)
 
 
 @kernel
