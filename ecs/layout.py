@@ -330,8 +330,7 @@ class Layout:
 
     def _makers(self, dim: str) -> str:
         """The imported modules that define a dimension, in words; "" for none."""
-        makers: str = self.modules[0].providers(lambda module: dim in module.dims())
-        return makers
+        return str(self.modules[0].providers(lambda module: dim in module.dims()))
 
     @functools.cached_property
     def event_type(self) -> np.dtype[Any]:
