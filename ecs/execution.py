@@ -18,7 +18,7 @@ from .segments import Segment
 from .team import TEAM, Team, aligned
 from .tick import Unit
 
-# How many worlds go through all units together: at least TOGETHER; more, if their memory takes no more than these bytes,
+# How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
 # which fit into a second-level cache of 0.5 MB.
 TOGETHER, TOGETHER_BYTES = 32, 7 << 16
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
