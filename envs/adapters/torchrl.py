@@ -231,7 +231,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         env = self.vector_env
         rows = env.num_worlds, env.num_agents
         room = {
-            "observations": each(env._reader.read(copy=False), lambda array: _empty(array.shape)),
+            "observations": env._reader.room(_empty),
             "state": _empty((env.num_worlds, *env.state_space.shape)),
         }
         if self._masked:

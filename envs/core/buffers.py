@@ -1,5 +1,6 @@
 """Observations in the caller's memory: float32 arrays by key, or one array with a row for each agent."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,7 @@ Array = np.ndarray[Any, Any]
 
 def flat_size(observations: Mapping[str, Array]) -> int:
     """Return the length of the row of one agent that joins all observations in order of their keys."""
-    return sum(int(np.prod(array.shape[2:])) for array in observations.values())
+    return sum(math.prod(array.shape[2:]) for array in observations.values())
 
 
 def write(observations: Mapping[str, Array], arrays: Any) -> None:
@@ -21,7 +22,7 @@ def write(observations: Mapping[str, Array], arrays: Any) -> None:
         return
     start = 0
     for array in observations.values():
-        numbers = int(np.prod(array.shape[2:]))
+        numbers = math.prod(array.shape[2:])
         arrays[:, :, start : start + numbers] = array.reshape(*array.shape[:2], numbers)
         start += numbers
 

@@ -62,7 +62,7 @@ class Observations:
         """Return the observations now: new arrays, or without `copy` read-only views that the next call overwrites."""
         if self.kind == "dict" and not self.scaled:
             return {key: view.copy() for key, view in self.views.items()} if copy else dict(self.views)
-        room = self._room() if copy or self._buffer is None else self._buffer
+        room = self.room(_empty) if copy or self._buffer is None else self._buffer
         self.write(room)
         if copy:
             return room
@@ -99,10 +99,15 @@ class Observations:
             {key: spaces.Box(box.low[i], box.high[i], dtype=np.float32) for key, box in self.space.items()}
         )
 
-    def _room(self) -> Any:
+    def room(self, empty: Any) -> Any:
+        """Return memory to `write` observations into: what empty(shape) makes, float32, by key or as one."""
         if self.kind == "dict":
-            return {key: np.empty_like(view) for key, view in self.views.items()}
-        return np.empty((*next(iter(self.views.values())).shape[:2], self.flat_size), np.float32)
+            return {key: empty(view.shape) for key, view in self.views.items()}
+        return empty((*next(iter(self.views.values())).shape[:2], self.flat_size))
+
+
+def _empty(shape: tuple[int, ...]) -> Array:
+    return np.empty(shape, np.float32)
 
 
 def each(observations: Any, change: Any) -> Any:
