@@ -134,8 +134,8 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         """
         shape, who = (self.num_agents,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_agents", who=who)
-        _, rewards, terminated, truncated, info = self.base_env.step(self._by_world(rows))
-        self.rewards[:] = rewards.ravel()
+        out = {name: self._by_world(getattr(self, name)) for name in ("observations", "rewards")}
+        *_, terminated, truncated, info = self.base_env.step(self._by_world(rows), out=out)
         self._by_world(self.terminals)[:] = terminated[:, None]
         self._by_world(self.truncations)[:] = truncated[:, None]
         infos = []
@@ -148,7 +148,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
                     for key, values in info["statistics"].items()
                 }
             )
-        self._observe()
+        self.masks[:] = info["alive"].ravel()
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 
     def action_masks(self) -> Array:
@@ -189,13 +189,10 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         """Write observations and masks that do not follow from a step, so without rewards and ends, and return them."""
         self.rewards[:] = 0
         self.terminals[:] = self.truncations[:] = False
-        self._observe()
-        observations: Array = self.observations
-        return observations
-
-    def _observe(self) -> None:
         self.base_env.observe(out=self._by_world(self.observations))
         self.masks[:] = alive(self.base_env.worlds).ravel()
+        observations: Array = self.observations
+        return observations
 
     def _by_world(self, rows: Array) -> Array:
         """Reshape (num_agents, ...) to (worlds, agents, ...): a view, even if `rows` is part of a larger array."""

@@ -182,11 +182,11 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 env.reset(seed=seed, options={"reset_mask": mask})
         self._waiting &= ~where
         out = self._room()
-        self.vector_env.observe(out["observations"])
-        self.vector_env.state(out["state"])
+        env._reader.write(env._reader.check(out["observations"]))
+        env.state(out["state"])
         if self._masked:
-            self.vector_env.action_masks(out["action_mask"])
-        done = torch.from_numpy(self.vector_env._tracker.done)  # worlds that had ended and were not reset now
+            env.action_masks(out["action_mask"])
+        done = torch.from_numpy(env._tracker.done)  # worlds that had ended and were not reset now
         out["truncated"] = done & self._cut_off
         out["terminated"] = done & ~self._cut_off
         return self._entries(out, ())
