@@ -52,18 +52,18 @@ class CompiledExecution:
         """The frame of a thread."""
         blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
         frame = aligned(TABLE + 2 * len(blocks))
-        frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), worlds_together(worlds)
+        frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
         frame[TABLE + 1 :: 2] = [block.address for block in blocks]
-        self._share_fetching(worlds, blocks)
+        self._share_fetching(worlds, blocks, int(frame[CHUNK]))
         self.blocks += blocks
         return frame
 
-    def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock]) -> None:
-        """Let the units that run in every tick prefetch the next worlds, in equal parts, if that pays."""
+    def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock], together: int) -> None:
+        """Let the units that run in every tick prefetch the next `together` worlds, in equal parts, if that pays."""
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
-            ahead = worlds.block.ctypes.data + worlds_together(worlds) * worlds.layout.world_bytes
+            ahead = worlds.block.ctypes.data + together * worlds.layout.world_bytes
             lines = touched_lines(worlds.layout, worlds.schedule.touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
@@ -120,7 +120,7 @@ class PythonExecution:
                     raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
-def worlds_together(worlds: Any) -> int:
+def _together(worlds: Any) -> int:
     """How many worlds go through all units together. More need fewer calls, but their memory must stay in the cache."""
     buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
     used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)

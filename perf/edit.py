@@ -100,6 +100,8 @@ class Game:
         name, old, new, fails = EDITS[what]
         file = self.folder / name
         text = file.read_text()
+        if old not in text:
+            raise RuntimeError(f"{name} has no {old}")
         file.write_text(text.replace(old, new.format(k + 2), 1))
         try:
             return self.start(fails=fails)

@@ -20,7 +20,7 @@ from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
 from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
 
-PER_WORD = 3  # blocks whose bitsets fit into a positive int64
+PER_WORD = 63 // SIMD_WIDTH  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
 ZERO = np.float32(0)
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original

@@ -291,7 +291,7 @@ def integrate(
 
 @noinline_kernel
 def slowed(vx: Real, vy: Real, omega: Real, dt: Real) -> tuple[Real, Real, Real]:
-    """Return velocities that Box2D allows. A call that is hardly ever made: inlined, its root is taken every time."""
+    """Return velocities that Box2D allows. Not inlined: the compiler would compute root and quotients in every case."""
     x, y, turn = dt * vx, dt * vy, dt * omega
     if x * x + y * y > LONGEST * LONGEST:
         ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))

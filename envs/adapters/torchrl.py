@@ -13,6 +13,7 @@ from outlast.ecs import AgentRoles, Clock
 from ..core.agents import alive, counts_vary, present, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
+from ..core.step_buffers import StepBuffers
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
@@ -182,10 +183,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 env.reset(seed=seed, options={"reset_mask": mask})
         self._waiting &= ~where
         out = self._room()
-        env._reader.write(env._reader.check(out["observations"]))
-        env.state(out["state"])
-        if self._masked:
-            env.action_masks(out["action_mask"])
+        env._check_running("reset")
+        StepBuffers(env, out).fill()
         done = torch.from_numpy(env._tracker.done)  # worlds that had ended and were not reset now
         out["truncated"] = done & self._cut_off
         out["terminated"] = done & ~self._cut_off

@@ -33,7 +33,7 @@ LARGEST = 8  # bytes of a number
 BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
 
-class Counted(NamedTuple):
+class StatisticPlaces(NamedTuple):
     """Where the statistics of episodes lie in the states of worlds.
 
     Attributes:
@@ -51,7 +51,7 @@ class Counted(NamedTuple):
     words: Array
 
 
-COUNTED: WeakKeyDictionary[Worlds, Counted] = WeakKeyDictionary()
+STATISTICS: WeakKeyDictionary[Worlds, StatisticPlaces] = WeakKeyDictionary()  # see _statistic_places
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -249,11 +249,11 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
     A column with an entry per damage type becomes one key for each: "deaths_zone".
     """
-    counted, rows = _counted(worlds), where.nonzero()[0]
-    table = np.zeros((len(where), len(counted.words)), counted.memory.dtype)  # one for all: each call of numpy costs
-    table[rows] = counted.memory[rows[:, None], counted.words]
-    views = [table.view(dtype) for dtype in counted.dtypes]
-    result = {key: views[k][:, place] for key, (k, place) in counted.places.items()}
+    found, rows = _statistic_places(worlds), where.nonzero()[0]
+    table = np.zeros((len(where), len(found.words)), found.memory.dtype)  # one for all: each call of numpy costs
+    table[rows] = found.memory[rows[:, None], found.words]
+    views = [table.view(dtype) for dtype in found.dtypes]
+    result = {key: views[k][:, place] for key, (k, place) in found.places.items()}
     for key, values in worlds.numbers().items():
         if values.dtype.kind in "bif":
             result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
@@ -262,11 +262,11 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
 def statistic_dims(worlds: Worlds) -> dict[str, Dims]:
     """Return the dimensions behind `worlds` of each statistic, by the names under which they are reported."""
-    return _counted(worlds).dims
+    return _statistic_places(worlds).dims
 
 
-def _counted(worlds: Worlds) -> Counted:
-    if (known := COUNTED.get(worlds)) is not None:
+def _statistic_places(worlds: Worlds) -> StatisticPlaces:
+    if (known := STATISTICS.get(worlds)) is not None:
         return known
     found = [
         (key, column.dims, getattr(worlds[component], name))  # values: (worlds, n)
@@ -288,7 +288,8 @@ def _counted(worlds: Worlds) -> Counted:
         else:
             for place, name in enumerate(_reported(worlds, key, of), start):
                 dims[name], places[name] = (), (k, place)
-    COUNTED[worlds] = made = Counted(dims, places, dtypes, worlds.block.view(f"u{word}"), np.array(words, np.intp))
+    memory = worlds.block.view(f"u{word}")
+    STATISTICS[worlds] = made = StatisticPlaces(dims, places, dtypes, memory, np.array(words, np.intp))
     return made
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.components import Phase, Side
-from outlast.ecs import Array, Clock, Entity, Module, Read, Rows, Singleton, Statistic, Write, column
+from outlast.ecs import Clock, Entity, Module, Read, Rows, Singleton, Statistic, Write, column
 from outlast.envs.errors import NotResetError
 from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
@@ -151,19 +151,18 @@ def test_statistics_of_every_type_are_reported() -> None:
         if not (done := terminated | truncated).any():
             continue
         found, length = info["statistics"], info["statistics"]["length"].astype(np.int64)
-
-        def reported(key: str, values: Array, found: Any = found, done: Array = done) -> None:
-            dtype = Sizes.columns[key.split("_")[0]].dtype
-            assert found[key].dtype == dtype
+        expected = {
+            "tiny": length.astype(np.uint8),
+            "single": length / 4,
+            "long": -length * 2**40,
+            "harm_melee": length,
+            "harm_zone": 100 + length,
+            "short": -length[:, None] * (k + 1),
+            "double": length[:, None] / (k + 3),
+        }
+        for key, values in expected.items():
+            assert found[key].dtype == Sizes.columns[key.split("_")[0]].dtype
             assert np.array_equal(found[key], np.where(done if values.ndim == 1 else done[:, None], values, 0)), key
-
-        reported("tiny", length.astype(np.uint8))
-        reported("single", length / 4)
-        reported("long", -length * 2**40)
-        reported("harm_melee", length)
-        reported("harm_zone", 100 + length)
-        reported("short", -length[:, None] * (k + 1))
-        reported("double", length[:, None] / (k + 3))
         ended += int(done.sum())
     assert ended >= WORLDS
 
