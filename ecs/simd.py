@@ -32,7 +32,9 @@ from .jit import intrinsic
 SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of block e >> SIMD_SHIFT
 FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
 BOOLEANS = ir.VectorType(ir.IntType(1), SIMD_WIDTH)
-INDEX = ir.IntType(32)
+INDEX, BYTE = ir.IntType(32), ir.IntType(8)
+BYTES = 64  # how many bytes are compared at a time
+LARGEST, NO_BYTE = 254, 255  # what store_bytes writes at most; what it writes in place of lanes that are left out
 
 
 class VectorType(types.Type):  # type: ignore[misc]
@@ -72,11 +74,14 @@ def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...
 
 def _broadcast(builder: Any, value: Any) -> Any:
     """A vector with a scalar in every lane; a vector is returned as it is."""
-    if value.type == FLOATS:
-        return value
-    nothing = ir.Constant(FLOATS, ir.Undefined)
+    return value if value.type == FLOATS else _repeat(builder, value, SIMD_WIDTH)
+
+
+def _repeat(builder: Any, value: Any, count: int) -> Any:
+    """A vector with a scalar in each of so many lanes."""
+    nothing = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(INDEX, 0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, SIMD_WIDTH), [0] * SIMD_WIDTH))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, count), [0] * count))
 
 
 def _on_floats(name: str, *before: str) -> Callable[..., Any]:
@@ -126,8 +131,18 @@ def _python_load_flags(column: Any, start: int) -> Any:
     return _padded(column, start) != 0
 
 
+def _python_store_bytes(column: Any, start: int, value: Any, bits: int) -> None:
+    whole = np.where(value > 0, np.minimum(value, LARGEST), 0).astype(np.uint8)
+    column[start : start + SIMD_WIDTH] = np.where(bits >> np.arange(SIMD_WIDTH) & 1, whole, NO_BYTE)
+
+
+def _python_overlap(low: Any, high: Any, start: int, first: int, last: int) -> Any:
+    ranges = slice(start, start + BYTES)
+    return np.packbits((low[ranges] <= last) & (high[ranges] >= first), bitorder="little").view(np.int64)[0]
+
+
 def _python_trailing_zeros(word: int) -> int:
-    return int(word & -word).bit_length() - 1
+    return (int(word) & -int(word)).bit_length() - 1
 
 
 def _python_to_bits(mask: Any) -> int:
@@ -163,7 +178,7 @@ def load_flags(typing: Any, column: Any, start: Any) -> Any:
     """(uint8 column, start) -> mask of the elements from the index `start` on that are not 0."""
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        vector = ir.VectorType(ir.IntType(8), SIMD_WIDTH)
+        vector = ir.VectorType(BYTE, SIMD_WIDTH)
         values = builder.load(_pointer(context, builder, kinds.args[0], arguments, vector), align=1)
         return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * SIMD_WIDTH))
 
@@ -188,3 +203,41 @@ def trailing_zeros(typing: Any, word: Any) -> Any:
         return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.int64), generate
+
+
+@intrinsic(_python_store_bytes)
+def store_bytes(typing: Any, column: Any, start: Any, value: Any, bits: Any) -> Any:
+    """(uint8 array, start, vector, bitset): write a vector, rounded down to whole numbers from 0 to LARGEST.
+
+    NaN becomes 0. Lanes that are not in the bitset become NO_BYTE.
+    """
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        value, kind = arguments[2], ir.VectorType(BYTE, SIMD_WIDTH)
+        for sign, limit in ((">", 0), ("<", LARGEST)):
+            bound = ir.Constant(FLOATS, [limit] * SIMD_WIDTH)
+            value = builder.select(builder.fcmp_ordered(sign, value, bound), value, bound)
+        chosen = builder.bitcast(builder.trunc(arguments[3], ir.IntType(SIMD_WIDTH)), BOOLEANS)
+        value = builder.select(chosen, builder.fptoui(value, kind), ir.Constant(kind, [NO_BYTE] * SIMD_WIDTH))
+        builder.store(value, _pointer(context, builder, kinds.args[0], arguments, kind), align=1)
+        return context.get_dummy_value()
+
+    return types.void(column, types.intp, VECTOR, types.int64), generate
+
+
+@intrinsic(_python_overlap)
+def overlap(typing: Any, low: Any, high: Any, start: Any, first: Any, last: Any) -> Any:
+    """(uint8 columns low and high, start, first, last) -> int: which of 64 ranges overlap the one from first to last.
+
+    Bit j is for the range from low[start + j] to high[start + j]. Ranges include their ends.
+    """
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        vector = ir.VectorType(BYTE, BYTES)
+        places = [_pointer(context, builder, kinds.args[k], (arguments[k], arguments[2]), vector) for k in range(2)]
+        lows, highs = (builder.load(place, align=1) for place in places)
+        begun = builder.icmp_unsigned("<=", lows, _repeat(builder, arguments[4], BYTES))
+        unended = builder.icmp_unsigned(">=", highs, _repeat(builder, arguments[3], BYTES))
+        return builder.bitcast(builder.and_(begun, unended), ir.IntType(BYTES))
+
+    return types.int64(low, high, types.intp, types.uint8, types.uint8), generate

@@ -18,7 +18,7 @@ from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
+from .geometry.spatial_index import FEW, Index, build, make_scratch, query
 
 PER_WORD = 63 // SIMD_WIDTH  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
@@ -54,9 +54,7 @@ class Cameras(Module):
         rows = SIMD_WIDTH * dims["blocks"]
         if name == "listed":
             return np.zeros((4, rows), np.float32)
-        if name in ("rows", "targets"):
-            return np.zeros(rows, np.int32)
-        return make_scratch(name, dims)
+        return make_scratch("rows" if name == "targets" else name, dims)
 
 
 @Cameras.system(Phase.SEE)
@@ -71,10 +69,11 @@ def see(
     half_extents: Scratch,
     alive_blocks: Scratch,
     blocks: Scratch,
-    strips: Scratch,
-    extent: Scratch,
-    listed: Scratch,
+    sides: Scratch,
+    scale: Scratch,
+    words: Scratch,
     rows: Scratch,
+    listed: Scratch,
     targets: Scratch,
     fov: float,
     depth: float,
@@ -90,11 +89,25 @@ def see(
     aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)
     occluders = bodies if items_occlude else solids
     if living > FEW:
-        fill_strips(strips, extent, alive_blocks, living, aabbs)
+        index = alive_blocks, sides, scale, words, rows
+        build(index, living, aabbs)
         see_in_crowd(
-            sight, body, shape, entities, agents, bodies, occluders, aabbs, blocks, strips, extent, listed, rows,
-            targets, fov, depth, cone,
-        )  # fmt: skip
+            sight,
+            body,
+            shape,
+            entities,
+            agents,
+            bodies,
+            occluders,
+            aabbs,
+            index,
+            living,
+            listed,
+            targets,
+            fov,
+            depth,
+            cone,
+        )
         return
     for i in range(agents.size):
         me = agents[i]
@@ -140,11 +153,9 @@ def see_in_crowd(
     bodies: Array,
     occluders: Array,
     aabbs: AABBs,
-    blocks: Array,
-    strips: Array,
-    extent: Array,
+    index: Index,
+    living: int,
     listed: Array,
-    rows: Array,
     targets: Array,
     fov: Any,
     depth: Any,
@@ -152,7 +163,7 @@ def see_in_crowd(
 ) -> None:
     """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
     half_cos, half_sin = half_angle(of(fov, agents[0]))
-    lanes = listed[0], listed[1], listed[2], listed[3]
+    rows, lanes = index[4], (listed[0], listed[1], listed[2], listed[3])
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
@@ -163,7 +174,7 @@ def see_in_crowd(
         if not entities.alive[me]:
             continue
         wanted = hiding = 0
-        count = list_near(listed, rows, blocks, strips, extent, aabbs, body, me, far, half_cos, half_sin)
+        count = list_near(index, living, listed, aabbs, body, me, far, half_cos, half_sin)
         for start in range(0, count, SIMD_WIDTH):
             inside, around = in_view(lanes, body, me, start >> SIMD_SHIFT, far, half_cos, half_sin, cone)
             filled = first_lanes(count - start)
@@ -186,11 +197,9 @@ def see_in_crowd(
 
 @kernel
 def list_near(
+    index: Index,
+    living: int,
     listed: Array,
-    rows: Array,
-    blocks: Array,
-    strips: Array,
-    extent: Array,
     aabbs: AABBs,
     body: Array,
     me: int,
@@ -199,18 +208,16 @@ def list_near(
     half_sin: Real,
 ) -> int:
     """List the other rows whose AABB may overlap that of the vision cone of `me`; return how many."""
+    rows = index[4]
     x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
-    found = 0
-    for k in range(rows_near(blocks, strips, extent, x + low_x, x + high_x, y + low_y, y + high_y)):
-        b, here = blocks[BLOCK, k], blocks[BITS, k]
-        here = without_row(here, b, me)
-        while here:
-            list_row(listed, rows, found, aabbs, first_row(b, here))
-            here &= here - 1
-            found += 1
-    return found
+    count = 0
+    for k in range(query(index, living, x + low_x, x + high_x, y + low_y, y + high_y)):
+        e = rows[k]
+        list_row(listed, rows, count, aabbs, e)
+        count += e != me
+    return count
 
 
 @kernel

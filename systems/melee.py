@@ -12,26 +12,29 @@ from outlast.components.limits import FAR, TICKS
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
+    Array,
     Bitset,
     Clock,
     DamageType,
     Entity,
     Module,
     Read,
+    Real,
     Rows,
     Scratch,
     Singleton,
     Worlds,
     Write,
     emit,
+    kernel,
     number,
     of,
 )
 
-from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs
-from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
+from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
+from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
+from .geometry.spatial_index import FEW, build, make_scratch, query
 
 
 @dataclass(frozen=True)
@@ -94,8 +97,10 @@ def aim(
     bodies: Bitset[Shape],
     half_extents: Scratch,
     blocks: Scratch,
-    strips: Scratch,
-    extent: Scratch,
+    sides: Scratch,
+    scale: Scratch,
+    words: Scratch,
+    rows: Scratch,
     reach: float,
     cooldown: int,
     blocked: bool,
@@ -113,30 +118,42 @@ def aim(
     if strikes.count[0] == first:
         return
     aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
-    crowded = count > FEW
+    index, crowded = (blocks, sides, scale, words, rows), count > FEW
     if crowded:
-        fill_strips(strips, extent, blocks, count, aabbs)
+        build(index, count, aabbs)
     for n in range(first, strikes.count[0]):
         me = strikes.agent[n]
         x, y, far = body.x[me], body.y[me], of(reach, me)
         dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest, target = NO_HIT, -1
         if crowded:
-            count = rows_near(blocks, strips, extent, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
-        for k in range(count):
-            b = blocks[BLOCK, k]
-            pending = without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, me)
-            while pending:
-                e = first_row(b, pending)
-                pending &= pending - 1
-                if not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me]))):
-                    continue
-                at = raycast_entity(body, shape, x, y, dx, dy, e)
-                if at < nearest:
-                    nearest, target = at, e
+            found = query(index, count, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
+        else:
+            found = list_hit(rows, blocks, count, aabbs, x, y, dx, dy)
+        for k in range(found):
+            e = rows[k]
+            if e == me or not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me]))):
+                continue
+            at = raycast_entity(body, shape, x, y, dx, dy, e)
+            if at < nearest:
+                nearest, target = at, e
         weapon.target[me] = strikes.target[n] = target
         if target >= 0:
             weapon.cooldown[me] = np.int32(of(cooldown, me))
+
+
+@kernel
+def list_hit(rows: Array, blocks: Array, count: int, aabbs: AABBs, x: Real, y: Real, dx: Real, dy: Real) -> int:
+    """List the rows whose AABB a ray hits; return how many."""
+    found = 0
+    for k in range(count):
+        b = blocks[BLOCK, k]
+        pending = blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy)
+        while pending:
+            rows[found] = first_row(b, pending)
+            pending &= pending - 1
+            found += 1
+    return found
 
 
 @Melee.system(Phase.MELEE, after="melee.aim")

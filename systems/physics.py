@@ -33,14 +33,15 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.jit import compiled, noinline_kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits
 
 from .box2d import native, portable
 from .box2d.batch import COLUMNS, LIMIT, LONGEST, MAX_TRAVEL, SOLVED, IncompatibleBox2D, Settings
 from .box2d.transfer import gather, scatter
-from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
-from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
+from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
 from .geometry.broad_phase import gap, outer_radius, travel
+from .geometry.spatial_index import FEW, build, make_scratch, query
 
 MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
@@ -103,13 +104,11 @@ class Physics(Module):
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "half_extents":
-            return make_half_extents(dims)
-        if name == "blocks":
-            return make_blocks(dims)
         if name == "batch":
             return np.zeros((dims["rows"], COLUMNS), np.float32)
-        return (native if self.native() else portable).make_workspace()
+        if name == "workspace":
+            return (native if self.native() else portable).make_workspace()
+        return make_scratch(name, dims)
 
 
 @Physics.system(Phase.SPAWN, after=Shape)
@@ -139,6 +138,10 @@ def broad_phase(
     solids: Bitset[Solid],
     half_extents: Scratch,
     blocks: Scratch,
+    sides: Scratch,
+    scale: Scratch,
+    words: Scratch,
+    rows: Scratch,
     rate: float,
     substeps: int,
 ) -> None:
@@ -154,28 +157,51 @@ def broad_phase(
             pending &= pending - 1
             solid.max_travel[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
     aabbs = compute_aabbs(half_extents, body, shape)  # not earlier: the processor stores the distances meanwhile
+    index, crowded = (blocks, sides, scale, words, rows), count > FEW
+    if crowded:
+        build(index, count, widened(aabbs, solid))
     for k in range(count):
         b = blocks[BLOCK, k]
         pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            mark_pairs(solid, aabbs, body, shape, blocks, count, e)
+            x, y, far = body.x[e], body.y[e], solid.max_travel[e] + outer_radius(shape, e)
+            if crowded:
+                for n in range(query(index, count, x - far, x + far, y - far, y + far)):
+                    mark_pair(solid, body, shape, e, rows[n])
+            else:
+                mark_pairs(solid, aabbs, body, shape, blocks, count, e, far)
 
 
 @kernel
-def mark_pairs(solid: Array, aabbs: Array, body: Array, shape: Array, blocks: Array, count: int, e: int) -> None:
+def widened(aabbs: AABBs, solid: Array) -> AABBs:
+    """Let the AABBs cover all places that a body may reach."""
+    for half in aabbs[2:]:
+        for start in range(0, half.size, SIMD_WIDTH):
+            store(half, start, load(half, start) + load(solid.max_travel, start))
+    return aabbs
+
+
+@kernel
+def mark_pairs(
+    solid: Array, aabbs: AABBs, body: Array, shape: Array, blocks: Array, count: int, e: int, far: Real
+) -> None:
     """Mark body `e` and the bodies that it may touch."""
-    far = solid.max_travel[e] + outer_radius(shape, e)
     for k in range(count):
         b = blocks[BLOCK, k]
         distance = load(solid.max_travel, SIMD_WIDTH * b) + far
         pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance), b, e)
         while pending:
-            o = first_row(b, pending)
+            mark_pair(solid, body, shape, e, first_row(b, pending))
             pending &= pending - 1
-            if gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
-                solid.may_collide[e], solid.may_collide[o] = 1, 1
+
+
+@kernel
+def mark_pair(solid: Array, body: Array, shape: Array, e: int, o: int) -> None:
+    """Mark two bodies if they may touch."""
+    if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
+        solid.may_collide[e], solid.may_collide[o] = 1, 1
 
 
 def collider(solve: Any) -> Any:

@@ -9,10 +9,26 @@ import numpy as np
 from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
 from outlast.components.limits import FAR
-from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, number, of
+from outlast.ecs import (
+    Array,
+    Bitset,
+    Entity,
+    Module,
+    Read,
+    Real,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+    emit,
+    kernel,
+    number,
+    of,
+)
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks
+from .geometry.spatial_index import FEW, build, make_scratch, query
 
 
 @dataclass(frozen=True)
@@ -39,7 +55,7 @@ class Pickup(Module):
         return [ItemPicked()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_blocks(dims)
+        return make_scratch(name, dims)
 
 
 @Pickup.system(Phase.PICKUP)
@@ -53,24 +69,46 @@ def pick_up(
     agents: Rows[Bag],
     items: Bitset[Item],
     blocks: Scratch,
+    sides: Scratch,
+    scale: Scratch,
+    words: Scratch,
+    rows: Scratch,
     reach: float,
     touch: bool,
 ) -> None:
     """Pick up items, in order of agents, then of items; those that do not fit stay where they are."""
     count = nonempty_blocks(blocks, entities, items)
+    index, crowded = (blocks, sides, scale, words, rows), count > FEW
+    if crowded:
+        build(index, count, (body.x, body.y, shape.radius, shape.radius))
     for e in agents:
         if not entities.alive[e]:
             continue
-        for k in range(count):
-            b = blocks[BLOCK, k]
-            x, y = load(body.x, SIMD_WIDTH * b) - body.x[e], load(body.y, SIMD_WIDTH * b) - body.y[e]
-            far = load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + of(reach, e)
-            pending = blocks[BITS, k] & to_bits(x * x + y * y <= far * far)
-            while pending:
-                row = first_row(b, pending)
-                pending &= pending - 1
-                if push(bag, item, e, row):
-                    entities.alive[row] = 0
-                    n = emit(picks)
-                    picks.agent[n], picks.item[n] = e, row
-                    blocks[BITS, k] = without_row(blocks[BITS, k], b, row)
+        x, y, far = body.x[e], body.y[e], of(reach, e)
+        if crowded:
+            found = query(index, count, x - far, x + far, y - far, y + far)
+        else:
+            found = list_near(rows, blocks, count, body, shape, x, y, far)
+        for n in range(found):
+            row = rows[n]
+            dx, dy, most = body.x[row] - x, body.y[row] - y, shape.radius[row] * np.float32(touch) + far
+            if entities.alive[row] and dx * dx + dy * dy <= most * most and push(bag, item, e, row):
+                entities.alive[row] = 0
+                k = emit(picks)
+                picks.agent[k], picks.item[k] = e, row
+
+
+@kernel
+def list_near(rows: Array, blocks: Array, count: int, body: Array, shape: Array, x: Real, y: Real, far: Real) -> int:
+    """List the items whose discs are within `far` of a place; return how many."""
+    found = 0
+    for k in range(count):
+        b = blocks[BLOCK, k]
+        dx, dy = load(body.x, SIMD_WIDTH * b) - x, load(body.y, SIMD_WIDTH * b) - y
+        most = load(shape.radius, SIMD_WIDTH * b) + far
+        pending = blocks[BITS, k] & to_bits(dx * dx + dy * dy <= most * most)
+        while pending:
+            rows[found] = first_row(b, pending)
+            pending &= pending - 1
+            found += 1
+    return found

@@ -1,5 +1,6 @@
 """SIMD: vectors against numpy, bitsets against plain lists, compiled and not."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,19 @@ import pytest
 from numba.core.errors import TypingError
 
 from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
+from outlast.ecs.simd import (
+    BYTES,
+    LARGEST,
+    NO_BYTE,
+    SIMD_WIDTH,
+    load,
+    load_flags,
+    overlap,
+    store,
+    store_bytes,
+    to_bits,
+    trailing_zeros,
+)
 from tests.conftest import COMPILED
 from tests.helpers import toy_game
 from tests.helpers.toy_game import Energy, Food, Place, Walkers, Weather
@@ -64,6 +77,27 @@ def test_flags_and_the_bits_of_a_mask() -> None:
         assert out[:count].tolist() == [e for e in range(start, start + SIMD_WIDTH) if alive[e]]
     assert positions(np.zeros(SIMD_WIDTH, np.uint8), 0, out) == 0
     assert positions(np.ones(SIMD_WIDTH, np.uint8), 0, out) == SIMD_WIDTH
+
+
+@kernel
+def ranges(values: Any, chosen: int, low: Any, high: Any, first: int, last: int) -> int:
+    store_bytes(low, BYTES, load(values, 0), chosen)
+    return overlap(low, high, BYTES, np.uint8(first), np.uint8(last))
+
+
+@pytest.mark.parametrize("round_", range(20))
+def test_ranges_of_bytes(round_: int) -> None:
+    """Values are rounded down and kept in range; a lane that is left out, and what comes after, overlaps nothing."""
+    values = RNG.uniform(-20, 300, SIMD_WIDTH).astype(np.float32) if round_ % 2 else RNG.permutation(SPECIAL)
+    low, high = np.full(3 * BYTES, NO_BYTE, np.uint8), RNG.integers(0, NO_BYTE, 3 * BYTES).astype(np.uint8)
+    chosen, (first, last) = int(RNG.integers(1 << SIMD_WIDTH)), np.sort(RNG.integers(0, NO_BYTE, 2))
+    found = ranges(values, chosen, low, high, first, last)
+    known = [chosen >> j & 1 == 1 for j in range(SIMD_WIDTH)]
+    want = [min(max(math.floor(v), 0), LARGEST) if v == v and abs(v) < 1e9 else LARGEST * (v > 0) for v in values]
+    assert low[BYTES : BYTES + SIMD_WIDTH].tolist() == [v if k else NO_BYTE for v, k in zip(want, known, strict=True)]
+    assert (np.delete(low, range(BYTES, BYTES + SIMD_WIDTH)) == NO_BYTE).all()
+    overlapping = [low[BYTES + j] <= last and high[BYTES + j] >= first for j in range(BYTES)]
+    assert [bool(int(found) >> j & 1) for j in range(BYTES)] == overlapping
 
 
 def test_bitset_and_row_index_agree_with_rows() -> None:

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from outlast.ecs import kernel
 from outlast.ecs.simd import SIMD_WIDTH
-from outlast.systems.geometry import aabb, blocks, broad_phase, strips
+from outlast.systems.geometry import aabb, blocks, broad_phase, spatial_index
 from outlast.systems.geometry.rays import NO_HIT
 from tests.conftest import COMPILED
 from tests.helpers import naive_geometry as naive
 
-BLOCKS = 3
+BLOCKS = 5
 ROWS = BLOCKS * SIMD_WIDTH - 5  # the last block is not full
 F4 = np.float32
 SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
@@ -191,48 +191,41 @@ def test_culling_keeps_all_that_is_hit_or_near(seed: int, grid: bool, ray: tuple
 
 
 @kernel
-def _sort(sorted_rows: Any, extent: Any, half_extents: Any, lines: Any, body: Any, shape: Any, alive: Any) -> None:
-    members = alive[1]
-    count = blocks.nonempty_blocks(lines, alive[0], members)
-    strips.fill_strips(sorted_rows, extent, lines, count, aabb.compute_aabbs(half_extents, body, shape))
+def _near(index: Any, half_extents: Any, body: Any, shape: Any, entities: Any, members: Any, box: Any) -> int:
+    count = blocks.nonempty_blocks(index[0], entities, members)
+    spatial_index.build(index, count, aabb.compute_aabbs(half_extents, body, shape))
+    return spatial_index.query(index, count, box[0], box[2], box[1], box[3])
 
 
 @SOME
-@given(seeds, grids, st.sampled_from([0.0, 70.0, 9e4]), rays)
-def test_strips_keep_all_that_reach_into_a_rectangle(
-    seed: int, grid: bool, away: float, box: tuple[float, ...]
+@given(seeds, grids, st.sampled_from([0.0, 70.0, 9e4]), rays, st.integers(1, 7))
+def test_the_index_keeps_all_that_reach_into_a_rectangle(
+    seed: int, grid: bool, away: float, ends: tuple[float, ...], spread: int
 ) -> None:
-    """And leave out most others, in a room that is larger than what is looked for. The room may be far from (0, 0)."""
+    """And leaves out all that are a step away. The room may be far from (0, 0), some of its blocks empty."""
     body, shape, entities = random_bodies(seed, grid)
     body = body._replace(x=_column(body.x + F4(away)))
-    members = [e for e in range(ROWS) if e % 7 and entities.alive[e]]
-    dims = {"blocks": strips.FEW + 1}  # of which those without bodies stay empty
-    sorted_rows, extent, lines = strips.make_strips(dims), strips.make_extent(), blocks.make_blocks(dims)
-    sorted_rows[:] = -1  # what is left from another world
-    _sort(
-        sorted_rows,
-        extent,
-        aabb.make_half_extents({"blocks": BLOCKS}),
-        lines,
-        body,
-        shape,
-        (entities, to_bits(members)),
-    )
-    low_x, low_y, high_x, high_y = (F4(at) for at in (*np.minimum(box[:2], box[2:4]), *np.maximum(box[:2], box[2:4])))
-    low_x, high_x = low_x + F4(away), high_x + F4(away)
-    count = strips.rows_near(lines, sorted_rows, extent, low_x, high_x, low_y, high_y)
-    found = [SIMD_WIDTH * b + j for bits, b in lines[:, :count].T.tolist() for j in range(SIMD_WIDTH) if bits >> j & 1]
-    cosine, sine = np.abs(body.cosine), np.abs(body.sine)
-    wide = cosine * shape.half_width + sine * shape.half_height + shape.radius
-    tall = sine * shape.half_width + cosine * shape.half_height + shape.radius
-    assert {*found} <= {*members}
-    for e in members:
-        out = body.x[e] - wide[e] > high_x or body.x[e] + wide[e] < low_x
-        assert e in found or out or body.y[e] - tall[e] > high_y or body.y[e] + tall[e] < low_y
-        width = 1.05 * extent[1, 1] + 2e-3  # of a strip, with what the sorting adds
-        edges = extent[1, 0], extent[1, 0] + 15 * extent[1, 1]
-        if edges[0] < body.y[e] - tall[e] - width and body.y[e] + tall[e] + width < edges[1]:  # not in the outer ones
-            assert e not in found or (body.y[e] - tall[e] - width <= high_y and body.y[e] + tall[e] + width >= low_y)
+    members = [e for e in range(ROWS) if e % spread and entities.alive[e]]
+    dims = {"blocks": BLOCKS}
+    index = tuple(spatial_index.make_scratch(name, dims) for name in ("blocks", "sides", "scale", "words", "rows"))
+    for scratch in index:
+        scratch[:] = 1  # what is left from another world
+    box = np.array([*np.minimum(ends[:2], ends[2:4]), *np.maximum(ends[:2], ends[2:4])], F4)
+    box[::2] += F4(away)
+    half_extents = aabb.make_half_extents(dims)
+    with np.errstate(over="ignore"):  # the last of 64 rows is the sign of a bitset
+        found = index[4][: _near(index, half_extents, body, shape, entities, to_bits(members), box)].tolist()
+    assert found == sorted({*found} & {*members})
+    overlapping, apart = np.ones(ROWS, bool), np.zeros(ROWS, bool)
+    for axis, centres in enumerate((body.x, body.y)):
+        first, per_metre = index[2][axis].astype(float)
+        sides = [centres - half_extents[axis, :ROWS].astype(float), centres + half_extents[axis, :ROWS].astype(float)]
+        overlapping &= (sides[0] <= box[2 + axis]) & (sides[1] >= box[axis])
+        steps = [np.clip((side - first) * per_metre, 0, 254) for side in (*sides, box[axis], box[2 + axis])]
+        rounding = 1.01 + per_metre * 1e-6 * 3 * (abs(first) + 254 / per_metre)
+        apart |= (steps[0] > steps[3] + rounding) | (steps[1] < steps[2] - rounding)
+    assert {e for e in members if overlapping[e]} <= {*found}
+    assert not any(apart[e] for e in found)
 
 
 def test_arrays_that_kernels_return_are_counted() -> None:
@@ -289,6 +282,6 @@ def test_travel_is_never_less_than_the_way_of_a_push(motion: tuple[float, ...], 
 
 
 def test_the_span_of_a_bitset_holds_its_blocks() -> None:
-    for rows, expected in (([], (BLOCKS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, 3))):
+    for rows, expected in (([], (BLOCKS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, BLOCKS))):
         assert tuple(blocks.block_span(to_bits(rows))) == expected
     assert NO_HIT > 1
