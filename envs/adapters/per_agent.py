@@ -162,15 +162,19 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         shape, who = (self.num_envs,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
         try:
-            _, reward, terminated, truncated, _ = self._play(rows)
+            observed, reward, terminated, truncated, _ = self._play(rows)
         except FaultError:  # one world failed; the others have taken the step
             if (ended := self.base_env._tracker.done).any():
                 self._begin_next(ended)
             raise
-        done = terminated | truncated
-        info = self._finish(done) if done.any() else {}
+        info: dict[str, Any] = {}
+        if (done := terminated | truncated).any():
+            info = self._finish(done, observed)
+            begun = self._begin_next(done)
+            observed = observed if begun is None else begun
         info |= self._info(np.ones(self.num_worlds, bool))
-        return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
+        ends = self._spread(terminated), self._spread(truncated)
+        return self._own(observed), self._rows(reward).copy(), *ends, info
 
     def render(self) -> tuple[Any, ...] | None:
         """Draw the world of every sub-environment: a tuple of images, uint8 (height, width, 3) in RGB, or of texts.
@@ -246,31 +250,32 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
         return info
 
-    def _finish(self, done: Array) -> dict[str, Any]:
-        """Report the episodes that just ended; under SAME_STEP also start the next ones."""
+    def _finish(self, done: Array, observed: Arrays) -> dict[str, Any]:
+        """Report the episodes that just ended; `observed` is what base_env returned."""
         info = self._report(done)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             rows, final = self._spread(done), np.full(self.num_envs, None, object)
-            last = self._views()
+            last = each(observed, self._rows)
             for k in np.flatnonzero(rows):
                 final[k] = each(last, lambda view: view[k].copy())  # noqa: B023
             info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
             info |= {"final_obs": final, "_final_obs": rows}
-        self._begin_next(done)
         return info
 
-    def _begin_next(self, done: Array) -> None:
-        """Under SAME_STEP, reset the worlds that just ended."""
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            self.base_env.reset(options={"reset_mask": done})
+    def _begin_next(self, done: Array) -> Arrays | None:
+        """Under SAME_STEP, reset the worlds that just ended, and return what base_env observes now."""
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            return None
+        return self.base_env.reset(options={"reset_mask": done})[0]
 
     def _observe(self) -> Arrays:
-        observed: Arrays = each(self._views(), lambda view: view.copy() if self.copy else view)
-        return observed
+        return self._own(self.base_env._observe())
 
-    def _views(self) -> Any:
-        """Return what the sub-environments observe now, in memory that base_env will overwrite."""
-        return each(self.base_env._observe(), self._rows)
+    def _own(self, observed: Arrays) -> Arrays:
+        """Return what the sub-environments observe, given what base_env does, in memory that it will overwrite."""
+        rows = each(observed, self._rows)
+        own: Arrays = each(rows, np.copy) if self.copy else rows
+        return own
 
     def _statistics(self, statistics: Arrays) -> Arrays:
         """Return each sub-environment's own entry of the worlds' statistics, (num_envs,) by key."""
