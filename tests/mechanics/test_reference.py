@@ -1,11 +1,14 @@
 """Whole episodes against the slow reference, which plays them by itself from what the reset made."""
 
+import math
 from typing import Any
 
 import pytest
 
 from outlast import variant
+from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.rollout.policies import POLICIES
+from outlast.systems.geometry.spatial_index import FEW
 from tests.conftest import COMPILED, scaled
 from tests.helpers.naive_world import TOLERANCE
 from tests.reference.__main__ import main
@@ -61,6 +64,20 @@ def test_whole_episodes_are_those_of_the_reference(name: str, policy: str) -> No
     happened = events(episodes)
     assert min(happened["deaths"], happened["heals used"]) > 0, happened
     assert happened["boxes broken"] > 0 or policy != "held", happened
+
+
+@pytest.mark.skipif(not COMPILED, reason="a crowd")
+def test_a_crowd_is_that_of_the_reference() -> None:
+    """With so many bodies and items that cameras, melee, contacts and pickup look them up in a spatial index."""
+    many = {"n_agents": 12, "n_boxes": SIMD_WIDTH * FEW + 10, "n_heals": SIMD_WIDTH * FEW + 20, "spawn_grid_cells": 19}
+    numbers = many | {"room_size": 30.0, "motors_ahead": 1.0, "pickup_reach": 1.0, "ending_limit": 8}
+    (episode,) = record(variant("ffa_4").replace(**numbers), 1, 6, held)
+    result, last = compare(episode), episode.ticks[-1].world
+    assert (result.diverged, result.ticks) == (0, 8), result
+    assert result.compared > 4
+    assert sum(len(agent.bag) for agent in last.of("agent")) > 1
+    apart = [math.hypot(a.x - b.x, a.y - b.y) for a in last.of("agent") for b in last.of("box") if b.here]
+    assert min(apart) < 1  # somebody runs into a box
 
 
 @pytest.mark.slow
