@@ -121,7 +121,7 @@ first = theirs()
         folder=str(tmp_path),
         root=str(ROOT),
         helper=before,
-        expression="np.sort(np.array([5.0, e]))[0]",
+        expression="np.int32(np.sort(np.array([5.0, e]))[0])",
         python="first == theirs(), first",
     )
     for _ in range(2):
