@@ -10,9 +10,13 @@ KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of
 
 
 class Wall(Component):
-    """A static block inside the room, while alive: a rectangle that collides, blocks sight and stops strikes."""
+    """A static block inside the room, while alive: a rectangle that collides, blocks sight and stops strikes.
 
-    half_x: Array = column("f4")  # metres, half the sides of the upright rectangle around it; computed at reset
+    Its columns are computed at reset. A system that turns or resizes a block later has to write them, too: bodies and
+    strikes are kept out of what is inside of them.
+    """
+
+    half_x: Array = column("f4")  # metres, half the sides of the upright rectangle around it
     half_y: Array = column("f4")
 
 
