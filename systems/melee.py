@@ -32,7 +32,7 @@ from outlast.ecs import (
 )
 
 from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
-from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks
+from .geometry.blocks import BITS, BLOCK, append_rows, nonempty_blocks
 from .geometry.rays import NO_HIT, raycast_entity
 from .geometry.spatial_index import FEW, build, make_scratch, query
 
@@ -148,11 +148,7 @@ def list_hit(rows: Array, blocks: Array, count: int, aabbs: AABBs, x: Real, y: R
     found = 0
     for k in range(count):
         b = blocks[BLOCK, k]
-        pending = blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy)
-        while pending:
-            rows[found] = first_row(b, pending)
-            pending &= pending - 1
-            found += 1
+        found = append_rows(rows, found, b, blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy))
     return found
 
 

@@ -27,7 +27,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks
+from .geometry.blocks import BITS, BLOCK, append_rows, nonempty_blocks
 from .geometry.spatial_index import FEW, build, make_scratch, query
 
 
@@ -106,9 +106,5 @@ def list_near(rows: Array, blocks: Array, count: int, body: Array, shape: Array,
         b = blocks[BLOCK, k]
         dx, dy = load(body.x, SIMD_WIDTH * b) - x, load(body.y, SIMD_WIDTH * b) - y
         most = load(shape.radius, SIMD_WIDTH * b) + far
-        pending = blocks[BITS, k] & to_bits(dx * dx + dy * dy <= most * most)
-        while pending:
-            rows[found] = first_row(b, pending)
-            pending &= pending - 1
-            found += 1
+        found = append_rows(rows, found, b, blocks[BITS, k] & to_bits(dx * dx + dy * dy <= most * most))
     return found

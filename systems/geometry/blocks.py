@@ -36,6 +36,16 @@ def without_row(bits: int, b: int, e: int) -> int:
 
 
 @kernel
+def append_rows(rows: Array, found: int, b: int, bits: int) -> int:
+    """Append the rows in a bitset of block `b` to a list of `found` rows; return how many it has then."""
+    while bits:
+        rows[found] = first_row(b, bits)
+        bits &= bits - 1
+        found += 1
+    return found
+
+
+@kernel
 def block_span(members: Array) -> tuple[int, int]:
     """Return the range of blocks that have members: from the first up to, but not including, the second."""
     first, last = members.size, 0
