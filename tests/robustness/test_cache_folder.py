@@ -44,7 +44,7 @@ def test_processes_that_begin_together_compile_each_unit_once(tmp_path: Path) ->
     later = in_process(cache)
     assert later[:2] == ["0", "True"]
     assert {one[DIGEST] for one in outputs} == {later[DIGEST]}
-    labels, files = log.read_text().split(), list(cache.iterdir())
+    labels, files = log.read_text().splitlines(), list(cache.iterdir())
     assert len(set(labels)) == len(labels) == len(files)
     assert {path.suffix for path in files} == {SUFFIX}
 
