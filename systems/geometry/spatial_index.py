@@ -66,7 +66,7 @@ def build(index: Index, count: int, aabbs: AABBs) -> None:
         at, reach = load(ys, row) - scale[Y, START], load(half_y, row) + slack_y
         store_bytes(sides[LOW_Y], to, (at - reach) * scale[Y, STEPS], EVERY)
         store_bytes(sides[HIGH_Y], to, (at + reach) * scale[Y, STEPS], EVERY)
-    for e in range(SIMD_WIDTH * count, sides.shape[1]):
+    for e in range(SIMD_WIDTH * count, -(-SIMD_WIDTH * count // BYTES) * BYTES):  # the rest of the last word
         sides[LOW_X, e] = NO_BYTE
 
 
