@@ -54,7 +54,7 @@ def make_scratch(name: str, dims: dict[str, int]) -> np.ndarray[Any, Any]:
 
 @kernel
 def build(index: Index, count: int, aabbs: AABBs) -> None:
-    """Build the index of the rows in `count` lines of blocks, whose AABBs are given."""
+    """Build the index of the rows in the `count` lines of blocks, at least one; `aabbs` are those of all rows."""
     blocks, sides, scale, _, _ = index
     xs, ys, half_x, half_y = aabbs
     slack_x, slack_y = fit(scale[X], blocks, count, xs), fit(scale[Y], blocks, count, ys)
@@ -81,7 +81,7 @@ def fit(scale: Array, blocks: Array, count: int, centres: Array) -> Real:
         at = centres[first_row(blocks[BLOCK, k], blocks[BITS, k])]
         low, high = min(low, at), max(high, at)
     scale[START], scale[STEPS] = low, LAST / max(high - low, ONE)
-    return PART * (abs(low) + abs(high))
+    return PART * (abs(low) + abs(high) + ONE)
 
 
 @kernel
