@@ -18,7 +18,7 @@ from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.spatial_index import FEW, Index, build, make_scratch, query
+from .geometry.spatial_index import FEW, ROWS, Index, build, make_scratch, query
 
 PER_WORD = 63 // SIMD_WIDTH  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
@@ -163,7 +163,7 @@ def see_in_crowd(
 ) -> None:
     """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
     half_cos, half_sin = half_angle(of(fov, agents[0]))
-    rows, lanes = index[4], (listed[0], listed[1], listed[2], listed[3])
+    rows, lanes = index[ROWS], (listed[0], listed[1], listed[2], listed[3])
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
@@ -208,7 +208,7 @@ def list_near(
     half_sin: Real,
 ) -> int:
     """List the other rows whose AABB may overlap that of the vision cone of `me`; return how many."""
-    rows = index[4]
+    rows = index[ROWS]
     x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)

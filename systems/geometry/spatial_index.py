@@ -28,6 +28,7 @@ FEW = 8  # if there are no more blocks than this, testing each is faster
 LOW_X, HIGH_X, LOW_Y, HIGH_Y = range(4)  # lines of `sides`
 START, STEPS = 0, 1  # of each axis in `scale`: where the first step begins, and how many steps a metre has
 X, Y = 0, 1  # axes
+ROWS = 4  # of an Index: what the last query has found
 EVERY = (1 << SIMD_WIDTH) - 1  # all rows of a block
 ZERO, ONE, LAST = np.float32(0), np.float32(1), np.float32(LARGEST)
 PART = np.float32(1e-6)  # of coordinates: more than float32 loses

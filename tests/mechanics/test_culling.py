@@ -214,7 +214,9 @@ def test_the_index_keeps_all_that_reach_into_a_rectangle(
     box[::2] += F4(away)
     half_extents = aabb.make_half_extents(dims)
     with np.errstate(over="ignore"):  # the last of 64 rows is the sign of a bitset
-        found = index[4][: _near(index, half_extents, body, shape, entities, to_bits(members), box)].tolist()
+        found = index[spatial_index.ROWS][
+            : _near(index, half_extents, body, shape, entities, to_bits(members), box)
+        ].tolist()
     assert found == sorted({*found} & {*members})
     overlapping, apart = np.ones(ROWS, bool), np.zeros(ROWS, bool)
     for axis, centres in enumerate((body.x, body.y)):
