@@ -19,6 +19,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from . import cache_files
+from .available import available_cores as _cores
 from .cache_key import CacheKey
 from .compile_errors import explained
 from .jit import compiled, options_of
@@ -194,10 +195,6 @@ def _fork(work: Callable[[], None]) -> int:
 def _may_fork() -> bool:
     """Whether a fork can compile: on Linux, if no other Python thread could hold a lock that the fork waits for."""
     return sys.platform == "linux" and threading.active_count() == 1
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 @contextmanager
