@@ -20,7 +20,7 @@ from outlast.envs.errors import PageError
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import EpisodeTrack, Room, pack
+from outlast.envs.web.replay.pack import METRE, RADIAN, EpisodeTrack, Room, pack
 from outlast.envs.web.replay.write import _entities, record_ticks
 from tests.conftest import COMPILED, scaled
 from tests.web.browser import ticks
@@ -82,9 +82,11 @@ def check_row(episode: Json, k: int, state: Any, w: int) -> None:
     assert numbers["agent.alive"].tolist() == state[Entity].alive[w, agents].tolist()
     assert numbers["agent.health"].tolist() == state[Health].points[w, agents].tolist()
     rows = np.r_[agents, [e for e in range(len(state[Body].x[w])) if e not in agents]]  # agents first, then objects
-    for name, scale in (("x", 1000), ("y", 1000), ("angle", 10000)):
+    for name, scale in (("x", METRE), ("y", METRE), ("angle", RADIAN)):
         packed = np.r_[numbers[f"agent.{name}"], numbers[f"object.{name}"]] / scale
-        np.testing.assert_allclose(packed, getattr(state[Body], name)[w, rows], atol=0.6 / scale)
+        off = packed - getattr(state[Body], name)[w, rows]
+        off = (off + np.pi) % (2 * np.pi) - np.pi if name == "angle" else off
+        np.testing.assert_allclose(off, 0, atol=1.1 / scale)
     assert numbers["agent.reward"].tolist() == state[Reward].reward[w].tolist()
     assert numbers["agent.action"].reshape(4, 6).T.tolist() == state["actions"][:, w].tolist()
     bags = numbers["agent.bag"].reshape(4, -1)
@@ -135,6 +137,25 @@ def test_what_a_policy_attends_to_is_found_by_its_name() -> None:
         first = found[key]["first"] - 4
         assert {k for k, other in enumerate(kinds) if other == kind} == {*range(first, first + found[key]["rows"])}
     assert [found[key]["first"] for key in ("heals", "heal_slot")] == [-1, -1]  # not as many, no kind
+
+
+def test_angles_go_on_over_whole_turns_and_far_numbers_become_the_nearest_that_fit() -> None:
+    """A page interpolates between ticks, so an angle must not jump where it wraps around."""
+    worlds = outlast.make_vec("ffa_1", 1, seed=0).worlds
+    episode, turned = EpisodeTrack(describe(worlds, 0), 1, 0), np.arange(40) * 0.5
+    far = [np.float32(number) for number in (3e38, -3e38, np.inf, np.nan)]
+    for angle, x in zip(turned, far * 10, strict=True):
+        worlds[Body].angle[0, :2] = 3e5 + angle, 3.0 - angle
+        worlds[Body].x[0] = x
+        worlds[Health].points[0, :2] = 2**31 - 1, -(2**31) + 1
+        episode.add(snapshot(worlds, 0), [])
+    numbers = unpacked(pack([Room("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]["numbers"]
+    angles = numbers["agent.angle"] / RADIAN
+    np.testing.assert_allclose(np.diff(angles[:, 1]), -0.5, atol=2 / RADIAN)
+    np.testing.assert_allclose(np.diff(angles[:, 0]), 0.5, atol=0.04)  # what float32 resolves there
+    np.testing.assert_allclose(np.exp(1j * angles[0]), np.exp(1j * np.array([3e5, 3.0])), atol=2 / RADIAN)
+    assert numbers["agent.x"][:4, 0].tolist() == [2**31 - 1, -(2**31), 0, 0]
+    assert numbers["agent.health"][0].tolist() == [2**31 - 1, -(2**31) + 1]
 
 
 def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:

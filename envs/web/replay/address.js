@@ -6,7 +6,7 @@ const Address = (() => {
   // The numbers in it by name; null if it says nothing.
   function read() {
     const given = new URLSearchParams(location.hash.slice(1)), found = {};
-    for (const name of NAMES) if (/^\d{1,9}$/.test(given.get(name) ?? "")) found[name] = Number(given.get(name));
+    for (const name of NAMES) if (/^\d{1,15}$/.test(given.get(name) ?? "")) found[name] = Number(given.get(name));
     return Object.keys(found).length ? found : null;
   }
 

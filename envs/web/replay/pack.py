@@ -2,12 +2,16 @@
 
 A column has a row of numbers for each tick. Of integers, the differences from tick to tick are stored, entry by entry
 of the row, in as few bytes as they need (1, 2 or 4, little-endian); rewards and values are float32. All columns of all
-episodes are then compressed together. Counts are exact; lengths are in millimetres, angles in tenths of a milliradian,
+episodes are then compressed together. Counts are exact; lengths are in millimetres, angles in parts of a turn,
 probabilities and attention in percent (-1: unknown). recording.js is the reader.
+
+Every number fits, however long the episode is: a turn has as many parts as 2 bytes have values, so an angle and its
+differences wrap around without a jump, and anything else out of the range of int32 becomes the nearest number in it.
 """
 
 import gzip
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,10 +20,13 @@ import numpy as np
 
 from ...inspect.trace import Json
 
-METRE, RADIAN, WHOLE = 1000, 10000, 100  # the integer for a metre, for a radian, and for a probability of 1
+METRE, TURN, WHOLE = 1000, 2**16, 100  # the integer for a metre, for a whole turn, and for a probability of 1
+RADIAN = TURN / (2 * math.pi)
 WORD = 16  # a bitset has so many bodies in each number
 PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # constants for recording.js
 FLOATS = ("agent.reward", "agent.value")  # columns that are float32
+ANGLES = ("agent.angle", "object.angle")
+INT32 = np.iinfo(np.int32)
 
 Array = np.ndarray[Any, Any]
 
@@ -92,7 +99,7 @@ def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Ar
     if thoughts is not None:
         numbers += _bits(thoughts["value"])
         numbers += _percent(thoughts["probabilities"]) + _percent(thoughts["attention"])
-    return np.array(numbers, np.int32)
+    return np.array(numbers).clip(INT32.min, INT32.max).astype(np.int32)
 
 
 def pack(rooms: Sequence[Room]) -> bytes:
@@ -119,6 +126,7 @@ def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
     for name, count in columns(episode.description):
         values, floats = matrix[first : first + count], name in FLOATS
         steps = values if floats else np.diff(values.astype(np.int64), axis=1, prepend=0)
+        steps = steps.astype(np.int16) if name in ANGLES else steps  # the shorter way round
         kind = np.dtype("<i4") if floats else _narrowest(steps)
         table.append((name, count, 0 if floats else kind.itemsize))
         blobs.append(steps.astype(kind).tobytes())
@@ -135,8 +143,8 @@ def _narrowest(values: Array) -> np.dtype[Any]:
 
 
 def _places(bodies: Sequence[Json]) -> list[int]:
-    scales = (("x", METRE), ("y", METRE), ("angle", RADIAN))
-    return [round(scale * body[name]) for name, scale in scales for body in bodies]
+    lengths = [round(METRE * body[name]) for name in ("x", "y") for body in bodies]
+    return lengths + [round(RADIAN * body["angle"]) % TURN for body in bodies]
 
 
 def _bits(values: Any) -> list[int]:
