@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from outlast.ecs import NumberError
 
-from ..errors import ScenarioError, UsageError
+from ..errors import PlayError, ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
@@ -25,6 +25,7 @@ from ..scenarios.naming import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..web.announce import announce as announced
+from ..web.gate import HOST, checked_place
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
@@ -162,10 +163,16 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
 
 
 def add_page(command: Parser) -> None:
-    """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
+    """Add the options of commands that serve a page: --port, --host, --allow-host, --no-browser."""
     command = command.group("page")
-    text = "port of 127.0.0.1 on which the page is served (default: 0, any free port)"
+    text = "port on which the page is served (default: 0, any free port)"
     command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
+    text = "address of the interface on which the page is served; 0.0.0.0: all of them, as needed in a container "
+    text += f"(default: {HOST}, this machine only)"
+    command.add_argument("--host", default=HOST, metavar="ADDRESS", help=text)
+    text = "let in browsers that reach the page at this name and port, through a tunnel, a container's port or a "
+    text += "proxy; the address with the first one is printed (can be repeated)"
+    command.add_argument("--allow-host", type=allowed, action="append", default=[], metavar="NAME:PORT", help=text)
     text = "print the address of the page, and do not open a browser"
     command.add_argument("--no-browser", action="store_true", help=text)
 
@@ -262,6 +269,15 @@ def port(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
     return int(text)
+
+
+def allowed(text: str) -> str:
+    """A place NAME:PORT at which browsers may reach a page."""
+    try:
+        checked_place(text)
+    except PlayError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
 
 
 def seed(text: str) -> int:

@@ -18,8 +18,8 @@ def add(commands: Any) -> None:
         ),
     ]
     description = (
-        "Steer an agent with the keyboard, on a web page that opens in your browser. Only this machine can open it. "
-        "Ctrl-C ends the game."
+        "Steer an agent with the keyboard, on a web page that opens in your browser. Without --host, only this machine "
+        "can open it. Ctrl-C ends the game."
     )
     text = "steer an agent with the keyboard, in the browser, against policies"
     command = commands.add_parser("play", help=text, description=description, examples=examples)
@@ -36,8 +36,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the game until Ctrl-C; the exit status. Raises PlayError."""
-    given = {name: getattr(options, name) for name in ("agent", "others", "seed", "fps", "port", "record")}
-    play(scenario(options), browser=not options.no_browser, **given)
+    given = {name: getattr(options, name) for name in ("agent", "others", "seed", "fps", "port", "host", "record")}
+    play(scenario(options), browser=not options.no_browser, allow_hosts=options.allow_host, **given)
     print(file=sys.stderr)  # behind the ^C
     return 0
 

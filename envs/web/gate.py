@@ -1,20 +1,32 @@
-"""Access control: what a server serves is reached only on this machine, with its token, from pages that it gave out.
+"""Access control: a page is reached where its user meant it to be, with its token, from pages that its server gave out.
 
-Other programs and users of this machine, and other web pages, can reach a port on 127.0.0.1: the token keeps them out.
-The check of the Host header keeps out foreign names that were made to point here (DNS rebinding). The check of the
-Origin header keeps out other web pages, as browsers let any page open a websocket to any server.
+Other programs and users of this machine, and other web pages, can reach a port on 127.0.0.1, and with another host,
+other machines can: the token keeps them out. The check of the Host header keeps out foreign names that were made to
+point here (DNS rebinding). The check of the Origin header keeps out other web pages, as browsers let any page open a
+websocket to any server.
 """
 
-import os
+import contextlib
+import errno
+import re
 import secrets
 import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from ..errors import PlayError
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
+ANY = ("0.0.0.0", "::")  # hosts to listen at that stand for all interfaces, and so are no names of pages
 LIVE = "live"  # the path of the websocket, after the token
+USUAL = {"http": 80, "https": 443}  # ports that browsers leave out of addresses and headers
+PLACE = re.compile(r"([\w.-]+|\[[0-9a-f:.]+\]):([1-9]\d{0,4})", re.ASCII | re.IGNORECASE)  # NAME:PORT
+REFUSED = (
+    "Not from here: open the address that outlast printed. Where a tunnel, a container or a proxy changes its name or "
+    "port, start outlast with --allow-host NAME:PORT, as the address bar of the browser has them.\n"
+)
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -26,16 +38,62 @@ HEADERS = {
 }
 
 
-class Gate:
-    """The access control of a server at `port`. Its token is new and random, and is the first part of every path."""
+@dataclass(frozen=True)
+class Site:
+    """Where a page is served.
 
-    def __init__(self, port: int) -> None:
-        self.port, self.token = port, secrets.token_urlsafe(24)
+    Attributes:
+        port: The port to listen at; 0: any free one.
+        host: The address of the interface to listen at; 0.0.0.0: all of them.
+        allowed: Further places NAME:PORT at which browsers reach the page, through a tunnel, a container or a proxy.
+
+    Raises:
+        PlayError: An allowed place is not of the form NAME:PORT.
+    """
+
+    port: int = 0
+    host: str = HOST
+    allowed: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for text in self.allowed:
+            checked_place(text)
+
+
+def checked_place(text: str) -> tuple[str, int]:
+    """Return name and port of NAME:PORT, as in localhost:9000. Raises PlayError."""
+    found = PLACE.fullmatch(text)
+    if not found or int(found[2]) > 65535:
+        raise PlayError(f"{text}: NAME:PORT is needed, as in localhost:9000")
+    return found[1].lower(), int(found[2])
+
+
+class Gate:
+    """The access control of a server at `port` of a site. Its token is new and random: the first part of every path."""
+
+    def __init__(self, port: int, site: Site | None = None) -> None:
+        self.token = secrets.token_urlsafe(24)
+        site = site or Site()
+        own = [name for name in dict.fromkeys((site.host, *NAMES)) if name not in ANY]
+        self._hosts: list[str] = []  # values of the Host header
+        self._origins: list[str] = []
+        for text in site.allowed:
+            name, outside = checked_place(text)
+            for scheme in ("https", "http") if outside == USUAL["https"] else ("http", "https"):
+                self._allow(scheme, name, outside)
+        for name in own:
+            self._allow("http", f"[{name}]" if ":" in name else name.lower(), port)
+
+    def _allow(self, scheme: str, name: str, port: int) -> None:
+        """Let in whoever asks for this name and port, and pages from there."""
+        forms = [f"{name}:{port}"] if port != USUAL[scheme] else [name, f"{name}:{port}"]
+        self._hosts += forms
+        self._origins += [f"{scheme}://{form}" for form in forms]
 
     @property
     def address(self) -> str:
-        """The address to open."""
-        return f"http://{HOST}:{self.port}/{self.token}/"
+        """The address to open: the first one that is allowed."""
+        return f"{self._origins[0]}/{self.token}/"
 
     def path(self, request: Any) -> str | None:
         """Return the path after the token; None if the request is refused.
@@ -44,18 +102,19 @@ class Gate:
         always send it for websockets, but not for a page that somebody opens.
         """
         hosts, origins = (request.headers.get_all(name) or [] for name in ("Host", "Origin"))
-        if len(hosts) != 1 or hosts[0] not in self._names():
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return None
         token, slash, path = str(request.path).removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.token.encode()) or not slash:
             return None
         if path == LIVE and not origins:
             return None
-        return path if all(origin == f"http://{hosts[0]}" for origin in origins) else None
+        # a proxy may replace the name in one of the two headers only
+        return path if all(origin.lower() in self._origins for origin in origins) else None
 
     def headers(self) -> dict[str, str]:
         """Return the headers of every answer of a game. Its page may only load from, and connect to, this server."""
-        live = " ".join(f"ws://{name}" for name in self._names())
+        live = " ".join(origin.replace("http", "ws", 1) for origin in self._origins)
         policy = {
             "default-src": "'none'",
             "script-src": "'self'",
@@ -68,14 +127,21 @@ class Gate:
         }
         return HEADERS | {"Content-Security-Policy": "; ".join(f"{key} {value}" for key, value in policy.items())}
 
-    def _names(self) -> tuple[str, ...]:
-        return tuple(f"{name}:{self.port}" for name in NAMES)
 
+@contextlib.contextmanager
+def listening(site: Site) -> Iterator[tuple[socket.socket, Gate]]:
+    """Listen at a site until the context ends; yield the socket and its access control.
 
-def listen(port: int) -> socket.socket:
-    """Return a socket that listens at `port` of HOST (0: any free one). Raises PlayError if it is not available."""
+    Raises PlayError if port or host are not available.
+    """
     try:
-        return socket.create_server((HOST, port))
-    except OSError as error:
-        cure = "leave --port out for one that is free"
-        raise PlayError(f"port {port} of {HOST} is not to be had: {os.strerror(error.errno or 0)}; {cure}") from None
+        family = socket.getaddrinfo(site.host, site.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][0]
+        bound = socket.create_server((site.host, site.port), family=family)
+    except (OSError, UnicodeError) as error:
+        unknown = not isinstance(error, OSError) or isinstance(error, socket.gaierror)
+        own = not unknown and error.errno != errno.EADDRNOTAVAIL  # type: ignore[union-attr]
+        cure = "leave --port out for one that is free" if own else "--host takes an address of this machine"
+        why = getattr(error, "strerror", None) or error
+        raise PlayError(f"port {site.port} of {site.host} is not to be had: {why}; {cure}") from None
+    with bound as listener:
+        yield listener, Gate(listener.getsockname()[1], site)

@@ -59,14 +59,14 @@ MALFORMED = [
 
 
 @contextlib.contextmanager
-def served(game, fps=FPS):
+def served(game, fps=FPS, site=None):
     """The address of a server in a thread of its own."""
     addresses, loops = [], []
     up = threading.Event()
 
     async def run():
         loops.append((asyncio.get_running_loop(), asyncio.current_task()))
-        await play(game, fps, 0, lambda address: (addresses.append(address), up.set()))
+        await play(game, fps, site, lambda address: (addresses.append(address), up.set()))
 
     def background():
         with contextlib.suppress(asyncio.CancelledError):
@@ -120,10 +120,10 @@ class Page:
         raise AssertionError("the condition never held")
 
 
-def answer(address, path=None, method="GET", **headers):
-    """Status of a request. Header names are with _ for -; the Host is the right one unless given."""
+def answer(address, path=None, method="GET", port=0, **headers):
+    """Status of a request. Header names are with _ for -; Host and port are the right ones unless given."""
     parts = urlsplit(address)
-    connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port or parts.port, timeout=10)
     connection.putrequest(method, parts.path if path is None else path, skip_host=True)
     for name, value in ({"Host": parts.netloc} | headers).items():
         for one in value if isinstance(value, tuple) else (value,):

@@ -12,6 +12,7 @@ from outlast.components import Side
 from outlast.envs.errors import PlayError, ScenarioError, UsageError
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
+from outlast.envs.web.gate import Site
 from outlast.envs.web.play import server
 from outlast.envs.web.play.game import Game
 
@@ -21,7 +22,7 @@ def games(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Game, float]]:
     """What is served, and how fast; Ctrl-C comes at once."""
     served: list[tuple[Game, float]] = []
 
-    async def play(game: Game, fps: float, port: int, opened: Callable[[str], object]) -> None:
+    async def play(game: Game, fps: float, site: Site, opened: Callable[[str], object]) -> None:
         opened("http://127.0.0.1:1/")
         served.append((game, fps))
         raise KeyboardInterrupt
@@ -56,6 +57,8 @@ def test_a_game_of_ones_own_has_its_items_and_bodies_on_the_page(games: Any) -> 
         ({"fps": "fast"}, PlayError, "fps = 'fast'"),
         ({"port": 65536}, PlayError, "port = 65536: an integer from 1 to 65535"),
         ({"port": "http"}, PlayError, "port = 'http'"),
+        ({"allow_hosts": "localhost"}, PlayError, "localhost: NAME:PORT is needed"),
+        ({"allow_hosts": ["box:80", "localhost"]}, PlayError, "localhost: NAME:PORT is needed"),
         ({"others": "scriptd"}, UsageError, "did you mean scripted"),
         ({"agnt": 1}, ValueError, "did you mean agent"),
     ],

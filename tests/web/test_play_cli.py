@@ -20,6 +20,7 @@ from tests.web.clients import Page
         (("--agent", "2"), ("agent 2", "0 to 1")),
         (("--set", "mele_damage=3"), ("mele_damage", "melee_damage")),
         (("--record", "/nowhere/at/all.rec"), ("/nowhere/at/all.rec",)),
+        (("--host", "203.0.113.7"), ("203.0.113.7", "--host takes an address of this machine")),
     ],
 )
 def test_mistakes_are_reported_in_one_line(capsys, arguments, words):
@@ -43,6 +44,7 @@ def test_a_taken_port_is_reported_in_one_line(capsys):
         ("--port", "65536", "a port is needed"),
         ("--port", "-1", "a port is needed"),
         ("--port", "http", "a port is needed"),
+        ("--allow-host", "localhost", "localhost: NAME:PORT is needed, as in localhost:9000"),
         ("--fps", "0", "a number above 0"),
         ("--fps", "nan", "a number above 0"),
         ("--fps", "1e9", "a number above 0"),

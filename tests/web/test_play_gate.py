@@ -3,10 +3,17 @@
 import contextlib
 import http.client
 import socket
+import sys
+from email.message import Message
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import pytest
 
+from outlast.envs.errors import PlayError
+from outlast.envs.web import gate
+from outlast.envs.web.gate import Gate, Site, listening
+from outlast.envs.web.replay.server import serving
 from tests.web.clients import HANDSHAKE, answer, served
 
 
@@ -114,6 +121,91 @@ def test_noise_on_the_line_ends_nothing(address, noise):
         line.shutdown(socket.SHUT_WR)
         line.recv(100)
     assert answer(address)[0] == 200
+
+
+def asked(made, host, origin):
+    """The path of a websocket that a gate lets through."""
+    headers = Message()
+    headers["Host"], headers["Origin"] = host, origin
+    return made.path(SimpleNamespace(headers=headers, path=f"/{made.token}/live"))
+
+
+@pytest.mark.parametrize(
+    ("site", "port", "hosts", "address"),
+    [
+        (Site(), 80, ["127.0.0.1", "127.0.0.1:80", "localhost"], "http://127.0.0.1/"),
+        (Site(), 443, ["127.0.0.1:443"], "http://127.0.0.1:443/"),
+        (Site(host="0.0.0.0"), 8000, ["127.0.0.1:8000", "LOCALHOST:8000"], "http://127.0.0.1:8000/"),
+        (Site(host="10.0.0.7"), 8000, ["10.0.0.7:8000", "127.0.0.1:8000"], "http://10.0.0.7:8000/"),
+        (Site(host="::1"), 8000, ["[::1]:8000", "localhost:8000"], "http://[::1]:8000/"),
+        (Site(allowed=("LocalHost:9000",)), 8000, ["localhost:9000", "127.0.0.1:8000"], "http://localhost:9000/"),
+        (Site(allowed=("box:80",)), 8000, ["box", "box:80"], "http://box/"),
+    ],
+)
+def test_a_page_is_reached_by_the_names_of_its_site_as_browsers_write_them(site, port, hosts, address):
+    made = Gate(port, site)
+    assert made.address == f"{address}{made.token}/"
+    for host in hosts:
+        assert asked(made, host, f"http://{host}") == "live"
+        assert f"ws://{host.lower()}" in made.headers()["Content-Security-Policy"]
+    for host in ("", "example.com", "127.0.0.1:1", "0.0.0.0:8000", ":8000", *(f"{host}0" for host in hosts)):
+        assert asked(made, host, f"http://{hosts[0]}") is None
+        assert asked(made, hosts[0], f"http://{host}") is None
+
+
+def test_behind_a_proxy_with_https_either_header_may_be_replaced():
+    made = Gate(8000, Site(allowed=("name-8000.app.example:443",)))
+    outside, inside = "name-8000.app.example", "127.0.0.1:8000"
+    assert made.address == f"https://{outside}/{made.token}/"
+    assert f"wss://{outside}" in made.headers()["Content-Security-Policy"]
+    for host in (outside, inside):
+        for origin in (f"https://{outside}", f"http://{inside}"):
+            assert asked(made, host, origin) == "live"
+        assert asked(made, host, f"https://{inside}") is None
+        assert asked(made, host, "https://other.app.example") is None
+
+
+@pytest.mark.parametrize(
+    "text", ["localhost", "localhost:", ":80", "a b:80", "x:0", "x:65536", "http://x:80", "x:80\n", ""]
+)
+def test_places_that_are_not_name_and_port_are_refused(text):
+    with pytest.raises(PlayError, match="NAME:PORT is needed, as in localhost:9000"):
+        Site(allowed=(text,))
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no.such.host.invalid", "x" * 80, ""])
+def test_a_host_that_is_not_of_this_machine_is_refused_with_the_cure(host):
+    with pytest.raises(PlayError, match="--host takes an address of this machine"), listening(Site(host=host)):
+        pass
+
+
+@pytest.mark.parametrize("kind", ["play", "watch"])
+def test_a_page_is_served_at_another_name_and_interface(game, kind, monkeypatch):
+    site, ports = Site(host="0.0.0.0", allowed=("box:9000",)), []
+    monkeypatch.setattr(gate, "Gate", lambda port, site: ports.append(port) or Gate(port, site))
+    with server(kind, game, site) as address:
+        assert urlsplit(address).netloc == "box:9000"
+        for name, status in (("box:9000", 200), (f"127.0.0.1:{ports[0]}", 200), ("other:9000", 403), ("box", 403)):
+            status_there, _, body = answer(address, port=ports[0], Host=name)
+            assert status_there == status
+            assert (b"--allow-host NAME:PORT" in body) == (status == 403)
+        if sys.platform == "linux":  # where the whole of 127.0.0.0/8 is this machine
+            socket.create_connection(("127.0.0.2", ports[0]), timeout=5).close()
+
+
+class Feed:
+    """A run without anything to see."""
+
+    def status(self):
+        return {"message": "", "newest": None, "episode": None, "figures": []}
+
+    def episode(self):
+        return None
+
+
+def server(kind, game, site=None):
+    """A server of a game or of a run."""
+    return served(game, site=site) if kind == "play" else serving(Feed(), "a run", site)
 
 
 def test_only_loopback_is_bound(address):

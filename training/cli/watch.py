@@ -39,16 +39,18 @@ def run(options: argparse.Namespace) -> int:
         from ..watch import RunWatcher
     except ModuleNotFoundError as error:
         raise TrainingError(f"watching needs {error.name}: {install('train')}") from error
+    from outlast.envs.web.gate import Site
     from outlast.envs.web.replay.server import serving
 
     folder = options.run_folder
     _check(folder)
     import_files(options)
+    site = Site(options.port, options.host, tuple(options.allow_host))
     name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
     recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
     recorder.start()
     try:
-        with serving(watcher, printable(str(folder.resolve().name)), options.port) as address:
+        with serving(watcher, printable(str(folder.resolve().name)), site) as address:
             announce(options, f"{name}: its newest policy plays at {address}\nCtrl-C ends this.", address)
             while not stop.wait(1):  # on Windows, Ctrl-C does not end a longer wait
                 pass

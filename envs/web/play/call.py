@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+from collections.abc import Sequence
 from typing import Any
 
 from outlast.ecs.whole import is_whole
@@ -13,6 +14,7 @@ from ...rollout.loading import load_policies
 from ...scenarios.naming import resolve
 from ...scenarios.scenario import Number, Scenario
 from ..announce import announce
+from ..gate import HOST, Site
 
 FASTEST = 1000  # ticks per second
 
@@ -25,6 +27,8 @@ def play(
     seed: int = 0,
     fps: float | None = None,
     port: int = 0,
+    host: str = HOST,
+    allow_hosts: str | Sequence[str] = (),
     browser: bool = True,
     record: str | os.PathLike[str] | None = None,
     **numbers: Number,
@@ -33,7 +37,7 @@ def play(
 
     >>> outlast.play("teams_3", others="runs/teams_3-fast-0/steps_0010000000.zip", record="game.rec")
 
-    The address is printed. It can be opened only on this machine, and only with the token that it contains.
+    The address is printed. It can be opened only with the token that it contains, and by default only on this machine.
 
     Args:
         game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME.
@@ -42,7 +46,10 @@ def play(
             {policy: weight}, one of which is drawn for each episode.
         seed: The same seed gives the same episodes.
         fps: Ticks per second, above 0, up to 1000; None: real time. An episode begins at half that speed.
-        port: Port on 127.0.0.1; 0: any free one.
+        port: The port; 0: any free one.
+        host: Address of the interface to listen at; "0.0.0.0": all of them, as needed in a container.
+        allow_hosts: Further places "NAME:PORT" at which browsers reach the page, through a tunnel, a container's port
+            or a proxy.
         browser: Whether to open the page in a browser.
         record: Record the game in this new file; see outlast.record.
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
@@ -52,8 +59,9 @@ def play(
         NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
         UsageError: One of the others does not exist or cannot play there.
         RecordingError: The recording cannot be written.
-        PlayError: There is no such agent, the port is taken, websockets is not installed, or an event loop is already
-            running, as in a notebook.
+        PlayError: There is no such agent, the port is taken, the host is not one of this machine, an allowed place is
+            not of the form NAME:PORT, websockets is not installed, or an event loop is already running, as in a
+            notebook.
     """
     try:
         from .game import Game  # imported here, as they need websockets, which is optional
@@ -62,6 +70,7 @@ def play(
         package = str(error.name).partition(".")[0]
         raise PlayError(f"outlast play needs {package}: {install('play')}") from error
     _check(fps, port)
+    site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
     entries = checked_others(others)
     world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, OPTIONS), seed)
     players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
@@ -71,7 +80,7 @@ def play(
         announce(f"{world.name}: you are agent {agent} at {address}\nCtrl-C ends the game.", address, browser)
 
     with contextlib.closing(made), contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(made, fps or 1 / made.world["seconds"], port, opened))
+        asyncio.run(serve(made, fps or 1 / made.world["seconds"], site, opened))
 
 
 OPTIONS = tuple(play.__kwdefaults__ or ())  # names of its keyword-only arguments, which are not numbers of a scenario

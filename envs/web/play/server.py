@@ -1,4 +1,4 @@
-"""The server: the page over HTTP and the game over a websocket, at the same port of the loopback interface."""
+"""The server: the page over HTTP and the game over a websocket, at the same port."""
 
 import logging
 from collections.abc import AsyncIterator, Callable
@@ -13,7 +13,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ..assets import ICON, SHARED, STYLE, asset, constants
-from ..gate import LIVE, Gate, listen
+from ..gate import LIVE, REFUSED, Gate, Site, listening
 from .game import Game
 from .messages import LONGEST, SPEEDS
 from .session import Session
@@ -22,26 +22,26 @@ SCRIPTS = (*SHARED, "keys.js", "visible.js", "play.js")
 STYLES = (STYLE, "play.css")
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 CLOSE_TIMEOUT = 2  # seconds that a page has to answer when its websocket is closed
-REFUSED = "Not from here: open the address that `outlast play` printed.\n"
 
 
-async def play(game: Game, fps: float, port: int = 0, opened: Callable[[str], object] = lambda address: None) -> None:
-    """Serve `game` at `port` of 127.0.0.1 (0: any free one) until cancelled; `opened` is called with its address.
+async def play(
+    game: Game, fps: float, site: Site | None = None, opened: Callable[[str], object] = lambda address: None
+) -> None:
+    """Serve `game` at a site until cancelled; `opened` is called with the address.
 
-    fps: ticks per second. Raises PlayError if the port is not available.
+    fps: ticks per second. Raises PlayError if the site is not available.
     """
     session = Session(game, fps)
-    async with listening(session, port) as gate:
+    async with answering(session, site or Site()) as gate:
         opened(gate.address)
         await session.run()
 
 
 @asynccontextmanager
-async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
+async def answering(session: Session, site: Site) -> AsyncIterator[Gate]:
     """Answer requests for `session` until the context ends; then all sockets are closed."""
     parts = _parts()
-    with listen(port) as listener:
-        gate = Gate(listener.getsockname()[1])
+    with listening(site) as (listener, gate):
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             """Return the answer to a request; None to go on with the handshake of a websocket."""

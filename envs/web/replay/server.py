@@ -1,4 +1,4 @@
-"""A server, at a port of the loopback interface, of one page that plays episodes as they are made."""
+"""A server of one page that plays episodes as they are made."""
 
 import contextlib
 import json
@@ -12,14 +12,13 @@ from typing import Any, Protocol
 
 from ...inspect.trace import Json
 from ..assets import SHARED, STYLE, assemble
-from ..gate import HEADERS, Gate, listen
+from ..gate import HEADERS, REFUSED, Gate, Site, listening
 from .pack import PACKING
 from .write import PLAYING
 
 SCRIPTS = (*SHARED, *PLAYING, "watch.js")
 STYLES = (STYLE, "watch.css")
 PATIENCE = 10  # seconds that a request may take to arrive
-REFUSED = "Not from here: open the address that `outlast watch` printed.\n"
 logger = logging.getLogger(__name__)
 
 
@@ -34,24 +33,23 @@ class Feed(Protocol):
 
 
 @contextlib.contextmanager
-def serving(feed: Feed, title: str, port: int = 0) -> Iterator[str]:
-    """Serve the page at `port` of 127.0.0.1 (0: any free one) from threads of its own, until the context ends.
+def serving(feed: Feed, title: str, site: Site | None = None) -> Iterator[str]:
+    """Serve the page from threads of its own, until the context ends.
 
     Args:
         feed: The source of what the page shows.
         title: Title of the page.
-        port: The port.
+        site: Where it is served; None: at any free port of 127.0.0.1.
 
     Yields:
         The address to open.
 
     Raises:
-        PlayError: The port is not available.
+        PlayError: The site is not available.
     """
     # the page's policy lets only its inlined scripts run, and lets them connect to this server only
     page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING)
-    with listen(port) as listener:
-        gate = Gate(listener.getsockname()[1])
+    with listening(site or Site()) as (listener, gate):
         server = _Server(listener.getsockname(), _Handler, bind_and_activate=False)
         server.socket.close()
         server.socket = listener
