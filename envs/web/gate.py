@@ -8,9 +8,11 @@ websocket to any server.
 
 import contextlib
 import errno
+import logging
 import re
 import secrets
 import socket
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -23,10 +25,14 @@ ANY = ("0.0.0.0", "::")  # hosts to listen at that stand for all interfaces, and
 LIVE = "live"  # the path of the websocket, after the token
 USUAL = {"http": 80, "https": 443}  # ports that browsers leave out of addresses and headers
 PLACE = re.compile(r"([\w.-]+|\[[0-9a-f:.]+\]):([1-9]\d{0,4})", re.ASCII | re.IGNORECASE)  # NAME:PORT
+MOST = 32  # connections at once: each of a session's pages has one, and loads its files over a few more
+PAUSE = 0.1  # seconds without new connections if a descriptor is missing for one
+SCARCE = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 REFUSED = (
     "Not from here: open the address that outlast printed. Where a tunnel, a container or a proxy changes its name or "
     "port, start outlast with --allow-host NAME:PORT, as the address bar of the browser has them.\n"
 )
+logger = logging.getLogger(__name__)
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -128,8 +134,44 @@ class Gate:
         return HEADERS | {"Content-Security-Policy": "; ".join(f"{key} {value}" for key, value in policy.items())}
 
 
+class Listener(socket.socket):
+    """A listening socket that has at most MOST connections at once, and waits while descriptors are missing.
+
+    Servers report each connection that cannot be accepted: asyncio with a traceback for every attempt, thousands in a
+    second. Both are given the error by which they know that nobody is there (any more), and the log a line each.
+    """
+
+    def __init__(self, bound: socket.socket) -> None:
+        super().__init__(fileno=bound.detach())
+        self._accepted: list[socket.socket] = []
+        self._logged: set[str] = set()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Return a new connection. Raises BlockingIOError if there is none that can be had now."""
+        try:
+            connection, address = super().accept()
+        except OSError as error:
+            if error.errno not in SCARCE:
+                raise
+            self._log("no connection can be accepted (%s): new ones wait until others end", error.strerror)
+            time.sleep(PAUSE)
+            raise BlockingIOError from error
+        self._accepted = [each for each in self._accepted if each.fileno() >= 0]
+        if len(self._accepted) >= MOST:
+            connection.close()
+            self._log("%d connections are open: no more are accepted until some of them end", MOST)
+            raise BlockingIOError
+        self._accepted.append(connection)
+        return connection, address
+
+    def _log(self, text: str, *values: object) -> None:
+        if text not in self._logged:
+            self._logged.add(text)
+            logger.warning(text, *values)
+
+
 @contextlib.contextmanager
-def listening(site: Site) -> Iterator[tuple[socket.socket, Gate]]:
+def listening(site: Site) -> Iterator[tuple[Listener, Gate]]:
     """Listen at a site until the context ends; yield the socket and its access control.
 
     Raises PlayError if port or host are not available.
@@ -143,5 +185,5 @@ def listening(site: Site) -> Iterator[tuple[socket.socket, Gate]]:
         cure = "leave --port out for one that is free" if own else "--host takes an address of this machine"
         why = getattr(error, "strerror", None) or error
         raise PlayError(f"port {site.port} of {site.host} is not to be had: {why}; {cure}") from None
-    with bound as listener:
+    with Listener(bound) as listener:
         yield listener, Gate(listener.getsockname()[1], site)

@@ -4,6 +4,7 @@ import contextlib
 import http.client
 import socket
 import sys
+import time
 from email.message import Message
 from types import SimpleNamespace
 from urllib.parse import urlsplit
@@ -12,7 +13,7 @@ import pytest
 
 from outlast.envs.errors import PlayError
 from outlast.envs.web import gate
-from outlast.envs.web.gate import Gate, Site, listening
+from outlast.envs.web.gate import MOST, Gate, Site, listening
 from outlast.envs.web.replay.server import serving
 from tests.web.clients import HANDSHAKE, answer, served
 
@@ -193,6 +194,9 @@ def test_a_page_is_served_at_another_name_and_interface(game, kind, monkeypatch)
             socket.create_connection(("127.0.0.2", ports[0]), timeout=5).close()
 
 
+# ---- more connections than there is room for
+
+
 class Feed:
     """A run without anything to see."""
 
@@ -206,6 +210,59 @@ class Feed:
 def server(kind, game, site=None):
     """A server of a game or of a run."""
     return served(game, site=site) if kind == "play" else serving(Feed(), "a run", site)
+
+
+def complaints(caplog, capfd):
+    """What was logged, and what reached stderr."""
+    return [record.getMessage() for record in caplog.records], capfd.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["play", "watch"])
+def test_connections_beyond_a_limit_are_closed_and_reported_once(game, kind, caplog, capfd):
+    with server(kind, game) as address, contextlib.ExitStack() as crowd:
+        port = urlsplit(address).port
+        crowded = [crowd.enter_context(socket.create_connection(("127.0.0.1", port), 5)) for _ in range(2 * MOST)]
+        for late in crowded[MOST:]:
+            with contextlib.suppress(ConnectionError):  # closed, or reset
+                assert late.recv(1) == b""
+        for early in crowded[:MOST]:
+            early.close()
+        assert until_answered(address)
+    text = f"{MOST} connections are open: no more are accepted until some of them end"
+    assert complaints(caplog, capfd) == ([text], "")
+
+
+@pytest.mark.parametrize("kind", ["play", "watch"])
+def test_a_missing_descriptor_is_waited_for_and_reported_once(game, kind, caplog, capfd):
+    resource = pytest.importorskip("resource", reason="Windows has no limit of open files")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with server(kind, game) as address, socket.socket() as client:
+        assert answer(address)[0] == 200
+        client.settimeout(5)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))  # whatever is open stays so
+        try:
+            client.connect(("127.0.0.1", urlsplit(address).port))
+            deadline = time.monotonic() + 10
+            while not caplog.records and time.monotonic() < deadline:
+                time.sleep(0.02)
+            time.sleep(0.3)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert until_answered(address)
+    [text], err = complaints(caplog, capfd)
+    assert text == "no connection can be accepted (Too many open files): new ones wait until others end"
+    assert err == ""
+
+
+def until_answered(address):
+    """Whether it answers within some seconds."""
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            if answer(address)[0] == 200:
+                return True
+        time.sleep(0.05)
+    return False
 
 
 def test_only_loopback_is_bound(address):

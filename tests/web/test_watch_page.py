@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import http.client
 import json
 import socket
 import threading
@@ -153,6 +154,17 @@ def test_a_client_that_says_nothing_holds_up_nobody(place: str) -> None:
         begun = time.monotonic()
         assert answer(place)[0] == 200
         assert time.monotonic() - begun < PATIENCE / 2
+
+
+def test_an_error_is_logged_once_although_pages_repeat_their_requests(
+    place: str, run: Run, caplog: pytest.LogCaptureFixture
+) -> None:
+    run.status = lambda: 1 / 0  # type: ignore[method-assign, assignment, return-value]
+    for _ in range(3):
+        with pytest.raises(http.client.RemoteDisconnected):
+            answer(place, urlsplit(place).path + "status.json")
+    assert [record.message for record in caplog.records] == ["a request failed"]
+    assert "ZeroDivisionError" in caplog.text
 
 
 def test_only_loopback_is_bound_and_the_end_closes_it(run: Run) -> None:

@@ -53,7 +53,7 @@ def serving(feed: Feed, title: str, site: Site | None = None) -> Iterator[str]:
         server = _Server(listener.getsockname(), _Handler, bind_and_activate=False)
         server.socket.close()
         server.socket = listener
-        server.gate, server.answers = gate, _answers(feed, page)
+        server.gate, server.answers, server.logged = gate, _answers(feed, page), set()
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
         thread.start()
         try:
@@ -80,11 +80,16 @@ def _json(value: Json | None) -> bytes:
 class _Server(ThreadingHTTPServer):
     gate: Gate
     answers: dict[str, Callable[[], tuple[str, bytes]]]
+    logged: set[type[BaseException] | None]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Log an error in a request, unless it is an OSError: browsers drop connections as they like."""
+        """Log an error in a request, the first of each type, as pages repeat their requests.
+
+        OSErrors are left out: browsers drop connections as they like.
+        """
         error = sys.exception()
-        if not isinstance(error, OSError):
+        if not isinstance(error, OSError) and type(error) not in self.logged:
+            self.logged.add(type(error))
             logger.error("a request failed", exc_info=error)
 
 
