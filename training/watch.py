@@ -1,6 +1,7 @@
 """Watching a run while it goes on: episodes of its newest checkpoint, and the numbers of its log."""
 
 import base64
+import contextlib
 import itertools
 import logging
 import threading
@@ -11,7 +12,7 @@ from typing import Any
 
 from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.web.replay.pack import Room, pack
-from outlast.envs.web.replay.write import record_ticks
+from outlast.envs.web.replay.write import Recorded, record_ticks
 
 from . import log_file
 from .episode import episode
@@ -29,13 +30,13 @@ class RunWatcher:
     """A run in a folder, for a page: a Feed of outlast.envs.web.replay.server.
 
     Nothing is computed unless it is requested. A checkpoint that cannot be played is reported, and the newest one that
-    can is played instead.
+    can is played instead. The first episode is there from its first tick on, and grows; later ones are there as wholes.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.asked = 0.0  # when a page last asked, of time.monotonic()
-        self.recorded: Json | None = None  # the newest episode
+        self.recorded: Json | None = None  # the newest episode, see Feed
         self.source: tuple[Path, int] | None = None  # its checkpoint, and when that was written
         self.taken = False  # whether a page has fetched it
         self.differs = ""  # how what is played differs from what was trained in
@@ -89,8 +90,18 @@ class RunWatcher:
         path, _ = source
         try:
             with episode(path, seed=number, most=MOST) as played:
-                ticks = _until(stop, played.ticks)
-                data = pack([Room(played.scenario.name, record_ticks(played.worlds, ticks, [0]))])
+                game, differs = played.scenario.name, played.differs
+                known = {"number": number, "steps": _steps(path), "game": game}
+                self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
+
+                def grown(recorded: Recorded) -> None:
+                    """Publish the beginning of an episode at ticks 0, 1, 3, 7 and so on, if there is nothing else."""
+                    ticks = _ticks(recorded)
+                    if not ticks & (ticks - 1) and not (self.recorded and self.recorded["whole"]):
+                        self.recorded = _published(known, recorded, whole=False)
+
+                found = record_ticks(played.worlds, _until(stop, played.ticks), [0], after=grown)
+                made = _published(known, found, whole=True)
         except Exception as error:  # of the file, of the world: an older checkpoint may still play
             why = (str(error) or type(error).__name__).replace(str(path), "it")
             self.broken[source] = f"{path.name} cannot be played: {why}."
@@ -98,20 +109,15 @@ class RunWatcher:
             return
         if stop.is_set():
             return
-        game, differs = played.scenario.name, played.differs
-        self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
-        known = {"number": number, "steps": _steps(path), "game": game}
-        self.recorded = known | {"data": base64.b64encode(data).decode()}
-        self.source, self.taken = source, False
+        self.recorded, self.source, self.taken = made, source, False
 
     def _checkpoints(self) -> list[tuple[Path, int]]:
         """The checkpoints and when they were written (nanoseconds since 1970), the newest first."""
         found = []
-        for path in reversed(checkpoints(self.folder)):
-            try:
-                found.append((path, path.stat().st_mtime_ns))
-            except OSError:  # it was removed meanwhile
-                continue
+        with contextlib.suppress(OSError):  # the folder cannot be read now
+            for path in reversed(checkpoints(self.folder)):
+                with contextlib.suppress(OSError):  # it was removed a moment ago
+                    found.append((path, path.stat().st_mtime_ns))
         return found
 
     def _waiting(self, found: list[tuple[Path, int]]) -> str:
@@ -165,6 +171,17 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
     size = max(1, -(-len(points) // POINTS))
     parts = [points[k : k + size] for k in range(0, len(points), size)]
     return [(part[-1][0], sum(value for _, value in part) / len(part)) for part in parts]
+
+
+def _ticks(recorded: Recorded) -> int:
+    """How many ticks the only world has, with that of the reset."""
+    return sum(len(episode.rows) for episodes in recorded.values() for episode in episodes)
+
+
+def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
+    """An episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
+    data = base64.b64encode(pack([Room(known["game"], recorded)])).decode()
+    return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
 
 
 def _steps(path: Path) -> int:

@@ -67,6 +67,11 @@ def add(folder: Path, steps: int, policy: Path) -> Path:
     return (folder / "new").replace(folder / CHECKPOINT.format(steps))
 
 
+def whole(watcher: RunWatcher) -> bool:
+    """Whether the newest episode is there to its end."""
+    return bool(watcher.recorded and watcher.recorded["whole"])
+
+
 def until(watcher: RunWatcher, condition: Callable[[Any], bool]) -> Any:
     """The first status for which the condition holds."""
     deadline = time.monotonic() + 60
@@ -93,15 +98,57 @@ def test_it_waits_for_the_first_checkpoint_and_plays_it(watched: RunWatcher, fol
     status = until(watched, lambda status: bool(status["episode"]))
     assert (status["message"], status["newest"]["steps"]) == ("", 1024)
     assert 0 <= status["newest"]["age"] < 60
+    until(watched, lambda status: whole(watched))
     found = watched.episode()
     assert found is not None
-    assert (found["steps"], found["game"]) == (1024, "teams_3")
+    assert (found["steps"], found["game"], found["ticks"]) == (1024, "teams_3", 41)
     assert base64.b64decode(found["data"])[:2] == b"\x1f\x8b"
+
+
+def test_the_first_episode_grows_and_later_ones_are_whole(
+    watched: RunWatcher, folder: Path, policy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page has a picture after the first tick, and need not wait for a whole episode."""
+    published, published_as = list[tuple[int, int, bool]](), watch._published
+
+    def note(known: Any, *recorded: Any, **more: Any) -> Any:
+        made = published_as(known, *recorded, **more)
+        published.append((made["number"], made["ticks"], made["whole"]))
+        return made
+
+    monkeypatch.setattr(watch, "_published", note)
+    add(folder, 1024, policy)
+    until(watched, lambda status: whole(watched))
+    watched.episode()
+    until(watched, lambda status: status["episode"]["number"] == 2)
+    beginnings = [(1, ticks, False) for ticks in (1, 2, 4, 8, 16, 32)]
+    assert published[:8] == [*beginnings, (1, 41, True), (2, 41, True)]
+
+
+def test_a_first_episode_that_breaks_off_is_replaced_by_one_of_an_older_checkpoint(
+    watched: RunWatcher, folder: Path, policy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = list[None]()
+
+    def broken(stop: threading.Event, ticks: Iterator[int]) -> Iterator[int]:
+        begun.append(None)
+        for tick in ticks:
+            if len(begun) == 1 and tick == 3:
+                raise RuntimeError("a fault in this world")
+            yield tick
+
+    monkeypatch.setattr(watch, "_until", broken)
+    for steps in (1024, 2048):
+        add(folder, steps, policy)
+    status = until(watched, lambda status: whole(watched))
+    assert status["message"] == f"{CHECKPOINT.format(2048)} cannot be played: a fault in this world."
+    assert status["episode"] == {"number": 2, "steps": 1024}
 
 
 def test_another_episode_is_played_when_one_was_taken(watched: RunWatcher, folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
-    first = until(watched, lambda status: bool(status["episode"]))["episode"]["number"]
+    until(watched, lambda status: whole(watched))
+    first = watched.status()["episode"]["number"]
     time.sleep(0.3)
     assert watched.status()["episode"]["number"] == first  # nobody took it
     one, again = watched.episode(), watched.episode()

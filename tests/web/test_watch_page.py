@@ -49,13 +49,14 @@ class Run:
         self.asked.append("episode")
         return self.made
 
-    def make(self, number: int, steps: int, length: int = 12) -> None:
-        """An episode of a checkpoint of so many steps is there."""
+    def make(self, number: int, steps: int, length: int = 12, whole: bool = True) -> None:
+        """An episode of a checkpoint of so many steps is there, or its first `length` ticks."""
         env = outlast.make_vec("ffa_2", 1, seed=number)
         data = pack([Room("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))])
         self.newest = {"steps": steps, "age": 200.0}
         encoded = base64.b64encode(data).decode()
-        self.made = {"number": number, "steps": steps, "game": "ffa_2", "data": encoded}
+        known = {"number": number, "steps": steps, "game": "ffa_2", "data": encoded}
+        self.made = known | {"ticks": length + 1, "whole": whole}
 
 
 @pytest.fixture
@@ -231,6 +232,28 @@ def test_it_waits_and_then_plays(opened: Any, run: Run) -> None:
     assert page.inner_text("h1") == f"ffa_2: {TITLE}"
 
 
+@pytest.mark.parametrize("motion", ["no-preference", "reduce"])
+def test_the_first_episode_is_shown_from_its_first_tick_and_goes_on(opened: Any, run: Run, motion: str) -> None:
+    run.make(1, 1024, length=0, whole=False)
+    page = opened(reduced_motion=motion)
+    wait(page, "window.outlast")
+    assert page.is_hidden(".empty")
+    assert page.inner_text("#length") == "0"
+    page.keyboard.type("---")  # so slow that no end is reached
+    run.make(1, 1024, length=90, whole=False)
+    wait(page, "document.querySelector('#length').textContent === '90'")
+    if motion == "reduce":  # nothing moves by itself
+        assert not page.evaluate("outlast.state.playing")
+        page.keyboard.press(" ")
+    wait(page, "outlast.state.playing && outlast.state.at > 1")
+    run.make(1, 1024, length=180)
+    wait(page, "document.querySelector('#length').textContent === '180'")
+    assert page.evaluate("outlast.state.playing && outlast.state.at") > 1  # it went on where it was
+    page.keyboard.press(" ")
+    page.wait_for_timeout(100)
+    assert not page.evaluate("outlast.state.playing")
+
+
 @pytest.mark.nightly
 def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
     run.make(1, 1024)
@@ -284,7 +307,7 @@ def test_who_has_stopped_it_is_asked(opened: Any, run: Run) -> None:
     page.keyboard.press("ArrowLeft")
     run.make(2, 2048, length=60)
     page.wait_for_selector(".run > button:visible")
-    assert "newest: 2,048, 3 min ago" in shown(page)
+    assert "newest: 2,048 agent-steps, 3 min ago" in shown(page)
     assert page.inner_text("#length") == "40"
     page.click(".run > button")
     wait(page, "document.querySelector('#length').textContent === '60'")

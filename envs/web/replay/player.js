@@ -191,12 +191,13 @@ const Player = { start: async (base64, { linked = false } = {}) => {
     Dom.say(copied ? "The link to this tick is copied." : "This browser copies nothing here: the address bar has the link.");
   }
 
-  // Another recording in place of this one; speed, views and the followed agent stay.
-  async function load(base64) {
-    const others = await Recording.open(base64);
+  // Another recording in place of this one; speed, views and the followed agent stay. on: whether it is the same with
+  // more ticks, in which it goes on where it is, and plays unless it was paused.
+  async function load(base64, on = false) {
+    const others = await Recording.open(base64), plays = !on || state.playing || (atEnd() && !Viewport.still());
     rooms.forEach((each, n) => each.load(others[n]));
-    choose(0, 0);
-    play();
+    choose(0, 0, on ? state.at : 0);
+    if (plays) play();
   }
 
   const atEnd = () => !state.playing && last() && row() === ticks() - 1;

@@ -29,7 +29,10 @@ class Feed(Protocol):
         """Return the state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
 
     def episode(self) -> Json | None:
-        """Return the newest episode, {number, steps, game, data: base64 of `pack`}; None if there is none yet."""
+        """Return the newest episode, {number, steps, game, ticks, whole, data: base64 of `pack`}; None: none yet.
+
+        ticks: how many it has so far; whole: whether these are all.
+        """
 
 
 @contextlib.contextmanager

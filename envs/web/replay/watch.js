@@ -1,6 +1,7 @@
 // Watching a run: plays its newest checkpoint, episode after episode, and shows the numbers of the run beside it.
 (() => {
-  const EVERY = 2000, REST = 1500; // milliseconds: between looks at the run; from the end of an episode to the next one
+  // milliseconds: between looks at the run, and while an episode is not whole; from the end of an episode to the next one
+  const EVERY = 2000, SOON = 500, REST = 1500;
   const SVG = "http://www.w3.org/2000/svg", WIDE = 100, HIGH = 26;
   const LOST = "There is no answer: is outlast watch still running?";
   const { $ } = Dom;
@@ -40,21 +41,22 @@
       if (!found) return;
       status = found;
       describe();
-      if (!player && status.episode) await next();
+      if (status.episode && !shown?.whole) await next();
     } finally {
-      timer = setTimeout(look, EVERY);
+      timer = setTimeout(look, shown?.whole ? EVERY : SOON);
     }
   }
 
-  // The newest episode, or if there is no other one yet, the same again.
+  // The newest episode: another one, or more of the same, which goes on, or if there is no more of it, the same again.
   async function next() {
     if (busy) return;
     busy = true;
     try {
-      const episode = await get("episode.json");
-      if (shown && episode.number === shown.number) player.play();
-      else {
-        if (player) await player.load(episode.data);
+      const episode = await get("episode.json"), same = shown?.number === episode.number;
+      if (same && shown.ticks === episode.ticks && shown.whole === episode.whole) {
+        if (shown.whole) player.play();
+      } else {
+        if (player) await player.load(episode.data, same);
         else await begin(episode.data);
         shown = status.episode = episode;
         Dom.write(playing, `${steps(shown.steps)} agent-steps`);
@@ -98,7 +100,7 @@
     const { newest, episode } = status;
     if (newest) {
       const same = shown && shown.steps === newest.steps;
-      Dom.write(about, same ? `saved ${ago(newest.age)}` : `newest: ${steps(newest.steps)}, ${ago(newest.age)}`);
+      Dom.write(about, same ? `saved ${ago(newest.age)}` : `newest: ${steps(newest.steps)} agent-steps, ${ago(newest.age)}`);
     }
     skip.hidden = !shown || !episode || episode.steps === shown.steps;
   }

@@ -2,7 +2,7 @@
 
 import base64
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from outlast.components import Side
@@ -21,6 +21,8 @@ PLAYING = (
     *("facts.js", "room.js", "address.js", "controls.js", "player.js"),
 )
 SCRIPTS = (*SHARED, *PLAYING, "replay.js")
+
+Recorded = dict[int, list[EpisodeTrack]]  # episodes by the number of their world
 
 
 def write_page(
@@ -62,18 +64,25 @@ def page_html(rooms: Sequence[Room], title: str) -> str:
 
 
 def record_ticks(
-    worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], replay: Replay | None = None
-) -> dict[int, list[EpisodeTrack]]:
-    """Return the episodes of each `chosen` world by its number, as far as the ticks go. chosen: rows of the tables.
+    worlds: Worlds,
+    ticks: Iterable[object],
+    chosen: Sequence[int],
+    replay: Replay | None = None,
+    after: Callable[[Recorded], object] = lambda recorded: None,
+) -> Recorded:
+    """Return the episodes of each `chosen` world, as far as the ticks go. chosen: rows of the tables.
 
     A world whose clock stands still was not run, so nothing is recorded; if its clock jumps, an episode starts.
     replay: the replay that runs the worlds, if one does. It may have a policy to show; its episodes count from 1.
+    after: called after each tick with what has been recorded so far.
     """
-    recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
-    _check(worlds, recorded)
+    rows = {int(w): list[EpisodeTrack]() for w in chosen}
+    _check(worlds, rows)
+    first = 0 if replay is None else replay.recording.first_world
+    recorded = {first + w: episodes for w, episodes in rows.items()}
     clocks: dict[int, tuple[int, ...]] = {}
     for _ in ticks:
-        for w, episodes in recorded.items():
+        for w, episodes in rows.items():
             clock = tuple(int(column[w, 0]) for column in worlds[Clock])
             # a world that is reset twice in a row may have the same clock, but in another episode
             if replay is not None:
@@ -88,8 +97,8 @@ def record_ticks(
             clocks[w] = clock
             thoughts = None if replay is None or replay.policy is None else replay.policy[w]
             episodes[-1].add(snapshot(worlds, w), events(worlds, w), thoughts)
-    first = 0 if replay is None else replay.recording.first_world
-    return {first + w: episodes for w, episodes in recorded.items()}
+        after(recorded)
+    return recorded
 
 
 def _entities(worlds: Worlds, replay: Replay | None) -> Json:
