@@ -198,7 +198,7 @@ def test_letting_go_elsewhere_is_letting_go(page, game):
 
 
 @pytest.mark.nightly
-def test_a_second_page_watches(page, game, browser):
+def test_a_second_page_watches_and_may_take_over(page, game, browser):
     with browser.new_context() as context:
         other = context.new_page()
         other.goto(page.url)
@@ -209,6 +209,14 @@ def test_a_second_page_watches(page, game, browser):
         page.keyboard.press("q")
         shows(other, 3)
         assert game.worlds[Clock].episode[0, 0] == 1
+        assert page.is_hidden("#steer")
+        other.click("#steer")
+        page.wait_for_selector("#steer:visible")
+        assert "Another page steers" in page.inner_text("#badge")
+        assert other.is_hidden("#steer")
+        other.keyboard.press("r")
+        card(other, "ready")
+        assert game.worlds[Clock].episode[0, 0] == 2
 
 
 def test_the_page_cannot_be_made_to_talk_to_others(browser, game):

@@ -98,6 +98,25 @@ def test_the_first_page_steers_and_the_next_one_takes_over(address, game):
         third.until(lambda state: state["phase"] == "running")
 
 
+def test_a_page_that_watches_may_take_over(address, game):
+    with Page(address) as first, Page(address) as second, Page(address) as third:
+        for page in (first, second, third):
+            page.receive()
+        first.send(held={"ahead": 1}, tapped={})
+        third.until(lambda state: state["snapshot"]["tick"] > 3)
+        third.send(command="steer")
+        assert third.until(lambda state: state["steers"])["phase"] == "paused"
+        assert first.until(lambda state: not state["steers"])["phase"] == "paused"
+        assert game.action() == [1, 1, 1, 0, 0, 0]  # the keys of the first page are up
+        third.send(command="steer")  # it does already
+        third.send(command="resume")
+        third.until(lambda state: state["phase"] == "running")
+        third.socket.close()
+        assert first.until(lambda state: state["steers"])["phase"] == "paused"  # they stay in order
+        second.send(command="steer")
+        assert second.until(lambda state: state["steers"])["phase"] == "paused"
+
+
 def test_a_crowd_is_refused_politely(address):
     with contextlib.ExitStack() as crowd:
         for _ in range(MAX_PAGES):

@@ -8,7 +8,8 @@ from typing import Any
 from ...errors import MessageError
 
 LONGEST = 512  # bytes of a message: more than the longest valid one
-COMMANDS = ("begin", "pause", "resume", "restart")
+STEER = "steer"  # the command by which a page takes over
+COMMANDS = ("begin", "pause", "resume", "restart", STEER)
 SPEEDS = (0.25, 0.5, 1, 2, 4)
 
 Choices = Mapping[str, int]

@@ -9,7 +9,7 @@ from websockets.exceptions import ConnectionClosed
 
 from ...errors import MessageError
 from .game import Game
-from .messages import Command, Message, Speed, Steer, parse
+from .messages import STEER, Command, Message, Speed, Steer, parse
 
 MAX_PAGES = 8
 POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry
@@ -18,8 +18,8 @@ POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and t
 class Session:
     """Runs `game` at `fps` ticks per second, times the speed that the person chose, times Game.pace.
 
-    The page that was opened first steers, and later ones watch; when it leaves, the next one steers. Without pages the
-    world stands still.
+    The first of `pages` steers, and the others watch: the one that was opened first, or that took over last. When it
+    leaves, the next one steers. Without pages the world stands still.
     """
 
     def __init__(self, game: Game, fps: float) -> None:
@@ -62,7 +62,9 @@ class Session:
                 except MessageError as error:
                     await page.close(POLICY_VIOLATION, str(error))
                     return
-                if page is self.pages[0]:
+                if message == Command(STEER):
+                    self._lead(page)
+                elif page is self.pages[0]:
                     self._apply(message)
 
     async def _send(self, page: ServerConnection) -> None:
@@ -89,12 +91,23 @@ class Session:
                 {"begin": game.begin, "pause": game.pause, "resume": game.resume, "restart": game.restart}[name]()
         self._notify()
 
+    def _lead(self, page: ServerConnection) -> None:
+        """Let a page steer in place of the one that does."""
+        if page is not self.pages[0]:
+            self._release()
+            self.pages.sort(key=lambda each: each is not page)
+            self._notify()
+
     def _leave(self, page: ServerConnection) -> None:
         if page is self.pages[0]:
-            self.game.hold({}, {})
-            self.game.pause()
+            self._release()
         self.pages.remove(page)
         self._notify()
+
+    def _release(self) -> None:
+        """Let go of the keys, and wait for whoever steers next."""
+        self.game.hold({}, {})
+        self.game.pause()
 
     def _notify(self) -> None:
         """Wake up everything that waits for this update; the next update gets a new event."""
