@@ -1,7 +1,7 @@
 """Errors of the engine. Each message says what is wrong, what was expected and how to correct it."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import PurePath
 from types import FunctionType
 
@@ -24,6 +24,17 @@ def did_you_mean(
     """
     close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
     return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""
+
+
+def meant(name: object, known: Collection[str], beside: Iterable[str] = ()) -> str:
+    """Return the hint for an unknown name, such as that of a number: the near misses, or else all known names.
+
+    Args:
+        name: The name that was given.
+        known: The names that exist.
+        beside: Further names that may have been meant, but are not listed.
+    """
+    return did_you_mean(name, [*beside, *known]) or f"known: {', '.join(known)}"
 
 
 def place(function: FunctionType, line: int) -> str:

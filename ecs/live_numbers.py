@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import NumberError, did_you_mean
+from .errors import NumberError, meant
 from .layout import Layout
 from .made_once import reasons
 from .module import Module
@@ -36,8 +36,7 @@ def changed_modules(
     known, found = owners(present), list(present)
     for name, value in numbers.items():
         if name not in known:
-            hint = did_you_mean(name, known, after=" ")
-            raise NumberError(f"there is no number '{name}' here; {hint}known: {', '.join(known)}")
+            raise NumberError(f"there is no number '{name}' here; {meant(name, known)}")
         k, own = known[name]
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):

@@ -16,7 +16,7 @@ import numpy as np
 
 from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
-from .errors import NumberError
+from .errors import NumberError, meant
 from .fields import Field
 from .made_once import differences, is_read, reasons
 from .numbers import owners, rule_of
@@ -124,7 +124,7 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
     found: dict[str, VariedNumber] = {}
     for name in sorted(distributions):
         if name not in known:
-            raise NumberError(f"there is no number '{name}' to vary; known: {', '.join(known)}")
+            raise NumberError(f"there is no number '{name}' to vary; {meant(name, known)}")
         k, field = known[name]
         kind, distribution = type(getattr(modules[k], field)), distributions[name]
         check_kind(name, kind, distribution, rule_of(modules[k], field).get("free", False))

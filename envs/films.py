@@ -24,7 +24,7 @@ from .rendering.video.footage import check_pictures
 from .rendering.video.writer import ending
 from .rollout.local import ticks
 from .rollouts import worlds_of
-from .scenarios.naming import resolve
+from .scenarios.naming import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 
 LOGGER = logging.getLogger(__name__)
@@ -55,6 +55,7 @@ class Looks:
     fps: int = FPS
 
 
+@checks_keywords
 def film(
     game: str | os.PathLike[str] | Scenario | Recording,
     out: str | os.PathLike[str],
@@ -124,7 +125,7 @@ def film(
         with contextlib.closing(Replay(recording)) as replay:
             shown, played = _replayed(replay, steps, worlds, looks)
             return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
-    asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, OPTIONS)  # type: ignore[arg-type]
+    asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, options_of(film))  # type: ignore[arg-type]
     count = _count(worlds, looks)
     env, act, _ = worlds_of(asked, policy or "scripted", others, count, seed=seed or 0)
     with contextlib.closing(env):
@@ -146,9 +147,6 @@ def _check(steps: Any, mosaic: Any, views: Any) -> None:
         raise FilmError(str(error)) from None
     if not isinstance(views, str):
         raise FilmError(f'views = {views!r}: a text is needed, as in "+vision,-scores"')
-
-
-OPTIONS = tuple(film.__kwdefaults__ or ())  # names of its keyword-only arguments, which are not numbers of a scenario
 
 
 def write_film_of(

@@ -24,7 +24,7 @@ from .rollout.memory import check_memories
 from .rollout.mixture import Entries, Mixture, checked_entries
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
-from .scenarios.naming import resolve
+from .scenarios.naming import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 from .storage.interrupts import left_whole
 
@@ -36,6 +36,7 @@ Play = Callable[[int, int, Progress], Summary]  # takes `steps`, `episodes` and 
 WORLDS = 1024  # how many worlds play by default
 
 
+@checks_keywords
 def rollout(
     game: str | Scenario | SurvivalVectorEnv,
     policy: Other = "random",
@@ -124,7 +125,7 @@ def rollout(
         else:
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1}
             settings |= {"specialize": specialize, "interpret": interpret}
-            made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
+            made = worlds_of(resolve(game, numbers, options_of(rollout)), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
         files: dict[str, Any] = {
             "record": record,
@@ -139,10 +140,6 @@ def rollout(
         except KeyboardInterrupt as stop:
             stopped = stop  # raised after the files are closed, so that they are complete
     raise stopped
-
-
-# names of its keyword-only arguments, which are not numbers of a scenario
-OPTIONS = tuple(rollout.__kwdefaults__ or ())
 
 
 def worlds_of(

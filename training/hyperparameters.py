@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.errors import meant
 from outlast.ecs.whole import as_whole
 
 from .errors import TrainingError
@@ -69,8 +69,7 @@ class Hyperparameters:
         """A copy with other settings. Raises TrainingError for unknown names and impossible values."""
         for name in settings:
             if name not in KINDS:
-                hint = did_you_mean(name, KINDS, after=" ")
-                raise TrainingError(f"PPO has no number '{name}'; {hint}it has: {', '.join(KINDS)}")
+                raise TrainingError(f"PPO has no number '{name}'; {meant(name, KINDS)}")
         return replace(self, **settings)
 
 

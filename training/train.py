@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import checked_entries, parse_mixture
 from outlast.envs.rollout.saved import newest
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
 from .annealing import Anneal, parse_anneal
@@ -19,8 +19,6 @@ from .live_view import LiveView
 from .log_file import NAME, read_log
 from .run import TrainingRun
 from .workload import Workload
-
-OPTIONS = (*(each.name for each in fields(TrainingConfig)), "folder", "resume", "film", "cluster", "quiet")
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class TrainedRun:
     logged: dict[str, float]
 
 
+@checks_keywords
 def train(
     scenario: str | Scenario,
     folder: str | Path | None = None,
@@ -119,7 +118,7 @@ def train(
     for name in numbers.keys() & KINDS.keys():
         raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
     config = TrainingConfig(
-        resolve(scenario, numbers, OPTIONS),
+        resolve(scenario, numbers, options_of(train)),
         preset,
         steps,
         seed,

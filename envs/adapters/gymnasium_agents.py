@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode
 from ..core.agents import present
 from ..core.spaces import statistics
 from ..core.validation import Array, renamed
+from ..scenarios.naming import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import PerAgentVectorEnv, requested
 
@@ -53,6 +54,7 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
         return {"statistics": self._statistics(found), "_statistics": self._spread(done) & there}
 
 
+@checks_keywords
 def make_agents(
     scenario: str | Scenario,
     num_worlds: int,

@@ -22,7 +22,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
-from ..scenarios.naming import resolve
+from ..scenarios.naming import options_of, resolve
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 
@@ -51,7 +51,7 @@ def requested(
         if "ending_limit" not in scenario.numbers():
             raise NumberError(f"max_episode_steps: {scenario.name} has no mechanic Ending, whose ending_limit that is")
         numbers = numbers | {"ending_limit": max_episode_steps}
-    return resolve(scenario, numbers, make.__kwdefaults__ or ())
+    return resolve(scenario, numbers, options_of(make))
 
 
 class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):

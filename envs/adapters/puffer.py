@@ -11,6 +11,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
 from ..rendering.notebook import Pictured
+from ..scenarios.naming import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .per_agent import requested
@@ -24,6 +25,7 @@ Infos = list[dict[str, list[float]]]
 Outcome = tuple[Array, Array, Array, Array, Infos]
 
 
+@checks_keywords
 def make_puffer(
     scenario: str | Scenario,
     num_worlds: int,

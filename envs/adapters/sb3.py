@@ -10,6 +10,7 @@ from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
+from ..scenarios.naming import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv
@@ -24,6 +25,7 @@ except ImportError as error:
     ) from error
 
 
+@checks_keywords
 def make_sb3(
     scenario: str | Scenario,
     num_worlds: int,

@@ -18,6 +18,7 @@ from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
+from ..scenarios.naming import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import requested
 
@@ -38,6 +39,7 @@ Groups = str | Mapping[str, Sequence[str]]
 STEP = exclusive(SurvivalVectorEnv._step)  # a step that worlds can be left out of
 
 
+@checks_keywords
 def make_torchrl(
     scenario: str | Scenario,
     num_worlds: int,

@@ -4,12 +4,13 @@ from collections.abc import Collection
 
 from gymnasium.vector import AutoresetMode
 
-from ..scenarios.naming import resolve
+from ..scenarios.naming import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Number, Scenario
 from .validation import renamed
 from .vector_env import SurvivalVectorEnv
 
 
+@checks_keywords
 def make_vec(
     scenario: str | Scenario,
     num_worlds: int,
@@ -64,7 +65,7 @@ def make_vec(
     """
     autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalVectorEnv(
-        resolve(scenario, numbers, OPTIONS),
+        resolve(scenario, numbers, options_of(make_vec)),
         num_worlds,
         seed=seed,
         threads=threads,
@@ -80,7 +81,3 @@ def make_vec(
         specialize=specialize,
         interpret=interpret,
     )
-
-
-# names of its keyword-only arguments, which are not numbers of a scenario
-OPTIONS = tuple(make_vec.__kwdefaults__ or ())

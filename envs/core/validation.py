@@ -1,6 +1,5 @@
 """Checks of what callers pass in, before anything changes: counts, seeds, masks, actions."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -10,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 from outlast.ecs.whole import is_whole
 
 from ..errors import ActionError
+from ..scenarios.renamed import warn
 
 Array = np.ndarray[Any, Any]
 
@@ -43,7 +43,7 @@ def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
     """Return `value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
     if old not in options:
         return value
-    warnings.warn(f"the keyword {old} is now called {new}", DeprecationWarning, stacklevel=3)
+    warn(old, new, "the keyword {} is now called {}")
     return options.pop(old)
 
 

@@ -2,9 +2,12 @@
 
 import ast
 import dataclasses
+import difflib
+import functools
+import inspect
 import re
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, ParamSpec, TypeVar
 
 from outlast.ecs import Distribution, Module, NumberError
 from outlast.ecs.distributions import from_plain
@@ -18,6 +21,8 @@ from .plugins import installed, scenario_of_package
 from .scenario import Number, Scenario
 from .variants import ALIASES, VARIANTS, variant
 
+Params = ParamSpec("Params")
+Result = TypeVar("Result")
 NAME = re.compile(r"(?P<place>.+\.(py|json)|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
 MECHANIC = re.compile(r"((?P<place>.+\.py|[\w.]+):)?(?P<name>\w+)(?P<numbers>\(.*\))?", re.DOTALL)
 OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
@@ -53,6 +58,33 @@ def named(text: str) -> Scenario:
         hint = did_you_mean(place, known, after=" ")
         raise ScenarioError(f"there is no variant '{place}'; {hint}known: {', '.join(known)}; {OWN}")
     return ablated(found, ablations) if ablations else found
+
+
+def checks_keywords(make: Callable[Params, Result]) -> Callable[Params, Result]:
+    """Decorate a function that takes numbers of a scenario as keywords.
+
+    A keyword that misspells a required argument would be taken for a number, and Python would only say that the
+    argument is missing: instead, KeywordError names both.
+    """
+    needed = [
+        name
+        for name, each in inspect.signature(make).parameters.items()
+        if each.kind is each.POSITIONAL_OR_KEYWORD and each.default is each.empty
+    ]
+
+    @functools.wraps(make)
+    def checked(*given: Params.args, **keywords: Params.kwargs) -> Result:
+        for name in needed[len(given) :]:
+            if name not in keywords and (close := difflib.get_close_matches(name, keywords, 1)):
+                raise KeywordError(f"unexpected keyword argument {close[0]!r}: did you mean {name}?")
+        return make(*given, **keywords)
+
+    return checked
+
+
+def options_of(make: Callable[..., Any]) -> tuple[str, ...]:
+    """Return the names of a function's own arguments, which are not numbers of a scenario."""
+    return tuple(name for name, each in inspect.signature(make).parameters.items() if each.kind is not each.VAR_KEYWORD)
 
 
 def resolve(

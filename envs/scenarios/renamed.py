@@ -83,9 +83,9 @@ def current(given: dict[str, Any], table: dict[str, str], known: Collection[str]
     }
 
 
-def warn(old: str, new: str) -> None:
+def warn(old: str, new: str, text: str = "the name {} is now {}") -> None:
     """Issue a DeprecationWarning at the line outside outlast that uses the old name."""
     frame, level = sys._getframe(), 1
     while frame.f_back and frame.f_globals["__name__"].partition(".")[0] == "outlast":
         frame, level = frame.f_back, level + 1
-    warnings.warn(f"the name {old} is now {new}", DeprecationWarning, stacklevel=level)
+    warnings.warn(text.format(old, new), DeprecationWarning, stacklevel=level)

@@ -21,16 +21,22 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import all_replaced, as_file_name, by_full_name, defaults, following, in_full, leaders, numbers, titles
+from .changes import (
+    all_replaced,
+    as_file_name,
+    by_full_name,
+    defaults,
+    find_number,
+    following,
+    leaders,
+    numbers,
+    titles,
+)
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
 LOGGER = logging.getLogger("outlast")
-ELSEWHERE = {  # names that users take for numbers, and what to use instead
-    "max_episode_steps": "the time limit of a scenario is its number ending_limit. ",
-    "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else. ",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -374,14 +380,7 @@ class Scenario:
 
         NumberError if there is none; its hint also considers the `options` of a function.
         """
-        for key in (in_full(asked), renamed.NUMBERS.get(in_full(asked), "")):
-            for module in self.modules:
-                name = key.removeprefix(f"{module.name}_")
-                if name != key and any(item.name == name for item in dataclasses.fields(module)):
-                    return module.name, name
-        known = self.known_numbers()
-        hint = ELSEWHERE.get(asked) or did_you_mean(asked, [*options, *known], after=" ")
-        raise NumberError(f"{self.name} has no number '{asked}'; {hint}known: {', '.join(known)}")
+        return find_number(self, asked, options)
 
     def known_numbers(self) -> list[str]:
         """Return every name that `replace` takes, without those of earlier versions: "melee_damage", "n_agents"."""

@@ -1,5 +1,6 @@
 """The public API: what `outlast` exports, documents and types is one and the same, and importing it changes nothing."""
 
+import inspect
 import os
 import re
 import subprocess
@@ -113,6 +114,23 @@ assert state == numpy.random.get_state()[1].tolist()
 assert logging.getLogger("outlast").handlers == []
 assert not {"cv2", "matplotlib", "torch", "stable_baselines3"} & sys.modules.keys(), "loaded without need"
 """
+
+
+def test_a_misspelt_argument_is_not_taken_for_a_number() -> None:
+    """Every public function that takes a game with its numbers, as far as the extras are installed."""
+    members = [getattr(outlast, name, None) for name in outlast.__all__ if name != "role"]
+    functions = [
+        each for each in members if inspect.isfunction(each) and "numbers" in inspect.signature(each).parameters
+    ]
+    assert {outlast.make_vec, outlast.rollout, outlast.film} <= {*functions}
+    for function in functions:
+        arguments = inspect.signature(function).parameters
+        needed = [key for key, each in arguments.items() if each.default is each.empty and key != "numbers"]
+        for key in arguments.keys() - {"numbers"}:
+            given, misspelt = dict.fromkeys({*needed} - {key}, "ffa_1"), f"{key[:1]}{key[2:]}"
+            message = rf"argument '{misspelt}'.*did you mean .*\b{key}\b.*\?$"
+            with pytest.raises(outlast.errors.KeywordError, match=message):
+                function(**given, **{misspelt: 1})
 
 
 def test_importing_changes_nothing_and_environments_print_nothing(tmp_path: Path) -> None:

@@ -248,8 +248,9 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "two kinds of sides": (
         lambda: outlast.Scenario("both", (outlast.systems.FreeForAll(), Teams())), ScenarioError, "both", "FreeForAll",
     ),
-    "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage", "zone_damage"),
-    "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "known: agents_count"),
+    "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage or melee_reach?"),
+    "number like no other": (teams(colour=3), NumberError, "'colour'", "known: agents_count"),
+    "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "did you mean"),
     "number of an absent module": (
         lambda: variant("ffa_1").replace(boxes_count=3), NumberError, "'boxes_count'", "heals_count",
     ),

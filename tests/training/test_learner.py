@@ -238,7 +238,7 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         ("batch_size=64.5", "batch_size=64.5: a whole number like 512 is needed"),
         ("anneal_lr=perhaps", "anneal_lr=perhaps: true or false is needed"),
         ("scale_rewards=2", "scale_rewards=2: true or false is needed"),
-        ("normalise=1", "PPO has no number 'normalise'; it has: learning_rate, anneal_lr, batch_size"),
+        ("normalise=1", "PPO has no number 'normalise'; known: learning_rate, anneal_lr, batch_size"),
         ("gamma", "gamma: a number like 0.99 is needed"),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from outlast.envs.recording import record
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
 from ..errors import TrainingError
@@ -17,9 +17,8 @@ from .contenders import Given, contenders
 from .evaluation import Evaluation
 from .showcase import show_pairing
 
-OPTIONS = ("policies", "episodes", "worlds", "seed", "threads", "out", "film", "quiet")
 
-
+@checks_keywords
 def evaluate(
     scenario: str | Scenario,
     policies: Given | Sequence[Given] | Mapping[str, Given],
@@ -64,7 +63,7 @@ def evaluate(
         ValueError: `episodes` or `worlds` is not an integer of at least 1.
         ActionError: A function returned actions that are not valid.
     """
-    game = resolve(scenario, numbers, OPTIONS)
+    game = resolve(scenario, numbers, options_of(evaluate))
     folder = checked_folder(out, film)
     evaluation = Evaluation(game, contenders(policies), episodes=episodes, worlds=worlds, seed=seed, threads=threads)
     with contextlib.closing(evaluation), recordings(film) as hidden:

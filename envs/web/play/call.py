@@ -11,7 +11,7 @@ from outlast.ecs.whole import is_whole
 from ...adapters.opponents import Others, checked_others
 from ...errors import PlayError, install
 from ...rollout.loading import load_policies
-from ...scenarios.naming import resolve
+from ...scenarios.naming import checks_keywords, options_of, resolve
 from ...scenarios.scenario import Number, Scenario
 from ..announce import announce
 from ..gate import HOST, Site
@@ -19,6 +19,7 @@ from ..gate import HOST, Site
 FASTEST = 1000  # ticks per second
 
 
+@checks_keywords
 def play(
     game: str | Scenario,
     *,
@@ -72,7 +73,7 @@ def play(
     _check(fps, port)
     site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
     entries = checked_others(others)
-    world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, OPTIONS), seed)
+    world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, options_of(play)), seed)
     players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
     made = Game(world, agent=agent, others=players, seed=seed, record=record)
 
@@ -81,9 +82,6 @@ def play(
 
     with contextlib.closing(made), contextlib.suppress(KeyboardInterrupt):
         asyncio.run(serve(made, fps or 1 / made.world["seconds"], site, opened))
-
-
-OPTIONS = tuple(play.__kwdefaults__ or ())  # names of its keyword-only arguments, which are not numbers of a scenario
 
 
 def _check(fps: Any, port: Any) -> None:
