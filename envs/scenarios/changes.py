@@ -20,12 +20,13 @@ ELSEWHERE = {  # names that users take for numbers, and what to use instead
 LONGEST = 60  # characters of all changes in a name (a hash stands for the rest), and of one change in a sentence
 
 
-def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
+def changes(before: Sequence[Module], after: Sequence[Module], began: Mapping[str, Any]) -> list[str]:
     """Return in words and by name what is different: "without boxes", "with swamp", "melee_damage=20".
 
     Args:
         before: Mechanics of a scenario.
         after: Mechanics of one that was derived from it.
+        began: The numbers of the first scenario of all, which decide what follows what; see `following`.
 
     Returns:
         The changes, including numbers of new mechanics that differ from their defaults. Numbers that only follow others
@@ -36,7 +37,7 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     usual = numbers(before) | {f"{m.name}_{item.name}": item.default for m in new for item in dataclasses.fields(m)}
     now = numbers(after)
     leading = {*leaders(after).values()}
-    led = following(before, usual, {name: value for name, value in now.items() if name in leading})
+    led = following(before, {**usual, **began}, {name: value for name, value in now.items() if name in leading})
     usual |= {name: value for name, (_, value) in led.items()}
     found = [f"without {module.name}" for module in before if module.slot() not in here]
     found += [f"with {module.name}" for module in new]
@@ -112,22 +113,21 @@ def _replaced(module: Module, given: dict[str, Any]) -> Module:
 
 
 def titles(origin: Any, made: Any) -> tuple[str, str]:
-    """Return the name and the sentence (`about`) of a scenario that was derived from another one."""
-    changed = changes(origin.modules, made.modules)
-    changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]
-    name, about = (differing(origin, made, changed, short) for short in (True, False))
-    return derived_name(origin.name, name), derived_about(origin.about, about)
+    """Return the name and the sentence (`about`) of a scenario derived from another one, whose name it extends."""
+    root, name = origin.root, derived_name(origin.name, differing(origin, made, short=True))
+    return name, derived_about(root.about, differing(root, made, short=False))
 
 
-def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> list[str]:
+def differing(origin: Any, made: Any, short: bool) -> list[str]:
     """Return the changes of a derived scenario, including what differs from world to world and from agent to agent.
 
     Args:
         origin: The scenario that it was derived from.
         made: The derived scenario.
-        changed: The other changes; see `changes`.
         short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
     """
+    changed = changes(origin.modules, made.modules, origin.root.numbers())
+    changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]
     # other changes of drawn numbers have no effect, so they are not mentioned
     drawn_anew = {_short(name) for name, _ in made.varied}
     found = [each for each in changed if each.partition("=")[0] not in drawn_anew]
@@ -176,7 +176,7 @@ def shown(value: Any) -> str:
 
 def derived_name(name: str, changed: Sequence[str]) -> str:
     """Return a scenario's name with its changes, "teams_3-without_boxes-n_agents=6"; unique for each set of changes."""
-    suffix = as_file_name("".join(f"-{each}" for each in changed))
+    suffix = as_filename("".join(f"-{each}" for each in changed))
     if len(suffix) > LONGEST:
         suffix = f"{suffix[: LONGEST - 9]}-{hashlib.sha256(suffix.encode()).hexdigest()[:8]}"
     return name + suffix
@@ -188,7 +188,7 @@ def derived_about(about: str, changed: Sequence[str]) -> str:
     return "; ".join(filter(None, (about, f"changed: {', '.join(short)}" if changed else "")))
 
 
-def as_file_name(text: str) -> str:
+def as_filename(text: str) -> str:
     """Return the text as a possible file name: all but letters, digits and ._,=+- are replaced."""
     return re.sub(r"[^\w.,=+-]", "_", text)
 

@@ -24,13 +24,13 @@ MORE = {  # optional entries of a fingerprint, and what they say
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario's name and numbers as JSON. The name lacks characters that cannot be shown in a line.
 
-    For a derived scenario it is the name of the origin, and the "label" says what was changed. If there is any, the
-    fingerprint also has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not
-    outlast's own: by name, the full name of the class, the version of Python and the hash of its code (ecs.identity);
-    and the entries of `differing.plain`.
+    For a derived scenario it is the name of its root, and the "label" is its own. If there is any, the fingerprint also
+    has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not outlast's own: by
+    name, the full name of the class, the version of Python and the hash of its code (ecs.identity); and the entries of
+    `differing.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
-    name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
+    name, label = (_line(each.name) for each in (scenario.root, scenario))
     users = [module for module in scenario.modules if is_outside(type(module))]
     more = {
         "label": label if label != name else "",

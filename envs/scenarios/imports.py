@@ -36,12 +36,13 @@ def module_of(place: str) -> ModuleType:
     return _import_file(place) if place.endswith(".py") else _import_module(place)
 
 
-def scenario_in(place: str, name: str) -> Scenario:
+def scenario_in(place: str, name: str, offered: str = "") -> Scenario:
     """Return a scenario in a file or module, which is imported.
 
     Args:
         place: The file or module, as for `module_of`.
         name: Name of a Scenario there, or of a function without arguments that returns one. "": the only Scenario.
+        offered: How a scenario without a name of its own is called; "": by its name there.
 
     Raises:
         ScenarioError: There is no such scenario, or the file or module cannot be imported (see `module_of`).
@@ -61,7 +62,7 @@ def scenario_in(place: str, name: str) -> Scenario:
             f"{place}:{name} is {type(found).__name__} {found!r:.60}: a Scenario is needed, or a function without "
             "arguments that returns one"
         )
-    return found
+    return found.known_as(offered or name)
 
 
 def mechanic_in(place: str, name: str) -> type[Module]:

@@ -7,6 +7,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from outlast.ecs import Distribution, Module, NumberError
@@ -29,7 +30,7 @@ OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
 
 
 def named(text: str) -> Scenario:
-    """Return the scenario that a user names.
+    """Return the scenario that a user names; if it has no name of its own, it is called as it is named here.
 
     Args:
         text: "teams_2", a variant. "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without
@@ -46,7 +47,7 @@ def named(text: str) -> Scenario:
     place, name = match["place"], match["name"]
     ablations = match["ablations"].split("+")[1:]
     if place.endswith(".json") and name is None:
-        found = Scenario.load(place)
+        found = Scenario.load(place).known_as(Path(place).stem)
     elif place.endswith(".py") or name is not None:
         found = scenario_in(place, name or "")
     elif place in installed():

@@ -43,6 +43,6 @@ def package(entry: EntryPoint) -> str:
 def scenario_of_package(entry: EntryPoint) -> Scenario:
     """Import the scenario of an entry point. Raises a ScenarioError that names the package."""
     try:
-        return scenario_in(entry.module, entry.attr)
+        return scenario_in(entry.module, entry.attr, entry.name)
     except ScenarioError as error:
         raise ScenarioError(f"the scenario '{entry.name}' of the package {package(entry)}: {error}") from error

@@ -21,17 +21,7 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import (
-    all_replaced,
-    as_file_name,
-    by_full_name,
-    defaults,
-    find_number,
-    following,
-    leaders,
-    numbers,
-    titles,
-)
+from .changes import all_replaced, as_filename, by_full_name, defaults, find_number, following, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
 
@@ -56,7 +46,8 @@ class Scenario:
         varied: Names of the numbers that each world draws, and their distributions: what `vary` added.
         observed: The varied numbers that agents observe: what `observe_numbers` added.
         by_role: Which agents have numbers of their own: what `roles` added.
-        origin: The scenario that this one was derived from in one or more steps; None if it was not derived.
+        origin: The scenario that this one was derived from in one or more steps, the last one with a name of its own;
+            None if it was not derived.
         added: For numbers of mechanics added by `with_` that scale with another number: the values of both at the time.
 
     Raises:
@@ -125,8 +116,7 @@ class Scenario:
         made = self._derived(modules=all_replaced(after, self._led(changed, given.keys() | gone)), varied=varied)
         now = made.numbers()
         more = {name: (now[name], now[leader]) for name, leader in leaders(modules).items() if leader in now}
-        object.__setattr__(made, "added", {**made.added, **more})
-        return made
+        return made._made(made.origin, {**made.added, **more})
 
     def ordered(self, *systems: str) -> "Scenario":
         """Return the scenario with an order between systems that do not declare one, such as those of two authors.
@@ -164,7 +154,7 @@ class Scenario:
     def _led(self, changed: Mapping[str, Any], beside: Container[str] = ()) -> dict[tuple[str, str], Any]:
         """Return, and log, the numbers that follow those that change, except those that vary or are in `beside`."""
         found, varied = {}, dict(self.varied)
-        led = following(self.modules, (self.origin or self).numbers(), changed, self.added)
+        led = following(self.modules, self.root.numbers(), changed, self.added)
         for key, (leader, value) in led.items():
             if key not in varied and key not in beside:
                 found[self.find_number(key)] = value
@@ -262,34 +252,49 @@ class Scenario:
         options |= {"observed": self.observed, "roles": self.by_role}
         return Worlds(self.modules, count, threads, **options)
 
+    def known_as(self, name: str) -> "Scenario":
+        """Return the scenario, which gets this name unless it has one of its own; derived names then begin with it."""
+        return self if self.is_named else self._made(self.origin, self.added, name=name)
+
     def titled_as(self, other: "Scenario") -> "Scenario":
         """Return it with the name and `about` of `other`, from which it was derived without becoming another game."""
-        made = dataclasses.replace(self, name=other.name, about=other.about)
-        object.__setattr__(made, "origin", other.origin or other)
-        object.__setattr__(made, "added", self.added)
-        return made
+        return self._made(other.origin or other, self.added, name=other.name, about=other.about)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether it has a name of its own, rather than one that says how it differs from its origin."""
+        return self.origin is None or self.name != titles(self.origin, self)[0]
+
+    @property
+    def root(self) -> "Scenario":
+        """The first of the scenarios that this one was derived from; itself if it was not derived."""
+        return self.origin.root if self.origin else self
 
     @property
     def file_name(self) -> str:
         """The scenario's name in a form that can be part of a file's name."""
-        return as_file_name(self.name).lstrip(".") or "scenario"
+        return as_filename(self.name).lstrip(".") or "scenario"
 
     def _derived(self, **fields: Any) -> "Scenario":
         """Return the scenario with other fields, and a name and sentence that say how it differs from its origin.
 
         Numbers of mechanics that it no longer has do not vary any more.
         """
-        origin, made = self.origin or self, dataclasses.replace(self, **fields)
+        origin = self.origin if self.origin and not self.is_named else self
+        made = dataclasses.replace(self, **fields)
         known = made.numbers()
         varied = tuple(entry for entry in made.varied if entry[0] in known)
         observed = tuple(name for name in made.observed if name in dict(varied))
         by_role = made.by_role and made.by_role.only(known)
         made = dataclasses.replace(made, varied=varied, observed=observed, by_role=by_role)
-        name, about = titles(origin, made)
-        made = dataclasses.replace(made, name=name, about=about)
+        led, (name, about) = leaders(made.modules), titles(origin, made)
+        kept = {name: pair for name, pair in self.added.items() if name in led}
+        return made._made(origin, kept, name=name, about=about)
+
+    def _made(self, origin: "Scenario | None", added: Mapping[str, tuple[Any, Any]], **fields: Any) -> "Scenario":
+        made = dataclasses.replace(self, **fields)
         object.__setattr__(made, "origin", origin)
-        led = leaders(made.modules)
-        object.__setattr__(made, "added", {name: pair for name, pair in self.added.items() if name in led})
+        object.__setattr__(made, "added", added)
         return made
 
     def numbers(self) -> dict[str, Any]:
@@ -317,11 +322,8 @@ class Scenario:
 
     @classmethod
     def _from_form(cls, form: dict[str, Any]) -> "Scenario":
-        made = cls(**arguments(form))
-        if "origin" in form:
-            object.__setattr__(made, "origin", cls._from_form(form["origin"]))
-        object.__setattr__(made, "added", added(form, made.modules))
-        return made
+        made, origin = cls(**arguments(form)), cls._from_form(form["origin"]) if "origin" in form else None
+        return made._made(origin, added(form, made.modules))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_json` to a file, completely or not at all, replacing what was there before.

@@ -15,6 +15,7 @@ import outlast
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios import plugins
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.naming import named, resolve
 
 SWAMP = """
@@ -76,6 +77,26 @@ def test_a_file_is_imported_once_and_its_mechanics_are_one_class(folder: Path) -
     (folder / "c++ or d:e" / "fen.py").write_text("from bog import arena as a")
     assert named(f"{folder}/c++ or d:e/fen.py:a") is named(f"{folder}/c++ or d:e/fen.py") is arena
     assert named(f"{file}:arena+steering").name == "the arena+steering"
+
+
+def test_a_game_without_a_name_of_its_own_is_called_as_it_is_named(folder: Path) -> None:
+    """Two derived games of one file have short names, which differ, and numbers go on following their first values."""
+    (folder / "hunts.py").write_text(
+        "import outlast\nHUNT = outlast.variant('teams_3').without('boxes').replace(safe_zone_radii=(8, 4))\n"
+        "CHASE = HUNT.replace(n_heals=3)\n"
+    )
+    hunt, chase = (named(f"{folder}/hunts.py:{name}") for name in ("HUNT", "CHASE"))
+    assert (hunt.file_name, chase.file_name, named(f"{folder}/bog.py:quick").name) == ("HUNT", "CHASE", "quick")
+    changed = resolve(f"{folder}/hunts.py:HUNT", {"room_size": 30})
+    assert changed.name == "HUNT-room_size=30"
+    assert changed.about == f"{hunt.about.replace('safe', 'room_size=30, safe')}"
+    assert changed.numbers()["safe_zone_radii"] == (8, 4)
+    assert fingerprint(changed)["name"] == "teams_3"
+    changed.save(folder / "long.json")
+    again = named(f"{folder}/long.json")
+    assert (again.name, again.replace(room_size=25).name) == ("long", "long-room_size=25")
+    assert again.replace(room_size=25).numbers() == hunt.numbers()
+    assert hunt.known_as("other") is hunt
 
 
 def test_environments_and_commands_take_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,5 +216,5 @@ def test_registered_by_name(entries: list[EntryPoint], monkeypatch: pytest.Monke
     monkeypatch.setattr(gymnasium, "registry", registered)
     registry.register()
     env = gymnasium.make("outlast/hunt-v1")
-    assert env.unwrapped.metadata["name"] == "the arena-ending_limit=50"
+    assert env.unwrapped.metadata["name"] == "hunt"
     env.close()
