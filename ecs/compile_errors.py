@@ -1,52 +1,93 @@
-"""Numba's errors when it cannot compile a system, in a line or two: where, what, and what to do about it."""
+"""Errors while a system is compiled, in a line or two: where, what, and what to do about it."""
 
 import contextlib
 import re
+import traceback
 from collections.abc import Iterator
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
+import numba
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
+from numba.core.ir import Loc
 
 from .columns import CUT
-from .errors import DeclarationError, EngineError, ScheduleError
+from .errors import DeclarationError, EngineError, ScheduleError, place
 from .system import System
 
 AS_PYTHON = "interpret=(label,), or NUMBA_DISABLE_JIT=1 for all, runs systems as Python, where print and debuggers work"
-PLACE = re.compile(r'^(?:File "|During: lowering ".*" at )(.+?)(?:", line | \()(\d+)(?::|\)$)', re.MULTILINE)
+PLACE = re.compile(
+    r'^(?:File "|During: lowering ".*" at |.*Raised from )(.+?)(?:", line | \()(\d+)(?::|\)$)', re.MULTILINE
+)
 GENERATED = "<outlast unit "  # see ecs.tick.Unit
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed
+NOISE = [  # patterns in numba's sentences, and what stands there instead
+    (r"Function\(<.*?(\w+)(?: at 0x[0-9a-f]+)?['>]*\)", r"\1"),
+    (r"Checked(array|readonly)", r"\1"),
+    (r"Type of variable '\$\S+' cannot be determined.*", "the type of a part of this line cannot be determined"),
+    (r"\.? ?Raised from .*$", ""),
+]
+CURES = {  # what numba's sentence begins with: what helps
+    "No implementation of function": "take other types or another function; numbers can be cast, as in np.float32(x)",
+    "the type of a part": "split the line into several; an assignment (:=) goes ahead of a chain of comparisons",
+    "scipy": "install scipy, or write it out, as in math.sqrt(x * x + y * y) for a norm",
+}
 
 
 @contextlib.contextmanager
 def explained(system: System | None) -> Iterator[None]:
-    """Turn numba's errors while `system` is compiled into an EngineError, with the original error as its cause."""
+    """Turn errors of any type while `system` is compiled into an EngineError, with the original error as its cause."""
     try:
         yield
-    except (NumbaError, UnsupportedBytecodeError) as error:
+    except (EngineError, MemoryError):
+        raise
+    except Exception as error:
         if system is None:  # the engine's own
             raise
         raise _explanation(error, system) from error
-    except Exception as error:  # of any type, for example if numba lacks a package
-        if system is not None:
-            error.add_note(f"Raised while {system.label} was compiled. {AS_PYTHON}")
-        raise
 
 
 def first_sentence(error: BaseException) -> str:
-    """The first sentence of numba's message, without the candidates that it tried and the calls that led there."""
-    lines = [line.strip() for line in str(error).splitlines()]
+    """Return the first sentence of numba's message, without the candidates that it tried and the calls that led there.
+
+    The name of its type follows for another error than numba's. What helps is added if it is in CURES.
+    """
+    lines = [line.strip() for line in _text(error).splitlines()]
     lines = [line for line in lines if line and not line.startswith("Failed in ")]
-    first = lines[0] if lines else type(error).__name__
+    first = lines[0] if lines else ""
     if first.endswith(":") and len(lines) > 1:  # as in "... found for signature:"
         first += " " + lines[1].removeprefix(">>> ")
-    return first.removesuffix(". Raised from None")
+    if not isinstance(error, (NumbaError, UnsupportedBytecodeError)) or not first:
+        first = f"{first} ({type(error).__name__})".removeprefix(" ")
+    for pattern, plain in NOISE:
+        first = re.sub(pattern, plain, first)
+    return "; ".join([first, *(cure for start, cure in CURES.items() if first.startswith(start))])
+
+
+def places(error: BaseException) -> list[tuple[str, int]]:
+    """Return file and line of the calls that led to an error, innermost first, as far as numba recorded them."""
+    found = [each for each in PLACE.findall(_text(error)) if each[0] != "unknown location"]
+    if not found:  # the error is no message of numba's: take the line that its code was at work on
+        owners = (frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__))
+        locations = [loc for loc in (getattr(owner, "loc", None) for owner in owners) if isinstance(loc, Loc)]
+        found = [(loc.filename, loc.line) for loc in reversed(locations)]
+    shown = [(PurePath(file).name, int(line)) for file, line in found if not of_numba(file)]
+    return [each for each in dict.fromkeys(shown) if not each[0].startswith(GENERATED)]
+
+
+def of_numba(file: str) -> bool:
+    """Return whether a file is one of numba's, be it of the installation that compiled what is in the cache."""
+    folder, parts = Path(numba.__file__).parent, Path(file).parts
+    return any(part == "numba" and folder.joinpath(*parts[k:]).is_file() for k, part in enumerate(parts, 1))
+
+
+def _text(error: BaseException) -> str:
+    return COLOURS.sub("", str(error))
 
 
 def _explanation(error: BaseException, system: System) -> EngineError:
-    text, label = str(error), system.label
-    places = [(PurePath(file).name, line) for file, line in PLACE.findall(text)]
-    places = [place for place in dict.fromkeys(places) if not place[0].startswith(GENERATED)]
-    where = "; ".join(f"{file}, line {line}" for file, line in reversed(places))
-    label += f" ({where})" if where else ""
+    text, label = _text(error), system.label
+    where = [f"{file}, line {line}" for file, line in reversed(places(error))]
+    label += f" ({'; '.join(where) or place(system.function, system.function.__code__.co_firstlineno)})"
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
     if CUT in text:  # no advice to run it as Python, which would cut it off, too

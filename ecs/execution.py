@@ -1,14 +1,13 @@
 """Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
 
 import os
-from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 from .arguments import ArgumentBlock
 from .cache import CompiledUnits
+from .compile_errors import of_numba
 from .errors import EngineError
 from .jit import interpreted
 from .machine_code import exception_at
@@ -128,7 +127,7 @@ def _together(worlds: Any) -> int:
 
 
 def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
-    """The exception that a unit raised, with the unit's label, and a note on how to find the line.
+    """The exception that a unit raised, with the unit's label and the line, or how to find it, and a note on the worlds.
 
     Args:
         unit: The unit.
@@ -138,22 +137,16 @@ def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseExc
     """
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
-    shown = place and unit.system and not _of_numba(file)  # a line of numba's own says nothing
+    shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing
     place = f" ({os.path.basename(file)}, {line})" if shown else ""
-    text = " ".join(map(str, arguments)) if arguments else kind.__name__
+    text = " ".join(map(str, arguments)).partition('\nFile "')[0] if arguments else kind.__name__  # that is numba's, too
+    if unit.system and not shown:
+        what = ", the array and the index" if issubclass(kind, IndexError) else ""
+        text += f'; interpret=("{unit.label}",) runs this system as Python and shows the line{what}'
     try:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
     except Exception:  # a class that cannot be made from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"
-    note = f"Raised in {worlds} of the batch, counted from 0."
-    if unit.system:
-        note += f' To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
-    error.add_note(note)
+    error.add_note(f"Raised in {worlds} of the batch, counted from 0.")
     return error
-
-
-def _of_numba(file: str) -> bool:
-    """Whether a file is one of numba's, be it of the installation that compiled what is in the cache."""
-    folder, parts = Path(numba.__file__).parent, Path(file).parts
-    return any(part == "numba" and folder.joinpath(*parts[k:]).is_file() for k, part in enumerate(parts, 1))

@@ -29,7 +29,7 @@ from .abstract_values import (
 from .access import SELECTIONS, Parameter
 from .assignment_check import first_unassigned
 from .cache_key import FOREIGN
-from .compile_errors import AS_PYTHON, first_sentence
+from .compile_errors import AS_PYTHON, first_sentence, places
 from .component import Component
 from .errors import DeclarationError, ScheduleError, place
 from .event import COUNT, Event
@@ -173,16 +173,16 @@ class _Check:
                 self.code[function] = run_frontend(function)
             except Exception as error:  # numba raises any type for code it does not expect
                 if compiled() and self.system.compiled:
-                    line = getattr(getattr(error, "loc", None), "line", function.__code__.co_firstlineno)
-                    places = "; ".join((*trail, place(function, line)))
+                    line = next((line for _, line in places(error)), function.__code__.co_firstlineno)
+                    where = "; ".join((*trail, place(function, line)))
                     raise DeclarationError(
-                        f"{self.label} ({places}) cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}"
+                        f"{self.label} ({where}) cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}"
                     ) from error
                 self.code[function] = None
         if self.code[function] is None and (totals := [*added(*arguments.values())]):
-            places = "; ".join((*trail, place(function, function.__code__.co_firstlineno)))
+            where = "; ".join((*trail, place(function, function.__code__.co_firstlineno)))
             raise ScheduleError(
-                f"{self.label} ({places}) declares Add[{component_name(totals[0])}], but what is done with it "
+                f"{self.label} ({where}) declares Add[{component_name(totals[0])}], but what is done with it "
                 f"here cannot be followed; declare Write[{component_name(totals[0])}]"
             )
         return self.code[function]

@@ -36,7 +36,7 @@ from outlast.ecs import (
 from outlast.ecs import random as draws
 from outlast.ecs.abstract_values import rounds
 from outlast.ecs.assignment_check import first_unassigned
-from outlast.ecs.execution import _of_numba
+from outlast.ecs.compile_errors import of_numba
 from outlast.ecs.random import integer, normal, uniform
 from outlast.ecs.random_check import repeated_draw
 from outlast.envs.core.make import make_vec
@@ -371,7 +371,7 @@ def test_an_error_that_numba_raises_names_no_line_of_its_own() -> None:
     ],
 )
 def test_files_of_numba_are_known_wherever_it_is_installed(file: str, own: bool) -> None:
-    assert _of_numba(file) is own
+    assert of_numba(file) is own
 
 
 class Wide(Singleton):

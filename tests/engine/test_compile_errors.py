@@ -6,13 +6,16 @@ import sys
 import textwrap
 from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
 from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
+from outlast.ecs.compile_errors import explained
 from tests.conftest import COMPILED
-from tests.helpers.toy_game import RESET, Place, Walkers, run, system_of
+from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 HOME = Path(__file__).name
 
@@ -36,6 +39,11 @@ def makes_a_class(place: Write[Place]) -> None:
 
 class Gait(IntEnum):
     SLOW = 3
+
+
+class Pair(NamedTuple):
+    first: int
+    second: int
 
 
 def casts(place: Write[Place], rows: Rows[Place]) -> None:
@@ -64,6 +72,82 @@ def test_numba_s_error_in_a_line() -> None:
     assert "add(float32, Literal[str](s))" in first
     assert "NUMBA_DISABLE_JIT=1" in second
     assert type(caught.value.__cause__).__name__ == "TypingError"
+
+
+def norms(place: Write[Place]) -> None:
+    place.x[0] = np.linalg.norm(place.x)
+
+
+def repeats(place: Write[Place]) -> None:
+    place.x[0] = np.repeat(place.x, 2)[0]
+
+
+def sets_a_field(place: Write[Place], rows: Rows[Place]) -> None:
+    pair = Pair(1, 2)
+    pair.first = rows[0]  # type: ignore[misc]
+
+
+def clips(place: Write[Place]) -> None:
+    place.x[0] = np.clip(place.x[0], 0.0, 1.0)
+
+
+def chains(place: Write[Place]) -> None:
+    if 0 < (x := place.x[0]) < 3:
+        place.x[0] = x
+
+
+def formats(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[0] = len(f"{rows[0]:.2f}")
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+@pytest.mark.parametrize(
+    ("function", "line", "sentence"),
+    [
+        (norms, 1, r"scipy .* \(ImportError\); install scipy, or write it out, as in math\.sqrt.*"),
+        (repeats, 1, r"\(AssertionError\)"),
+        (sets_a_field, 2, r"No definition for lowering Pair.* \(NotImplementedError\)"),
+        (clips, 1, r"No implementation of function clip .* clip\(float32, float64, float64\); .* as in np\.float32\(x\)"),
+        (chains, 0, r"the type of a part of this line cannot be determined; split the line .*\(:=\) goes ahead.*"),
+        (formats, 1, "format spec in f-strings not supported yet"),
+    ],
+)
+def test_whatever_the_compiler_raises_has_the_system_the_line_and_a_sentence(
+    function: Any, line: int, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Errors of numba, and those that its parts raise as ImportError, AssertionError and so on."""
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    place = rf"local\.{function.__name__} \({HOME}, line {function.__code__.co_firstlineno + line}\)"
+    with pytest.raises(DeclarationError, match=rf"^{place} cannot be compiled: {sentence}\ninterpret=.*$") as caught:
+        run(Worlds([Walkers(), system_of(function)], 1), RESET)
+    assert caught.value.__cause__ is not None
+
+
+def test_colours_in_a_message_are_left_out() -> None:
+    """Numba writes them if colorama is installed."""
+    text = "\x1b[1m\x1b[1mFailed in nopython mode pipeline (step: frontend)\n\x1b[1mno \x1b[31msuch name\x1b[0m\n"
+    text += f'\x1b[1m\nFile "{HOME}", line 3:\x1b[0m\nsource'
+    (system,) = system_of(casts).systems()
+    with pytest.raises(DeclarationError) as caught, explained(system):
+        raise TypingError(text)
+    assert str(caught.value).splitlines()[0] == f"local.casts ({HOME}, line 3) cannot be compiled: no such name"
+
+
+def test_memory_that_is_lacking_is_not_an_error_of_the_system() -> None:
+    (system,) = system_of(casts).systems()
+    with pytest.raises(MemoryError), explained(system):
+        raise MemoryError
+
+
+def reads_far(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[0] = place.x[rows[0] + 300]
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+def test_an_index_out_of_range_says_how_to_see_it() -> None:
+    worlds = run(Worlds([Walkers(), system_of(reads_far)], 1), RESET)
+    with pytest.raises(IndexError, match=r'; interpret=\("local\.reads_far",\) runs .* the line, the array and the index'):
+        run(worlds, STEP)
 
 
 def test_syntax_that_numba_lacks_is_refused_at_once_where_it_would_be_compiled() -> None:
