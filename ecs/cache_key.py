@@ -21,7 +21,7 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 from numba.core.extending import _Intrinsic
 
-from .errors import DeclarationError
+from .errors import DeclarationError, place
 from .jit import OPTIONS, compiled
 from .references import codes, references, refuse_random
 
@@ -145,8 +145,10 @@ class CacheKey:
             cure = "put @outlast.ecs.kernel above it"
         else:
             cure = "take numbers, tuples and arrays of them, members of an Enum, or a number of the mechanic"
+        code = getattr(value, "__code__", None)
+        shown = place(value, code.co_firstlineno) if code else f"{re.sub(' at 0x[0-9a-f]+', '', repr(value)):.60}"
         return DeclarationError(
-            f"{self._label} refers to {name}, {type(value).__name__} {value!r:.60}: machine code would keep it as it "
+            f"{self._label} refers to {name}, {type(value).__name__} {shown}: machine code would keep it as it "
             f"is now, and a change of it would go unnoticed; {cure}"
         )
 

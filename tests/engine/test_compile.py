@@ -475,7 +475,7 @@ def calls_what_is_no_kernel(energy: Add[Energy], rows: Rows[Energy]) -> None:
     [
         (asks_an_object, "STEPS, SimpleNamespace", "a number of the mechanic"),
         (keeps_a_module, "toy_game, module", "toy_game.LIMIT"),
-        (calls_what_is_no_kernel, "bare, function", "@outlast.ecs.kernel"),
+        (calls_what_is_no_kernel, r"bare, function test_compile\.py, line \d+:", "put @outlast.ecs.kernel above it"),
     ],
 )
 def test_references_that_cannot_be_followed_are_refused(function: Callable[..., None], named: str, cure: str) -> None:
