@@ -14,6 +14,7 @@ in snake case ("poison"), or the class attribute `name`; its numbers are called 
 base; with the class attribute `stream`, a mechanic keeps its draws under another name.
 """
 
+import builtins
 import contextlib
 import dataclasses
 import functools
@@ -111,7 +112,7 @@ class Module:
                     f"your own, give it a name less like it, or _{name}"
                 )
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, *_: Any) -> None:  # InitVars come here, which _declared refuses
         for name, kind, rule in self._declared():
             object.__setattr__(self, name, checked(f"{self.name}.{name}", getattr(self, name), kind, rule))
 
@@ -124,7 +125,18 @@ class Module:
                 f"{cls.__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
                 f"@dataclass(frozen=True) above class {cls.__name__}"
             )
+        annotations = [each for base in cls.__mro__ for each in inspect.get_annotations(base).items()]
+        if lost := next((name for name, kind in annotations if "InitVar" in str(kind)), ""):
+            raise DeclarationError(
+                f"{cls.__name__}.{lost} is an InitVar, which replace() would lose: declare {lost}: float = number(), "
+                f"or a constant as {lost}: ClassVar[float] = ..."
+            )
         for item in dataclasses.fields(cls):
+            if hasattr(builtins, item.name):
+                raise DeclarationError(
+                    f"{cls.name} has a number '{item.name}', which would hide Python's own {item.name} in its systems; "
+                    "rename it"
+                )
             if hasattr(Module, item.name):
                 raise DeclarationError(
                     f"{cls.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "

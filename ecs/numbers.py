@@ -56,7 +56,7 @@ KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, 
 
 
 def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
-    """Return the annotated type of a number. Raises DeclarationError if its default has another type."""
+    """Return the annotated type of a number. DeclarationError without a default of that type."""
     text = item.type if isinstance(item.type, str) else getattr(item.type, "__name__", str(item.type))
     kind = KINDS.get(text.partition("[")[0].strip())
     if kind is None or (kind is str and not item.metadata.get("choices")):
@@ -64,6 +64,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
             f"{name} is annotated {text}: a number is int, float, bool, tuple[float, ...], or str with choices, as in "
             'mode: str = number("slow", choices=("slow", "fast"))'
         )
+    if item.default is dataclasses.MISSING or not item.init:
+        raise DeclarationError(f"{name} needs a default, and init: declare {name.split('.')[1]}: {text} = number(3)")
     if not (type(item.default) is kind or (kind is float and type(item.default) is int)):
         raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
     if item.metadata.get("per_agent") and kind not in (int, float):

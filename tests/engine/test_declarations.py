@@ -1,7 +1,7 @@
 """Components, archetypes, numbers and access declarations: what a scenario's tables look like, and what is refused."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from itertools import product
 from typing import Any, ClassVar
 
@@ -215,6 +215,31 @@ def test_a_number_may_not_hide_what_modules_have() -> None:
 
     with pytest.raises(DeclarationError, match=r"a number .value., which hides Module\."):
         Hides()
+
+
+@pytest.mark.parametrize("name", ["range", "max"])
+def test_a_number_does_not_hide_a_function_of_python(name: str) -> None:
+    gun = type("Gun", (Toy,), {"__annotations__": {name: float}, name: number(3.0)})
+    with pytest.raises(DeclarationError, match=rf"gun has a number '{name}', which would hide .* own {name} in"):
+        dataclass(frozen=True)(gun)()
+
+
+@pytest.mark.parametrize(
+    ("kind", "default", "words"),
+    [
+        (InitVar[int], 3, r"Gun\.extra is an InitVar, which replace\(\) would lose: declare extra: float = number\("),
+        (
+            int,
+            field(default=3, init=False),
+            r"gun\.extra needs a default, and init: declare extra: int = number\(",
+        ),
+        (int, field(default_factory=int), r"gun\.extra needs a default"),
+    ],
+)
+def test_a_number_that_copies_would_lose_is_refused(kind: Any, default: Any, words: str) -> None:
+    gun = type("Gun", (Toy,), {"__annotations__": {"extra": kind}, "extra": default})
+    with pytest.raises(DeclarationError, match=words):
+        dataclass(frozen=True)(gun)()
 
 
 def test_another_default_of_an_unknown_number_is_refused() -> None:
