@@ -24,6 +24,10 @@ NOISE = [  # patterns in numba's sentences, and what stands there instead
     (r"Function\(<.*?(\w+)(?: at 0x[0-9a-f]+)?['>]*\)", r"\1"),
     (r"Checked(array|readonly)", r"\1"),
     (r"Type of variable '\$\S+' cannot be determined.*", "the type of a part of this line cannot be determined"),
+    (
+        r"Invalid use of ((?:float|u?int|bool|readonly|array).*) with parameters .*",
+        r"something that is a \1 is called like a function; does its name hide that of a function, such as max?",
+    ),
     (r"\.? ?Raised from .*$", ""),
 ]
 CURES = {  # what numba's sentence begins with: what helps

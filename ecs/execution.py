@@ -127,7 +127,7 @@ def _together(worlds: Any) -> int:
 
 
 def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
-    """The exception that a unit raised, with the unit's label and the line, or how to find it, and a note on the worlds.
+    """The exception that a unit raised, with its label and the line, or how to find it, and a note on the worlds.
 
     Args:
         unit: The unit.
@@ -139,7 +139,7 @@ def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseExc
     file, _, line = place.rpartition(", ")
     shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing
     place = f" ({os.path.basename(file)}, {line})" if shown else ""
-    text = " ".join(map(str, arguments)).partition('\nFile "')[0] if arguments else kind.__name__  # that is numba's, too
+    text = " ".join(map(str, arguments)).partition('\nFile "')[0] if arguments else kind.__name__  # of numba
     if unit.system and not shown:
         what = ", the array and the index" if issubclass(kind, IndexError) else ""
         text += f'; interpret=("{unit.label}",) runs this system as Python and shows the line{what}'

@@ -96,6 +96,10 @@ def chains(place: Write[Place]) -> None:
         place.x[0] = x
 
 
+def hides(place: Write[Place], max: Rows[Place]) -> None:  # noqa: A002
+    place.x[0] = max(place.x[0], 3)  # type: ignore[operator]
+
+
 def formats(place: Write[Place], rows: Rows[Place]) -> None:
     place.x[0] = len(f"{rows[0]:.2f}")
 
@@ -107,8 +111,13 @@ def formats(place: Write[Place], rows: Rows[Place]) -> None:
         (norms, 1, r"scipy .* \(ImportError\); install scipy, or write it out, as in math\.sqrt.*"),
         (repeats, 1, r"\(AssertionError\)"),
         (sets_a_field, 2, r"No definition for lowering Pair.* \(NotImplementedError\)"),
-        (clips, 1, r"No implementation of function clip .* clip\(float32, float64, float64\); .* as in np\.float32\(x\)"),
+        (
+            clips,
+            1,
+            r"No implementation of function clip .* clip\(float32, float64, float64\); .* np\.float32\(x\)",
+        ),
         (chains, 0, r"the type of a part of this line cannot be determined; split the line .*\(:=\) goes ahead.*"),
+        (hides, 1, r"something that is a readonly array\(int32, 1d, C\) is called .* hide that of a function, such.*"),
         (formats, 1, "format spec in f-strings not supported yet"),
     ],
 )
@@ -146,7 +155,9 @@ def reads_far(place: Write[Place], rows: Rows[Place]) -> None:
 @pytest.mark.skipif(not COMPILED, reason="about machine code")
 def test_an_index_out_of_range_says_how_to_see_it() -> None:
     worlds = run(Worlds([Walkers(), system_of(reads_far)], 1), RESET)
-    with pytest.raises(IndexError, match=r'; interpret=\("local\.reads_far",\) runs .* the line, the array and the index'):
+    with pytest.raises(
+        IndexError, match=r'; interpret=\("local\.reads_far",\) runs .* the line, the array and the index'
+    ):
         run(worlds, STEP)
 
 
