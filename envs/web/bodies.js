@@ -2,17 +2,12 @@
 const Bodies = (() => {
   const { circle, ring, line, cross, square, outline, label, side, boxColor } = Brush;
   const FADE = 1; // seconds that a mark stays
-  const LETTER = 14; // pixels, at most, of the names of items
   const STAR = [0, 1, 2, 3].map((k) => [Math.cos(k * Math.PI / 2), Math.sin(k * Math.PI / 2)]);
 
   function item(scene, kind, object) {
     const { x, y, owner } = object, radius = kind.radius || Math.min(kind.width, kind.height) / 2;
     if (kind.role === "other" && !kind.radius) solid(scene, kind, object);
     else Brush.item(scene, kind, owner, x, y, radius);
-    if (kind.role === "item" || kind.role === "other") {
-      const height = Math.min(0.45, LETTER * scene.pixel);
-      label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.71 * height, height, scene.colors.ink);
-    }
   }
 
   function solid(scene, kind, object) {

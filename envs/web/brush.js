@@ -84,5 +84,5 @@ const Brush = (() => {
     line(scene, x, y - arm, x, y + arm);
   }
 
-  return { circle, ring, line, cross, square, outline, label, side, boxColor, item };
+  return { FONT, circle, ring, line, cross, square, outline, label, side, boxColor, item };
 })();

@@ -10,6 +10,7 @@ const World = (() => {
   const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
   const WIDEST = 0.55; // metres: a line to what has all the attention
   const ITEMS = ["heal", "item", "box_item", "other"], SOLIDS = ["box", "wall"]; // roles of objects, see trace.py
+  const LEGEND = { letter: 12, gap: 14 }; // pixels
   const CLEAR = 1.3; // metres around an agent that stay clear at night
 
   function draw(context, description, snapshot, options) {
@@ -39,6 +40,28 @@ const World = (() => {
     (options.marks || []).forEach((mark) => Bodies.mark(scene, mark));
     if (scene.show.night && description.cone) inside(scene, () => watchers(scene).forEach((agent) => night(scene, agent)));
     context.globalAlpha = 1;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    legend(scene, width);
+  }
+
+  // The names of the kinds of items and bodies that are no part of outlast, beside a disc of their colour, in the upper
+  // right corner, as far as there is room.
+  function legend({ context, description, colors }, width) {
+    const own = description.objects.filter(({ role }) => role === "item" || role === "other");
+    const kinds = [...new Map(own.map(({ kind, color }) => [kind, color]))].reverse();
+    const { letter, gap } = LEGEND, y = letter;
+    context.font = `600 ${letter}px ${Brush.FONT}`;
+    context.textAlign = "left";
+    context.textBaseline = "middle";
+    let x = width;
+    for (const [kind, color] of kinds) {
+      const words = kind.replaceAll("_", " ");
+      x -= context.measureText(words).width + 1.4 * letter + gap;
+      if (x < 0) return;
+      circle({ context }, x + letter / 2, y, letter / 2, color);
+      context.fillStyle = colors.ink;
+      context.fillText(words, x + 1.4 * letter, y);
+    }
   }
 
   // ---- the ground

@@ -21,13 +21,17 @@ from outlast.envs.rendering.layers import (
     EndLayer,
     FeedStrip,
     Layer,
+    LegendLayer,
     OthersLayer,
     Scene,
     ScoresStrip,
     Strip,
     TitleStrip,
 )
+from outlast.envs.rendering.layers.captions import MIDDLE
 from outlast.envs.rendering.layers.end import winner
+from outlast.envs.rendering.layers.layer import paint
+from outlast.envs.rendering.layers.others import of_kind
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
@@ -340,24 +344,36 @@ def test_own_items_and_bodies_have_their_shape_and_a_colour_of_their_kind(mine: 
     assert pixel(image, 0, -6) == colors.WALL
 
 
-def test_own_items_and_bodies_have_names_where_they_can_be_read(mine: Worlds) -> None:
-    for size, names in ((512, ["ball", "big gem", "crate"]), (128, [])):
-        canvas = Written(size, Scene(mine, 0).half)
+@pytest.mark.parametrize("alive", [0, 1])
+def test_kinds_of_ones_own_are_named_once_however_many_bodies_they_have(mine: Worlds, alive: int) -> None:
+    """In the margin, beside the step counter, in the world or not; walls, and small pictures, have no names."""
+    mine[Entity].alive[0, mine.span("big_gem")] = alive
+    for size, names in ((512, ["tick 0", "ball", "big gem", "crate"]), (128, [])):
+        scene = Scene(mine, 0)
+        canvas = Written(size, scene.half)
         canvas.written = []
-        OthersLayer().draw(canvas, Scene(mine, 0))
-        assert sorted(words for words, *_ in canvas.written) == names
+        paint(canvas, [layer for layer in LAYERS if layer.fits(scene)], scene)
+        written = sorted((left, right, words) for words, left, right, y in canvas.written if y > scene.room)
+        assert [words for *_, words in written] == names
+        ends = [end for left, right, _ in written for end in (left, right)]
+        assert ends == sorted(ends)  # they do not overlap
+        assert all(abs(end) <= scene.room + 0.1 for end in ends)
+        for left, _, words in written[1:]:
+            row = mine.span(words.replace(" ", "_")).start
+            y = scene.room + MIDDLE * (scene.half - scene.room)
+            assert pixel(canvas.image, left - 0.5, y) == of_kind(scene, row)
 
 
-def test_names_overlap_with_no_other_one_and_stay_in_the_room(mine: Worlds) -> None:
-    gems = mine.span("big_gem")
-    mine[Entity].alive[0, gems] = 1
-    mine[Body].x[0, gems], mine[Body].y[0, gems] = (12.3, 12.2), -12.2
+def test_kinds_that_have_no_room_are_not_named(mine: Worlds) -> None:
     canvas = Written(512, Scene(mine, 0).half)
-    canvas.written = []
-    OthersLayer().draw(canvas, Scene(mine, 0))
-    [(_, left, right, y)] = [each for each in canvas.written if each[0] == "big gem"]
-    assert -12.5 <= left <= right <= 12.5
-    assert y > -12
+    for letter in range(40):
+        canvas.written = []
+        canvas.length = lambda words, height, letter=letter: 0.1 * letter * len(words)  # type: ignore[method-assign]
+        LegendLayer().draw(canvas, Scene(mine, 0))
+        names = [words for words, *_ in canvas.written]
+        assert names == ["crate", "big gem", "ball"][: len(names)]
+        assert len(names) == 3 or letter
+    assert not names
 
 
 def test_a_layer_that_shows_them_takes_their_default_look_away(mine: Worlds) -> None:

@@ -289,6 +289,27 @@ def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
     game.close()
 
 
+def test_kinds_of_ones_own_are_named_once_however_many_bodies_they_have(browser):
+    game = Game(outlast.variant("ffa_1").with_(Mine()), others="noop", seed=1)
+    note = "window.written = []; const write = CanvasRenderingContext2D.prototype.fillText;" + (
+        "CanvasRenderingContext2D.prototype.fillText = function (words, x, y) {"
+        " window.written.push([words, x, y, x + this.measureText(words).width]); write.call(this, words, x, y); }"
+    )
+    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.add_init_script(note)
+        page.goto(address)
+        shows(page, 0)
+        page.evaluate("written = []; dispatchEvent(new Event('resize'))")
+        page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        names = [entry for entry in page.evaluate("written") if entry[0] in ("big gem", "ball", "crate", "door")]
+        wide = page.locator("#stage").bounding_box()["width"]
+    assert sorted(words for words, *_ in names) == ["ball", "big gem", "crate"]
+    assert max(end for *_, end in names) < wide
+    assert {y for _, _, y, _ in names} == {12}
+    game.close()
+
+
 def test_what_is_wounded_has_a_bar_as_in_pictures(browser):
     game = Game(outlast.variant("ffa_1").with_(Beasts()), others="noop", seed=1)
     rows = game.worlds.span("beast")

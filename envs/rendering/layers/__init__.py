@@ -29,7 +29,7 @@ from .inventory import InventoryLayer
 from .layer import Layer, Strip, ZOrder
 from .lidar import LidarLayer
 from .melee import HitsLayer, MeleeLayer
-from .others import OthersLayer
+from .others import LegendLayer, OthersLayer
 from .room import RoomLayer, WallsLayer
 from .scores import ScoresStrip
 from .title import TitleStrip
@@ -55,6 +55,7 @@ __all__ = [
     "InventoryLayer",
     "KillFeedLayer",
     "Layer",
+    "LegendLayer",
     "LidarLayer",
     "MeleeLayer",
     "OthersLayer",
@@ -88,6 +89,7 @@ LAYERS_BY_NAME: dict[str, Layer] = {
     "health": HealthBarsLayer(),
     "inventory": InventoryLayer(),
     "steps": StepCounterLayer(),
+    "legend": LegendLayer(),
     "feed": KillFeedLayer(),
 }
 """Every layer of a picture by its short name."""

@@ -24,7 +24,7 @@ class StepCounterLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In the margin, which nothing of the game reaches."""
-        if (place := _line(canvas, scene, 1)) is not None:
+        if (place := margin_line(canvas, scene, 1)) is not None:
             y, height = place
             canvas.text(-scene.room, y, f"tick {scene[Clock].tick[0]}", height, PAPER, anchor=0)
 
@@ -45,7 +45,7 @@ class KillFeedLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In the margin, which nothing of the game reaches."""
-        if (place := _line(canvas, scene, -1)) is not None:
+        if (place := margin_line(canvas, scene, -1)) is not None:
             self.write(canvas, scene, scene.room, *place, WALL)
 
     def write(self, canvas: Canvas, scene: Scene, half: float, y: float, height: float, ground: Color) -> None:
@@ -94,7 +94,7 @@ def _cause_of_death(scene: Scene, e: int) -> str:
     return f"killed by {printable(scene.side_name(source)) if scene[Sides].teams[0] else source}"
 
 
-def _line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
+def margin_line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
     """Return y of a line of text above (side 1) or below (-1) the room, and the height of its digits, in metres.
 
     None if the picture is too small for text.

@@ -8,35 +8,33 @@ from outlast.ecs import Component, Layout
 
 from ..canvas import Canvas
 from ..scene import Scene
-from ..style import INK, KINDS, SIZES, Color, mix
+from ..style import INK, KINDS, PAPER, SIZES, Color, mix
+from .captions import margin_line
 from .layer import Layer, ZOrder
 from .room import walls
-from .title import digit, printable
+from .title import printable
 
 # entities with these are drawn by outlast's own layers, or not at all if those are not shown
 KNOWN = (Side, Box, BoxItem, Heal)
 POINT = 0.2  # metres: radius with which a body without a size is drawn
+DISC, GAP = 1.6, 2.0  # heights of a digit: from the start of a disc to its name, and between entries of a legend
+COUNTER = "tick 00000 "  # as long as the step counter, which is beside the legend
 
 
 @dataclass(frozen=True)
 class OthersLayer(Layer):
-    """Items and bodies that no other layer shows: their shapes in the colour of their kind, and the kind's name.
+    """Items and bodies that no other layer shows: their shapes in the colour of their kind.
 
     A layer that draws entities itself names one of their components in `shows`.
     """
 
     zorder = ZOrder.ITEMS
     rim: float = SIZES.outline
-    height: float = 0.45  # metres: height of a digit in names; 0: no names
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw all bodies, then the names that do not overlap with another one."""
-        rows = others(scene)
-        for e in rows:
+        """Draw all that are in the world."""
+        for e in others(scene):
             self._draw(canvas, scene, e)
-        height, taken = min(self.height, digit(canvas.size) / canvas.scale), list[tuple[float, float, float]]()
-        for e in rows if canvas.readable(height) else ():
-            _name(canvas, scene, e, height, taken)
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
         body, shape, color = scene.body, scene.shape, of_kind(scene, e)
@@ -49,15 +47,36 @@ class OthersLayer(Layer):
             canvas.body(scene, e, color, -self.rim)
 
 
-def _name(canvas: Canvas, scene: Scene, e: int, height: float, taken: list[tuple[float, float, float]]) -> None:
-    """Write the name below the body, or above it near the lower wall. taken: (x, y, length) of the names so far."""
-    x, y, gap = scene.body.x[e], scene.body.y[e], (scene.shape.bound[e] or POINT) + height
-    name = printable(kinds(scene.worlds.layout)[e].replace("_", " "))
-    length, y = canvas.length(name, height), y - gap if y - gap > height - scene.room else y + gap
-    x = min(max(x, length / 2 - scene.room), scene.room - length / 2)
-    if all(abs(y - b) > 1.5 * height or abs(x - a) > (length + other) / 2 for a, b, other in taken):
-        canvas.text(x, y, name, height, INK)
-        taken.append((x, y, length + height))
+@dataclass(frozen=True)
+class LegendLayer(Layer):
+    """The names of the kinds that OthersLayer draws, above the room, if there is room for text.
+
+    All kinds are named, in the world or not, so that nothing moves, and as many as fit.
+    """
+
+    zorder = ZOrder.WORDS
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Draw discs and names, which end at the room's right edge."""
+        named = _named(scene)
+        if not named or (place := margin_line(canvas, scene, 1)) is None:
+            return
+        y, height = place
+        left, x = canvas.length(COUNTER, height) - scene.room, scene.room + GAP * height
+        for name, color in reversed(named.items()):
+            words = printable(name.replace("_", " "))
+            x -= canvas.length(words, height) + (GAP + DISC) * height
+            if x < left:
+                return
+            canvas.circle(x + height / 2, y, height / 2, color)
+            canvas.text(x + DISC * height, y, words, height, PAPER, anchor=0)
+
+
+def _named(scene: Scene) -> dict[str, Color]:
+    """Return the colours of the kinds that OthersLayer draws, by name, in the order of their rows."""
+    rows = _unknown(scene.worlds.layout, frozenset(scene.shown))
+    fixed = {*walls(scene, living=False)} if rows and Solid in scene else {}
+    return {kinds(scene.worlds.layout)[e]: of_kind(scene, e) for e in rows if e not in fixed}
 
 
 def others(scene: Scene) -> list[int]:

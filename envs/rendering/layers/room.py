@@ -42,7 +42,8 @@ class WallsLayer(Layer):
                 canvas.rectangle(-right, -upper, -left, -lower, WALL)
 
 
-def walls(scene: Scene) -> list[int]:
-    """Return the rows of immovable obstacles in the world that are neither agents nor boxes."""
+def walls(scene: Scene, living: bool = True) -> list[int]:
+    """Return the rows of immovable obstacles that are neither agents nor boxes, in the world or, not `living`, all."""
     others, dynamic = {*scene.rows(Side), *scene.rows(Box)}, scene[Solid].dynamic
-    return [e for e in scene.living(Body, Shape, Solid) if not dynamic[e] and e not in others]
+    rows = scene.living(Body, Shape, Solid) if living else scene.rows(Body, Shape, Solid)
+    return [e for e in rows if not dynamic[e] and e not in others]
