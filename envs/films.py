@@ -28,7 +28,7 @@ from .scenarios.naming import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 
 LOGGER = logging.getLogger(__name__)
-STEPS, REPLAYED = 300, 16  # by default: steps of a film, and worlds of a recording at most
+STEPS, REPLAYED = 150, 16  # by default: steps of a film (5 seconds), and worlds of a recording at most
 HOLD = 0.8  # seconds for which films show the end of an episode; folders of pictures do not
 SOURCES = (".py", ".json")  # endings of files of scenarios; all other files are taken for recordings
 RECORDINGS = ".rec"  # the usual ending of recordings
@@ -91,7 +91,7 @@ def film(
             observations to the actions of all worlds.
         others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
             weight}. The side of `policy` changes from world to world and from episode to episode.
-        steps: Ticks after the first reset; by default 300, or all that were recorded.
+        steps: Ticks after the first reset; by default 150, or all that were recorded.
         worlds: How many worlds; for a recording, the numbers of those to show, as in tables of its events. By default,
             as many as the mosaic has room for, or one; for a recording, at most the first 16.
         seed: Keys worlds and policies; the same seed gives the same film. 0 by default.

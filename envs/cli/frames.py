@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from ..films import Progress, film
+from ..films import STEPS, Progress, film
 from . import video_options
 from .options import OPPONENTS, PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
 
@@ -12,7 +12,7 @@ from .options import OPPONENTS, PLAY, add_common, add_number, add_others, add_po
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
-        ("frames teams_3 --out fight.webm", "a film of one world, in which the scripted policy plays 500 steps"),
+        ("frames teams_3 --out fight.webm", "a film of one world, in which the scripted policy plays 150 steps"),
         ("frames ffa_2 --policy random --steps 100 --out pictures", "numbered pictures in a folder"),
         (
             "frames ffa_3 --mosaic 2x2 --views +vision,-ids --out four.gif",
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
     add_scenario(command)
     played = command.group(PLAY)
     add_number(played, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds to play and draw")
-    add_number(played, "--steps", 500, "steps to play in each world")
+    add_number(played, "--steps", STEPS, "steps to play in each world")
     add_policy(command, "scripted")
     add_others(command, None, OPPONENTS)
     add_seed(command)

@@ -1,6 +1,7 @@
 """outlast frames: pictures and films from the command line."""
 
 import os
+import re
 from pathlib import Path
 
 import cv2
@@ -42,6 +43,17 @@ def test_the_same_seed_gives_the_same_pictures(capsys, tmp_path: Path) -> None:
     assert films[0].shape[1] > 64  # there is something beside the picture
     assert np.array_equal(films[0], films[1])
     assert not np.array_equal(films[0], films[2])
+
+
+def test_without_a_number_of_steps_a_film_ends_soon(capsys, tmp_path: Path) -> None:
+    """The README's first film: 1.4 MB, where its 16 worlds of 500 steps were 18 MB."""
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    arguments = re.search(r"^outlast frames (.* --mosaic 2x2 .*--out) film.webm ", readme, re.MULTILINE)
+    assert arguments
+    size = ("--size", 64, "--quiet")
+    status, out, _ = run(capsys, "frames", *arguments[1].split(), tmp_path / "film.webm", *size)
+    assert status == 0
+    assert "151 frames" in out
 
 
 @pytest.mark.parametrize("suffix", [".webm", ".mp4", ".gif", ".apng"])
