@@ -50,6 +50,7 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     assert evaluate("teams_3", tmp_path / "a.zip", "noop", "scripted", *small) == 0
     printed = capsys.readouterr()
     assert "48/48" in printed.err  # the progress bar
+    assert "6 pairings of 8 episodes; fewer (--episodes) take less time\n" in printed.err
     assert "6 pairings of 8 episodes, 2 in each of 4 worlds" in printed.out
     assert "wins of, against" in printed.out
     found = json.loads((out / "evaluation.json").read_text())

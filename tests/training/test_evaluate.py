@@ -1,6 +1,7 @@
 """Cross-play, counted again in plain Python."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +124,18 @@ def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
         assert np.array_equal(figures[key], np.stack([expected["wins"] * shown, shown], -1)), key
     first, last = match.results.spans[0, 0]
     assert (first, last >= values["length"][0, 0, 0]) == (0, True)
+
+
+def test_the_report_says_where_wins_depend_on_the_side() -> None:
+    """Of a team of one against a team of three, and not of two agents that play alike."""
+    unequal = Evaluation(quick("teams_1").replace(teams_sizes=(1, 3)), contenders(["random"]), episodes=64)
+    unequal.play()
+    unequal.close()
+    assert re.search(
+        r"\nthe side matters in 1 of 1 pairings, .*: random against random wins 0\.\d+ ± \S+ on the first side, 0\.",
+        str(unequal),
+    )
+    assert "the side matters" not in str(evaluated("ffa_1", "random", episodes=64))
 
 
 @pytest.mark.parametrize("chosen", [preset.name for preset in PRESETS.values() if preset.cameras == "masked"])

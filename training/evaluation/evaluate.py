@@ -1,6 +1,7 @@
 """Evaluations in one call: `outlast evaluate`, and outlast.evaluate."""
 
 import contextlib
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -100,8 +101,10 @@ def recordings(film: bool) -> Iterator[Path | None]:
 
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
     """Play every pairing. If there is a folder for tables, those of what is complete are always in it."""
-    total = len(evaluation.pairs) * evaluation.episodes
-    with tqdm(total=total, unit="episode", disable=quiet) as bar:
+    pairs, each = len(evaluation.pairs), evaluation.episodes
+    if pairs > 1 and not quiet:
+        print(f"{pairs} pairings of {each:,} episodes; fewer (--episodes) take less time", file=sys.stderr, flush=True)
+    with tqdm(total=pairs * each, unit="episode", disable=quiet) as bar:
         for pair in evaluation.pairs:
             with record(evaluation.env, _recording(hidden, pair)) if hidden else contextlib.nullcontext():
                 evaluation.play_pair(pair, bar.update)

@@ -22,6 +22,7 @@ RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kil
 TABLES = "evaluation.json"
 FIRST = ("policy", "against")
 INTERVAL = ("value", "low", "high")
+CERTAIN = 3.0  # standard errors from which on a difference between the sides is worth a line
 OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
 OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
 UNBOUNDED = "; inf: no game bounds the rating on that side"
@@ -60,7 +61,7 @@ def text(evaluation: Played) -> str:
     """All tables under a heading; of an incomplete evaluation, the tables of what is complete."""
     if not evaluation.pairings:
         return "no pairing is complete"
-    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), *_groups(evaluation)]
+    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), _sides(evaluation), *_groups(evaluation)]
     names = list(evaluation.pairings[0].results.figures)
     results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
     parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
@@ -124,6 +125,22 @@ def _wins(evaluation: Played) -> str:
         (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
     ]
     return _table(("wins of, against", *labels), rows)
+
+
+def _sides(evaluation: Played) -> str:
+    """A line on the pairing in which the share of wins depends most on the side played; "" if it does in none."""
+    found = {}
+    for pair, figures in _rows(evaluation):
+        (first, one), (second, other) = figures["wins_first"], figures["wins_second"]
+        error = np.hypot(one, other) + 2 / evaluation.episodes  # not 0 where all of a few games were won
+        if abs(first - second) > CERTAIN * error:
+            found[pair] = abs(first - second), _cell(first, one), _cell(second, other)
+    if not found:
+        return ""
+    most = max(found, key=lambda pair: found[pair][0])
+    wins = "{} against {} wins {} on the first side, {} on the second".format(*most, *found[most][1:])
+    many = len({frozenset(pair) for pair in found})
+    return f"the side matters in {many} of {len(evaluation.pairings)} pairings, see wins_first and wins_second: {wins}"
 
 
 def _groups(evaluation: Played) -> Iterator[str]:
