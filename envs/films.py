@@ -33,7 +33,7 @@ HOLD = 0.8  # seconds for which films show the end of an episode; folders of pic
 SOURCES = (".py", ".json")  # endings of files of scenarios; all other files are taken for recordings
 RECORDINGS = ".rec"  # the usual ending of recordings
 
-Progress = Callable[[int], object]
+Count = Callable[[int], object]  # called with the number of frames so far
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def film(
     layers: Iterable[Layer] = (),
     every: int = 1,
     fps: int = FPS,
-    progress: Progress = lambda count: None,
+    progress: Count = lambda count: None,
     **numbers: Number,
 ) -> Path:
     """Play worlds, or replay a recording, and write what happens as a film or as a folder of pictures.
@@ -156,7 +156,7 @@ def write_film_of(
     shown: Sequence[int],
     looks: Looks,
     title: str,
-    progress: Progress = lambda count: None,
+    progress: Count = lambda count: None,
     layers: Iterable[Layer] = (),
 ) -> Path:
     """Write the film of the worlds `shown` while `played` runs them; see `film` and envs.rendering.video.footage.
@@ -195,7 +195,7 @@ def write_film_of(
     return Path(out)
 
 
-def _counted(frames: Iterable[Any], progress: Progress) -> Iterator[Any]:
+def _counted(frames: Iterable[Any], progress: Count) -> Iterator[Any]:
     for count, frame in enumerate(frames, 1):
         yield frame
         progress(count)

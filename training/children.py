@@ -10,9 +10,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from outlast.envs.cli.options import SIGNALLED, STOPPED
+from outlast.envs.progress import above_bars
 
 from . import log_file
 from .live_view import LiveView
@@ -78,7 +77,8 @@ class ChildRun:
             self._reader.join()
             code = process.wait()
         last = (self._last or ["ended without a word"])[-1]
-        tqdm.write(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
+        with above_bars(sys.stdout):
+            print(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
         return code if code >= 0 else SIGNALLED - code
 
 

@@ -5,6 +5,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from outlast.envs.progress import large
+
 from .columns import combinable
 
 
@@ -23,16 +25,6 @@ class Figure:
     name: str
     value: float
     text: str
-
-
-def large(value: float) -> str:
-    """Write a number with three digits and k, M or G: 36.5k."""
-    for unit in ("", "k", "M", "G"):
-        if abs(value) < 999.5 or unit == "G":
-            break
-        value /= 1000
-    digits = 0 if not unit or abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
-    return f"{value:.{digits}f}{unit}"
 
 
 def _rate(value: float) -> str:

@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from ..films import STEPS, Progress, film
+from ..films import STEPS, Count, film
 from . import video_options
 from .options import OPPONENTS, PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
 
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     asked = scenario(options)
     given = {name: getattr(options, name) for name in ("policy", "others", "worlds", "steps", "seed")}
 
-    def made(progress: Progress) -> None:
+    def made(progress: Count) -> None:
         film(asked, options.out, progress=progress, **given, **dataclasses.asdict(video_options.looks(options)))
 
     return video_options.report(options, options.steps, made)

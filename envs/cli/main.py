@@ -1,8 +1,6 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
-import contextlib
-import io
 import os
 import sys
 from collections.abc import Sequence
@@ -27,6 +25,7 @@ from . import check, completion, frames, layout, listing, numbers, play, replay,
 from .grammar import Parser
 from .options import STOPPED, TERMINATED, check_files, messages_shown, printable
 from .overview import overview
+from .streams import standard_streams
 
 COMMANDS = (listing, numbers, layout, schedule, check, rollout, frames, play, replay, completion)
 # Reported in one line, without a traceback.
@@ -42,50 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143.
     """
-    _prepare_streams()
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for PyTorch, which is not loaded yet: its threads wait asleep
-    with sigterm_as_ctrl_c() as terminated:
+    with standard_streams(), sigterm_as_ctrl_c() as terminated:
         status = _run(arguments)
     return TERMINATED if status == STOPPED and terminated else status
 
 
-def _prepare_streams() -> None:
-    """Let messages come out in any encoding, and closed streams be written to."""
-    for fd, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:  # closed, as by 2>&-
-            null = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
-            setattr(sys, name, null)
-            try:
-                os.fstat(fd)
-            except OSError:  # the next file would get its number, here or in a child
-                os.dup2(null.fileno(), fd)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-
-
 def _run(arguments: Sequence[str] | None) -> int:
     """Run a command, and have what it printed written before Python ends; the exit status."""
-    status = 0
     try:
         try:
-            status = _command(arguments)
+            return _command(arguments)
         finally:  # also after --help, which exits
             sys.stdout.flush()
-        return status
-    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
-        _discard_output()
-        return status
     except OSError as error:  # a full disk
-        _discard_output()
-        return _refused(f"stdout: {error.strerror or error}")
-
-
-def _discard_output() -> None:
-    """What could not be printed is not tried again when Python ends."""
-    with contextlib.suppress(OSError, ValueError):  # no file, as in tests
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
-        os.close(null)
+        return _refused_by_system(error)
 
 
 def _command(arguments: Sequence[str] | None) -> int:
@@ -101,14 +71,16 @@ def _command(arguments: Sequence[str] | None) -> int:
         return _refused(str(error))
     except MemoryError as error:
         return _refused(f"there is not enough memory, take fewer --worlds: {error}")
-    except BrokenPipeError:  # no error of use: see _run
-        raise
     except OSError as error:
-        where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""
-        return _refused(f"{where}{error.strerror or error}")
+        return _refused_by_system(error)
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)
         return STOPPED
+
+
+def _refused_by_system(error: OSError) -> int:
+    where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""
+    return _refused(f"{where}{error.strerror or error}")
 
 
 def _refused(text: str) -> int:

@@ -10,11 +10,10 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
 
-from tqdm import tqdm
-
 from outlast.ecs import NumberError
 
 from ..errors import PlayError, ScenarioError, UsageError
+from ..progress import above_bars
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
@@ -231,7 +230,7 @@ class _BesideBars(logging.StreamHandler[TextIO]):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a message."""
-        with tqdm.external_write_mode(file=self.stream):
+        with above_bars(self.stream):
             super().emit(record)
 
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from outlast.ecs import SKIP
 
 from ..errors import RecordingError, ReplayError
-from ..films import REPLAYED, Progress, write_film_of
+from ..films import REPLAYED, Count, write_film_of
+from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
 from ..rollout.event_file import event_file
@@ -134,8 +134,9 @@ def _recording(path: str, trust: bool) -> Recording:
 
 def _verify(options: argparse.Namespace, replay: Replay) -> int:
     """Replay everything, and print the statistics that the recorded rollout printed."""
-    for _ in tqdm(replay.ticks(options.verify), total=len(replay.recording), unit="tick", disable=options.quiet):
-        pass
+    with Progress(len(replay.recording), "ticks", quiet=options.quiet) as progress:
+        for _ in progress.over(replay.ticks(options.verify)):
+            pass
     same = "every digest is the same" if options.verify else "not verified"
     print(f"{printable(options.file)}: {replay.recording.contents}; {same}")
     print(replay.summary)
@@ -146,7 +147,7 @@ def _film(options: argparse.Namespace, replay: Replay) -> int:
     shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else REPLAYED)
     looks, name = video_options.looks(options), replay.recording.scenario.name
 
-    def made(progress: Progress) -> None:
+    def made(progress: Count) -> None:
         write_film_of(options.out, replay.worlds, ticks, shown, looks, name, progress)
 
     return video_options.report(options, options.last - options.first, made)
@@ -168,8 +169,8 @@ def _data(options: argparse.Namespace, replay: Replay) -> int:
     from ..datasets.samples import Selection
 
     worlds, _ = _selected(options, replay, replay.worlds.count)
-    with tqdm(total=options.last + 1, unit="tick", disable=options.quiet) as bar:
-        selection = Selection(worlds, options.first, options.last, options.verify, lambda tick: bar.update(1))
+    with Progress(options.last + 1, "ticks", quiet=options.quiet) as progress:
+        selection = Selection(worlds, options.first, options.last, options.verify, lambda tick: progress.add())
         count = export_dataset(options.data, replay, selection)
     print(f"{printable(options.data)}: {count:,} agent-steps")
     return 0
@@ -179,8 +180,9 @@ def _events(options: argparse.Namespace, replay: Replay) -> int:
     shown, ticks = _selected(options, replay, replay.worlds.count)
     worlds = replay.worlds
     chosen = np.isin(np.arange(worlds.count), shown)
-    with event_file(options.events, worlds.layout, replay.recording.first_world) as file:
-        for _ in tqdm(ticks, total=options.last - options.first + 1, unit="tick", disable=options.quiet):
+    progress = Progress(options.last - options.first + 1, "ticks", quiet=options.quiet)
+    with event_file(options.events, worlds.layout, replay.recording.first_world) as file, progress:
+        for _ in progress.over(ticks):
             file.add(replay.events(), chosen & (worlds.mode != SKIP))
     print(printable(options.events))
     return 0

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from tqdm import tqdm
-
 from outlast.ecs.errors import OutlastError
 
 from ..core.make import make_vec
 from ..errors import ClusterError, UsageError
+from ..progress import Progress
 from ..rollout.local import Task
 from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
@@ -170,28 +169,24 @@ class Played:
 def _play_with_bar(options: argparse.Namespace, agents: int, work: Work) -> Played:
     """Do the work behind a progress bar, as far as it gets."""
     start = time.perf_counter()
-    unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
-    total, scale = options.worlds * each, bool(options.steps)
-    bar = tqdm(total=total, unit=unit, unit_scale=scale, miniters=0, disable=options.quiet)  # 0: also between ends
+    unit, each = ("world-steps", options.steps) if options.steps else ("episodes", options.episodes)
     latest = Summary()
 
-    def progress(summary: Summary) -> None:
+    def show(summary: Summary) -> None:
         nonlocal latest
         latest = summary
-        done = summary.world_steps if options.steps else summary.episodes
-        if bar.update(done - bar.n):  # it redrew itself
-            rate = summary.world_steps * agents / (time.perf_counter() - start)
-            bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
+        rate = summary.world_steps * agents / (time.perf_counter() - start)
+        note = f"{rate:,.0f} agent-steps/s"
+        progress.show(summary.world_steps if options.steps else summary.episodes, note=note)
 
     status, failure = 0, None
     try:
-        latest = work(progress)
+        with Progress(options.worlds * each, unit, quiet=options.quiet) as progress:
+            latest = work(show)
     except KeyboardInterrupt as stop:
         latest, status = stop.args[0] if stop.args else Summary(), STOPPED
     except (OutlastError, OSError) as error:  # as where the disk is full
         failure = error
-    finally:
-        bar.close()
     return Played(latest, agents, time.perf_counter() - start, status, failure)
 
 

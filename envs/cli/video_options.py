@@ -1,15 +1,15 @@
 """Options of the commands that draw worlds: what is drawn, and where it goes."""
 
 import argparse
+import contextlib
 import dataclasses
 import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
-from ..films import Looks, Progress
+from ..films import Count, Looks
+from ..progress import Progress
 from ..rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL
 from .grammar import Parser
 from .options import STOPPED, add_number, path, printable
@@ -52,29 +52,27 @@ def looks(options: argparse.Namespace) -> Looks:
     return Looks(**{name: getattr(options, name) for name in DEFAULTS})
 
 
-def report(options: argparse.Namespace, total: int, made: Callable[[Progress], object]) -> int:
+def report(options: argparse.Namespace, total: int, made: Callable[[Count], object]) -> int:
     """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status.
 
     The bar begins with the first frame: until then, something may be refused.
     """
-    bars, frames = list[Any](), 0
+    begun, frames = contextlib.ExitStack(), 0
+    progress: Progress | None = None
 
-    def progress(count: int) -> None:
-        nonlocal frames
+    def show(count: int) -> None:
+        nonlocal frames, progress
         frames = count
-        if not bars:
-            bars.append(tqdm(total=total // options.every + 1, unit="frame", disable=options.quiet))
-        bars[0].total = max(bars[0].total or 0, count)  # the ends of episodes add some
-        bars[0].update()
+        if progress is None:
+            progress = begun.enter_context(Progress(total // options.every + 1, "frames", quiet=options.quiet))
+        progress.show(count, max(progress.total, count))  # the ends of episodes add some
 
     try:
-        made(progress)
+        with begun:
+            made(show)
     except KeyboardInterrupt:
         LOGGER.warning("stopped; %s was not written", options.out)
         return STOPPED
-    finally:
-        for bar in bars:
-            bar.close()
     print(f"{printable(options.out)}: {frames:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
     return 0
 

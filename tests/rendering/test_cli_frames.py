@@ -88,7 +88,7 @@ def test_mosaics(capsys, tmp_path: Path, options: tuple[object, ...], shape: tup
 
 def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
     _, _, err = run(capsys, "frames", "ffa_3", "--out", tmp_path / "film.apng", "--size", 64, "--steps", 9)
-    assert "10/10" in err
+    assert "10 of 10 frames" in err
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def test_rollout_plays_whole_episodes_unless_steps_are_given(capsys):
     assert status == 0
     assert "3 worlds x 1 episode\n" in out
     assert "3 whole episodes, the first of every world" in out
-    assert "3/3" in err  # the progress bar
+    assert "3 of 3 episodes" in err  # the progress
     out = run(capsys, *arguments, "--episodes", "4", "--quiet")[1]
     assert "3 worlds x 4 episodes\n" in out
     assert "12 whole episodes, the first 4 of every world" in out

@@ -7,9 +7,10 @@ import re
 
 import pytest
 
+from outlast.envs import progress
 from outlast.envs.cli.options import messages_shown
-from outlast.training import live_view
-from outlast.training.headline import GROUPS, Figure, headline, large
+from outlast.envs.progress import Progress, large
+from outlast.training.headline import GROUPS, Figure, headline
 from outlast.training.live_view import LiveView, fitted
 
 TAGS = {
@@ -196,11 +197,11 @@ def test_messages_are_written_above_it(terminal: Terminal, monkeypatch: pytest.M
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
-    monkeypatch.setattr(live_view.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     file = io.StringIO()
     view = LiveView(1_000_000, 2_000_000, file=file)
     for k in range(1, 8):
-        clock[0] += live_view.EVERY / 3
+        clock[0] += progress.EVERY / 3
         view.now("collecting")
         view.update(1_000_000 + 100_000 * k, 2_000_000, TAGS)
     view.close()
@@ -213,6 +214,17 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None
         "learning: epochs 3.2, KL 0.0113, entropy 4.21"
     )
     assert "\x1b" not in file.getvalue()
+
+
+def test_what_is_slow_or_has_no_end_is_shown_without_a_rate_or_a_total(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    file = io.StringIO()
+    for total in (4, 0):
+        with Progress(total, "matches", file=file) as shown:
+            clock[0] += 60
+            shown.add(note="between friends")
+    assert file.getvalue().splitlines() == ["1 of 4 matches; 03:00 left; between friends", "1 matches; between friends"]
 
 
 def test_the_end_is_in_the_log() -> None:

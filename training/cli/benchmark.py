@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, count, positive, seed
 from outlast.envs.errors import install
+from outlast.envs.progress import Progress, duration
 
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
 from ..children import ChildRun, side_by_side
@@ -180,7 +179,7 @@ def _about(entries: list[Any], at_once: int) -> str:
     several = "entries" if len(entries) > 1 else "entry"
     return (
         f"{len(entries)} {several}, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
-        f"{tqdm.format_interval(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
+        f"{duration(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
     )
 
 
@@ -262,9 +261,9 @@ def _score(options: argparse.Namespace) -> int:
         scores.scores(place)  # refuses what has no scores before hours of cross-play are spent on it
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
         total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
-        with tqdm(total=total, unit="game", disable=options.quiet) as bar:
+        with Progress(total, "games", quiet=options.quiet) as progress:
             for folder, entries in folders:
-                crossplay.play_all(folder, entries, bar.update, _jobs(options))
+                crossplay.play_all(folder, entries, progress.add, _jobs(options))
         found = scores.scores(place)
         write_json(place / scores.NAME, found)
         print(*scores.lines(found), place / scores.NAME, sep="\n")
@@ -313,11 +312,6 @@ def _anchors(options: argparse.Namespace) -> int:
 
     if len(options.names) != 1 or not options.policies or options.out is None:
         raise TrainingError("benchmark anchors needs a task, --policies and --out")
-    with tqdm(unit="match", disable=options.quiet) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress))
+    with Progress(0, "matches", quiet=options.quiet) as progress:
+        print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress.show))
     return 0

@@ -4,14 +4,14 @@ import argparse
 import heapq
 import importlib
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from outlast.envs.cli.options import STOPPED, nonnegative, positive
 from outlast.envs.errors import FilmError, install
+from outlast.envs.progress import Progress, above_bars
 
 from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
@@ -88,9 +88,11 @@ def run(options: argparse.Namespace) -> int:
         return status
     for part in PARTS:  # after a run that failed, too: of those that did not
         if own := [each for each in chosen if each.part == part and each.results(options.out)]:
-            with tqdm(unit="step", disable=options.quiet, desc=f"figures and tables of {part}") as bar:
-                for made in write_part(part, own, options.out, bar.update):
-                    tqdm.write(str(made))
+            about = f"figures and tables of {part}"
+            with Progress(0, "steps", quiet=options.quiet, about=about) as progress:
+                for made in write_part(part, own, options.out, progress.add):
+                    with above_bars(sys.stdout):
+                        print(made)
     return status
 
 

@@ -1,13 +1,11 @@
 """Evaluations in one call: `outlast evaluate`, and outlast.evaluate."""
 
 import contextlib
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
+from outlast.envs.progress import Progress
 from outlast.envs.recording import record
 from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
@@ -102,12 +100,11 @@ def recordings(film: bool) -> Iterator[Path | None]:
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
     """Play every pairing. If there is a folder for tables, those of what is complete are always in it."""
     pairs, each = len(evaluation.pairs), evaluation.episodes
-    if pairs > 1 and not quiet:
-        print(f"{pairs} pairings of {each:,} episodes; fewer (--episodes) take less time", file=sys.stderr, flush=True)
-    with tqdm(total=pairs * each, unit="episode", disable=quiet) as bar:
+    about = f"{pairs} pairings of {each:,} episodes; fewer (--episodes) take less time" if pairs > 1 else ""
+    with Progress(pairs * each, "episodes", quiet=quiet, about=about) as progress:
         for pair in evaluation.pairs:
             with record(evaluation.env, _recording(hidden, pair)) if hidden else contextlib.nullcontext():
-                evaluation.play_pair(pair, bar.update)
+                evaluation.play_pair(pair, progress.add)
             if folder is not None:
                 report.write_tables(evaluation, folder)
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FilmError, install
+from ...progress import Messages
 from .. import opencv as cv2
 from ..canvas import Image
 from .apng import count_apng, write_apng
@@ -80,15 +81,23 @@ def _stderr_muted() -> Iterator[None]:
 
     It warns that .webm has no tag for VP8, but finds the codec anyway; files that are cut short are found by _size.
     """
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    Messages(sys.stderr).flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # it is closed: nothing else may get its number meanwhile, as FFmpeg would write into that
+        kept = None
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        if kept is None:
+            os.close(2)
+        else:
+            os.dup2(kept, 2)
+            os.close(kept)
+        if nowhere != 2:
+            os.close(nowhere)
 
 
 @contextlib.contextmanager

@@ -5,9 +5,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ...errors import PageError
+from ...progress import Progress
 from ...recording import Recording, Replay
 from ...recording.selection import last_tick, rows_of
 from .pack import Room
@@ -69,10 +68,10 @@ def replay_page(
         rows_of(each, [each.first_world + row for row in shown])  # raises if it lacks one of these worlds
     rooms = []
     for each, end in zip(opened, ends, strict=True):
-        with contextlib.closing(Replay(each, threads)) as replay:
-            ticks = replay.ticks(verify, first=first, last=end, worlds=shown)
-            bar = tqdm(ticks, total=end - first + 1, unit="tick", disable=quiet)
-            rooms.append(Room(title_of(each), record_ticks(replay.worlds, bar, shown, replay)))
+        progress = Progress(end - first + 1, "ticks", quiet=quiet)
+        with contextlib.closing(Replay(each, threads)) as replay, progress:
+            ticks = progress.over(replay.ticks(verify, first=first, last=end, worlds=shown))
+            rooms.append(Room(title_of(each), record_ticks(replay.worlds, ticks, shown, replay)))
     save(target, rooms, title or " beside ".join(room.title for room in rooms))
     return target
 
