@@ -12,6 +12,7 @@ from pathlib import Path
 
 from outlast.envs.cli.options import SIGNALLED, STOPPED
 from outlast.envs.progress import above_bars
+from outlast.envs.storage.interrupts import ignored, save_requests
 
 from . import log_file
 from .live_view import LiveView
@@ -51,9 +52,10 @@ class ChildRun:
     def start(self) -> None:
         """Start the process, which begins or continues the run."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
-        self.process = subprocess.Popen(
-            self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
-        )
+        with ignored("SIGUSR1"):  # until the run can save when it is asked to
+            self.process = subprocess.Popen(
+                self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
+            )
         self._last = deque[str](maxlen=1)
         self._reader = threading.Thread(target=self._read, daemon=True)  # a full pipe would stop the run
         self._reader.start()
@@ -66,6 +68,11 @@ class ChildRun:
         """Interrupt the run, so that it saves and ends."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
+
+    def save(self) -> None:
+        """Let the run write a checkpoint and go on."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGUSR1)
 
     def steps(self) -> int:
         """Agent-steps done, according to the run's log."""
@@ -87,6 +94,8 @@ def side_by_side(
 ) -> int:
     """Train all runs. A run that fails is reported, and the others go on. On Ctrl-C, all that have begun save and stop.
 
+    SIGUSR1 is passed on to those that have begun, which save and go on.
+
     Args:
         runs: The runs, in the order in which they begin.
         at_once: How many run at a time.
@@ -99,16 +108,21 @@ def side_by_side(
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:
-        while waiting or running:
-            while waiting and len(running) < at_once:
-                running.append(waiting.pop(0))
-                running[-1].start()
-            time.sleep(POLL)
-            for run in [run for run in running if run.process.poll() is not None]:
-                running.remove(run)
-                statuses.append(run.report())
-            view.update(done(), view.total, {})
-            view.now(f"{len(running)} running, {len(waiting)} waiting")
+        with save_requests() as asked:
+            while waiting or running:
+                while waiting and len(running) < at_once:
+                    running.append(waiting.pop(0))
+                    running[-1].start()
+                time.sleep(POLL)
+                for run in [run for run in running if run.process.poll() is not None]:
+                    running.remove(run)
+                    statuses.append(run.report())
+                if asked:
+                    asked.clear()
+                    for run in running:
+                        run.save()
+                view.update(done(), view.total, {})
+                view.now(f"{len(running)} running, {len(waiting)} waiting")
     except KeyboardInterrupt:
         for run in running:
             run.stop()

@@ -14,8 +14,9 @@ import torch
 from torch import Tensor
 from torch import distributed as dist
 
+from outlast.envs.storage.interrupts import ignored
+
 from .errors import TrainingError
-from .processes import deaf_to_ctrl_c
 
 Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
@@ -160,7 +161,7 @@ class Children:
             context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
             for rank in range(1, size)
         ]
-        with deaf_to_ctrl_c():
+        with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
             for process in self.processes:
                 process.start()
 

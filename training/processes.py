@@ -1,14 +1,14 @@
 """Independent work in several processes of this machine, with results in order. Needs no PyTorch."""
 
-import contextlib
 import multiprocessing
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
+
+from outlast.envs.storage.interrupts import ignored
 
 from .errors import TrainingError
 
@@ -34,7 +34,7 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
     context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
     pool = ProcessPoolExecutor(count, context, _end_with_parent)
     try:
-        with deaf_to_ctrl_c():
+        with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
             pending = [pool.submit(job) for job in jobs]
         for future in pending:
             yield future.result()
@@ -57,16 +57,3 @@ def _end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-@contextlib.contextmanager
-def deaf_to_ctrl_c() -> Iterator[None]:
-    """A context in which processes are started that ignore Ctrl-C: a terminal sends it to all, this one handles it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import json
+import logging
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock
-from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
+from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
 
 from . import checkpoint, run_header
 from .config import TrainingConfig, parse_warm_start
@@ -32,6 +33,7 @@ from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
 FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # a saved policy among the opponents of a plan
+logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
 
 
@@ -141,10 +143,14 @@ class TrainingRun:
         self.saved = self.done = self.trainer.steps
         self.tags: dict[str, float] = {}
         self.now = "collecting"
+        self.kept: tuple[int, dict[str, bytes]] | None = None  # where the last update ended: steps, checkpoint
+        self.asked: list[int] = []  # signals that ask for a checkpoint
 
     @one_interrupt()
     def train(self, progress: Progress = lambda run: None) -> None:
         """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
+
+        SIGUSR1 saves that, too, at the end of the rollout or epoch, and the run goes on.
 
         Args:
             progress: Called after each update, and when each of its epochs begins, as the first updates take minutes.
@@ -152,33 +158,47 @@ class TrainingRun:
         Raises:
             TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
         """
-        kept = None
-        try:
-            if self.fresh and self.config.warm_start:
-                self._warm_start(progress)
-            if not self.saved:
-                kept = self._capture()
-            while self.trainer.steps < self.config.steps:
-                self._iterate(progress)
-                self.done, self.now = self.trainer.steps, "collecting"
-                kept = self._capture()
-                last = self.done >= self.config.steps
-                if last or self.done // self.config.every > self.saved // self.config.every:
-                    self._save(kept)
-                    if self.film:
-                        latest = self.folder / CHECKPOINT.format(self.saved)
-                        film_checkpoint(latest, self.folder, self.config.scenario)
-                progress(self)
-        finally:
-            with interrupts_held(), self._disk_errors():  # a cluster may signal twice: this process, and its parent
-                self.crew.close()
-                try:
-                    if kept is not None:
-                        self._save(kept)
-                finally:
-                    self.log.close()
-                    self.lock.release()
-                    torch.set_num_threads(self._threads)
+        with save_requests() as self.asked:
+            try:
+                self._train(progress)
+            finally:
+                with interrupts_held(), self._disk_errors():  # a cluster may signal twice: this process, and its parent
+                    self.crew.close()
+                    try:
+                        if self.kept is not None:
+                            self._save(self.kept)
+                    finally:
+                        self.log.close()
+                        self.lock.release()
+                        torch.set_num_threads(self._threads)
+
+    def _train(self, progress: Progress) -> None:
+        """Collect and update, and save now and then."""
+        if self.fresh and self.config.warm_start:
+            self._warm_start(progress)
+        if not self.saved:
+            self.kept = self._capture()
+        while self.trainer.steps < self.config.steps:
+            self._iterate(progress)
+            self.done, self.now = self.trainer.steps, "collecting"
+            self.kept = self._capture()
+            last = self.done >= self.config.steps
+            if last or self.done // self.config.every > self.saved // self.config.every:
+                self._save(self.kept)
+                if self.film:
+                    latest = self.folder / CHECKPOINT.format(self.saved)
+                    film_checkpoint(latest, self.folder, self.config.scenario)
+            self._save_if_asked()
+            progress(self)
+
+    def _save_if_asked(self) -> None:
+        """Save where the last update ended, if SIGUSR1 has come and that is not saved already."""
+        if self.asked and self.kept is not None:
+            self.asked.clear()
+            path = self.folder / CHECKPOINT.format(self.kept[0])
+            if not path.exists():
+                self._save(self.kept)
+                logger.info("saved %s, as SIGUSR1 asks for", path)
 
     def _warm_start(self, progress: Progress) -> None:
         """Imitate the teacher, and save. If this is interrupted, a resumed run imitates from the beginning."""
@@ -201,6 +221,7 @@ class TrainingRun:
 
         def on_epoch(epoch: int) -> None:
             self.now = f"epoch {epoch}"
+            self._save_if_asked()
             progress(self)
 
         trainer, times = self.trainer, [time.perf_counter()]

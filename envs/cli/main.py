@@ -20,10 +20,10 @@ from ..errors import (
     StateError,
     UsageError,
 )
-from ..storage.interrupts import sigterm_as_ctrl_c
+from ..storage.interrupts import save_requests, stops_as_ctrl_c
 from . import check, completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
-from .options import STOPPED, TERMINATED, check_files, messages_shown, printable
+from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable
 from .overview import overview
 from .streams import standard_streams
 
@@ -39,12 +39,12 @@ PLUGINS = "outlast.commands"  # entry points of this group are modules like thos
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status.
 
-    Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143.
+    Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143, SIGHUP 129.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for PyTorch, which is not loaded yet: its threads wait asleep
-    with standard_streams(), sigterm_as_ctrl_c() as terminated:
+    with standard_streams(), save_requests(), stops_as_ctrl_c() as came:
         status = _run(arguments)
-    return TERMINATED if status == STOPPED and terminated else status
+    return SIGNALLED + came[0] if status == STOPPED and came else status
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -1,4 +1,4 @@
-"""Contexts that make Ctrl-C wait, drop a second Ctrl-C, or treat SIGTERM as Ctrl-C."""
+"""Contexts that make Ctrl-C wait, drop a second Ctrl-C, treat other signals as Ctrl-C, collect or ignore them."""
 
 import contextlib
 import math
@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 A_MOMENT = 1.0  # seconds within which two Ctrl-C count as one: a nervous hand, or a cluster, sends several
@@ -80,23 +80,20 @@ def left_whole() -> Iterator[contextlib.ExitStack]:
 
 
 @contextlib.contextmanager
-def sigterm_as_ctrl_c() -> Iterator[list[int]]:
-    """Treat SIGTERM, which schedulers of clusters send before they kill a process, as Ctrl-C.
+def stops_as_ctrl_c() -> Iterator[list[int]]:
+    """Treat SIGTERM and SIGHUP as Ctrl-C: schedulers of clusters, and terminals that are closed, send them to stop.
 
-    Nothing changes outside of the main thread, or if the caller has a handler for SIGTERM.
+    Nothing changes outside of the main thread, or for a signal that the caller handles or ignores, as nohup does.
 
     Yields:
         The signals that have come so far.
     """
     came: list[int] = []
-    free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if threading.current_thread() is not threading.main_thread() or not free:
-        yield came
-        return
+    free = [number for number in _numbers("SIGTERM", "SIGHUP") if signal.getsignal(number) is signal.SIG_DFL]
     owner = os.getpid()
 
     def pass_on(number: int, frame: object) -> None:
-        if os.getpid() != owner:  # in a forked process, SIGTERM ends it as usual: it has nothing to save
+        if os.getpid() != owner:  # in a forked process, it ends it as usual: it has nothing to save
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
         came.append(number)
@@ -104,8 +101,56 @@ def sigterm_as_ctrl_c() -> Iterator[list[int]]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.raise_signal(signal.SIGINT)
 
-    signal.signal(signal.SIGTERM, pass_on)
-    try:
+    with _handled(free, pass_on):
         yield came
+
+
+@contextlib.contextmanager
+def save_requests() -> Iterator[list[int]]:
+    """Collect SIGUSR1, which asks for a checkpoint and which would otherwise end the process.
+
+    Nothing changes outside of the main thread, if the caller has a handler of its own, or where there is no SIGUSR1.
+
+    Yields:
+        The signals that have come so far, and not in a context inside this one.
+    """
+    came: list[int] = []
+    free = [each for each in _numbers("SIGUSR1") if isinstance(signal.getsignal(each), signal.Handlers | _Collect)]
+    with _handled(free, _Collect(came)):
+        yield came
+
+
+@contextlib.contextmanager
+def ignored(*names: str) -> Iterator[None]:
+    """Ignore signals in this process and, from the beginning on, in those that it starts; not in other threads."""
+    with _handled(_numbers(*names), signal.SIG_IGN):
+        yield
+
+
+class _Collect:
+    """A handler that collects signals in a list."""
+
+    def __init__(self, came: list[int]) -> None:
+        self.came = came
+
+    def __call__(self, number: int, frame: object) -> None:
+        self.came.append(number)
+
+
+def _numbers(*names: str) -> list[signal.Signals]:
+    """Return the signals of these names that this system has."""
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+@contextlib.contextmanager
+def _handled(numbers: Iterable[signal.Signals], handler: Any) -> Iterator[None]:
+    """Handle signals in this context, if it is in the main thread and they were not handled in another language."""
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: old for number in numbers if main and (old := signal.getsignal(number)) is not None}
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, old in before.items():
+            signal.signal(number, old)

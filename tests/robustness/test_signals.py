@@ -1,7 +1,8 @@
-"""Ctrl-C where something has to be done whole, and SIGTERM, which is Ctrl-C to a command."""
+"""Ctrl-C where something has to be done whole; SIGTERM and SIGHUP, which are Ctrl-C to a command; SIGUSR1."""
 
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,16 +11,17 @@ from typing import Any
 import pytest
 
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.storage.interrupts import interrupts_held, sigterm_as_ctrl_c
+from outlast.envs.storage.interrupts import ignored, interrupts_held, save_requests, stops_as_ctrl_c
 from tests.conftest import interrupted_after, run
 
+STOPS = (signal.SIGTERM, signal.SIGHUP) if sys.platform != "win32" else ()
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
 
 
 @pytest.fixture(autouse=True)
 def _handlers() -> Iterator[None]:
     """Every test leaves the process as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *STOPS, signal.SIGUSR1)}
     yield
     now = {number: signal.getsignal(number) for number in before}
     for number, handler in before.items():
@@ -42,12 +44,13 @@ def test_ctrl_c_waits_for_what_has_to_be_whole() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
-def test_sigterm_waits_as_ctrl_c_does() -> None:
+@pytest.mark.parametrize("number", STOPS)
+def test_they_wait_as_ctrl_c_does(number: int) -> None:
     done = []
 
     def work() -> None:
-        with sigterm_as_ctrl_c(), interrupts_held():
-            signal.raise_signal(signal.SIGTERM)
+        with stops_as_ctrl_c(), interrupts_held():
+            signal.raise_signal(number)
             done.append(1)
 
     with pytest.raises(KeyboardInterrupt):
@@ -55,7 +58,7 @@ def test_sigterm_waits_as_ctrl_c_does() -> None:
     assert done == [1]
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), *((number, 128 + number) for number in STOPS)])
 def test_a_command_prints_what_there_is(
     capsys: Any, tmp_path: Path, monkeypatch: Any, number: int, status: int
 ) -> None:
@@ -68,10 +71,44 @@ def test_a_command_prints_what_there_is(
     assert table.read_text(encoding="utf-8").startswith("world,")
 
 
+@pytest.mark.parametrize("number", [*STOPS, signal.SIGUSR1])
+def test_what_a_command_is_told_to_ignore_or_to_save_does_not_stop_it(
+    capsys: Any, monkeypatch: Any, number: int
+) -> None:
+    """SIGHUP is ignored beneath nohup; SIGUSR1 asks for a checkpoint, which only training has."""
+    monkeypatch.setitem(POLICIES, "noop", interrupted_after(30, number))
+    before = signal.signal(number, signal.SIG_DFL if number == signal.SIGUSR1 else signal.SIG_IGN)
+    code, out, err = run(capsys, "rollout", "ffa_2", "--worlds=2", "--policy=noop", "--steps=60", "--quiet")
+    signal.signal(number, before)
+    assert (code, err) == (0, "")
+    assert "120 world-steps" in out
+
+
+def test_requests_to_save_reach_the_inner_of_two_contexts() -> None:
+    with save_requests() as outer:
+        signal.raise_signal(signal.SIGUSR1)
+        with save_requests() as inner:
+            signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGUSR1)
+    assert (len(outer), len(inner)) == (2, 1)
+
+
+def test_a_process_that_is_started_ignores_a_signal_until_it_handles_it() -> None:
+    code = "import signal; print(int(signal.getsignal(signal.SIGUSR1)), int(signal.getsignal(signal.SIGTERM)))"
+    with ignored("SIGUSR1", "SIGBREAK"):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == [str(int(signal.SIG_IGN)), str(int(signal.SIG_DFL))]
+    before = signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    with save_requests() as came:
+        signal.raise_signal(signal.SIGUSR1)
+    signal.signal(signal.SIGUSR1, before)
+    assert len(came) == 1
+
+
 def test_sigterm_stops_what_ignores_ctrl_c() -> None:
     """As a shell's background commands do."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with sigterm_as_ctrl_c() as came:
+    with stops_as_ctrl_c() as came:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
@@ -79,18 +116,20 @@ def test_sigterm_stops_what_ignores_ctrl_c() -> None:
     signal.signal(signal.SIGINT, before)
 
 
-def test_a_handler_of_the_caller_stays() -> None:
+@pytest.mark.parametrize("number", [*STOPS, signal.SIGUSR1])
+def test_a_handler_of_the_caller_stays(number: int) -> None:
     own: list[int] = []
-    before = signal.signal(signal.SIGTERM, lambda number, frame: own.append(number))
-    with sigterm_as_ctrl_c() as came:
-        signal.raise_signal(signal.SIGTERM)
-    signal.signal(signal.SIGTERM, before)
-    assert (own, came) == ([signal.SIGTERM], [])
+    before = signal.signal(number, lambda number, frame: own.append(number))
+    with stops_as_ctrl_c() as came, save_requests() as asked:
+        signal.raise_signal(number)
+    signal.signal(number, before)
+    assert (own, came, asked) == ([number], [], [])
 
 
-def test_a_fork_ends_at_once() -> None:
-    with sigterm_as_ctrl_c():
-        assert ended(lambda: signal.raise_signal(signal.SIGTERM)) == -signal.SIGTERM
+@pytest.mark.parametrize("number", STOPS)
+def test_a_fork_ends_at_once(number: int) -> None:
+    with stops_as_ctrl_c():
+        assert ended(lambda: signal.raise_signal(number)) == -number
     assert ended(lambda: None) == 0
 
 

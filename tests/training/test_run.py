@@ -221,6 +221,23 @@ def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) ->
     assert not list(tmp_path.glob("*/*.tmp"))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGUSR1")
+def test_a_signal_asks_for_a_checkpoint_and_the_run_goes_on(tmp_path: Path) -> None:
+    """The checkpoint is of the last complete update. One that is there already is not written again."""
+    run, saved = TrainingRun(config(4 * EACH, every=10 * EACH), tmp_path / "run"), list[int]()
+
+    def ask(run: TrainingRun) -> None:
+        if (run.done, run.now) in ((0, "epoch 1"), (2 * EACH, "epoch 1"), (2 * EACH, "epoch 2")):
+            signal.raise_signal(signal.SIGUSR1)
+
+    write = run._save
+    run._save = lambda kept: (saved.append(kept[0]), write(kept))  # type: ignore[method-assign, func-returns-value]
+    run.train(ask)
+    assert saved == [0, 2 * EACH, 4 * EACH, 4 * EACH]
+    TrainingRun(config(4 * EACH, every=10 * EACH), tmp_path / "whole").train()
+    assert_same(tmp_path / "run", tmp_path / "whole")
+
+
 def test_the_log_has_the_papers_quantities_and_more(tmp_path: Path) -> None:
     TrainingRun(config(2 * EACH, scenario=SHORT.replace(agents_health=4)), tmp_path).train()
     found = points(tmp_path)

@@ -149,10 +149,16 @@ def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_asked_or_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
     """Clusters send SIGTERM to every process, and the command stops its runs: they are interrupted twice."""
     with two_runs(tmp_path) as (process, logs):
+        process.send_signal(signal.SIGUSR1)
+        deadline = time.monotonic() + 100
+        while not all(names(log.parent) for log in logs):  # no other checkpoint comes so early
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
         for pid in [*children(process.pid), process.pid] if number == signal.SIGTERM else [process.pid]:
             os.kill(pid, number)
         out, err = process.communicate(timeout=100)
