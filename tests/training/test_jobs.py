@@ -12,6 +12,9 @@ import pytest
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")  # which all of outlast.training is for
 
+from outlast.envs.cli.main import main
+from outlast.envs.cli.options import STOPPED
+from outlast.training.cli import benchmark, paper, train
 from outlast.training.errors import TrainingError
 from outlast.training.processes import results
 
@@ -24,6 +27,32 @@ if __name__ == "__main__":
     for _ in results([partial(print, "begun", flush=True), *[partial(time.sleep, 60)] * 4], 2):
         pass
 """
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes have no affinity there")
+@pytest.mark.parametrize(
+    ("words", "at_once"),
+    [
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7", 5),
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --processes 2", 2),
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --jobs 7", 7),
+        ("benchmark run ffa_2-v1 --agent fast --seed 0 1 2 3 4 5 6 7", 5),
+        ("paper original", 5),
+    ],
+)
+def test_as_many_run_at_once_as_there_are_cores_for_this_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, at_once: int
+) -> None:
+    """As in a job of 5 of 128 cores."""
+    for needed in ("matplotlib", "imageio_ffmpeg") if words.startswith("paper") else ():
+        pytest.importorskip(needed, reason=f"needs {needed}: outlast[plot,video]")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8, 13, 21})
+    monkeypatch.setattr(os, "cpu_count", lambda: 128)
+    found: list[int] = []
+    for command in (train, benchmark, paper):
+        monkeypatch.setattr(command, "side_by_side", lambda runs, at_once, *_: found.append(at_once) or STOPPED)
+    assert main([*words.split(), "--quiet", "--out", str(tmp_path)]) == STOPPED
+    assert found == [at_once]
 
 
 @pytest.mark.parametrize("at_once", [1, 3])

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import platform
 import re
 from collections.abc import Callable, Iterable
@@ -11,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 
 from ..errors import TrainingError
@@ -98,7 +98,7 @@ def made() -> Content:
     """What a result is made with: versions, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
-    return {"python": platform.python_version(), **versions, "machine": machine, "cores": os.cpu_count() or 1}
+    return {"python": platform.python_version(), **versions, "machine": machine, "cores": available_cores()}
 
 
 def write_json(path: Path, content: Any) -> None:

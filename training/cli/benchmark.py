@@ -3,12 +3,12 @@
 import argparse
 import functools
 import itertools
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, count, positive, seed
 from outlast.envs.errors import install
@@ -241,7 +241,7 @@ def _run_several(entries: list[Any], options: argparse.Namespace, command: Parse
 
 def _jobs(options: argparse.Namespace) -> int:
     """How many entries, or matches, are played at a time."""
-    return int(options.jobs or os.cpu_count() or 1)
+    return int(options.jobs or available_cores())
 
 
 def _places(options: argparse.Namespace) -> list[Path]:

@@ -3,12 +3,12 @@
 import argparse
 import heapq
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.available import available_cores
 from outlast.envs.cli.options import STOPPED, nonnegative, positive
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     chosen = _chosen(options)
     plan = _plan(chosen, options)
     seconds, timed = expected_seconds([experiment for experiment, _ in plan])
-    jobs = options.jobs or os.cpu_count() or 1
+    jobs = options.jobs or available_cores()
     about, lines = _said(plan, seconds, timed, options.out, jobs)
     if options.plan:
         print("\n".join([about, *lines]))

@@ -4,12 +4,12 @@ import argparse
 import functools
 import itertools
 import logging
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.errors import install
@@ -197,7 +197,7 @@ def _train_several(
     ]
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
-    at_once = options.jobs or max(1, (os.cpu_count() or 1) // options.processes)
+    at_once = options.jobs or max(1, available_cores() // options.processes)
     works = [Workload.of(_config(options, scenario, seed, settings)) for (_, scenario), seed in pairs]
     total = sum(work.total for work in works)
     about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
