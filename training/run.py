@@ -16,10 +16,10 @@ from outlast.envs.errors import install
 from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
-from outlast.envs.storage.folder_lock import FolderLock
+from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
 
-from . import checkpoint, run_header
+from . import checkpoint, log_file, run_header
 from .config import TrainingConfig, parse_warm_start
 from .crew import Crew, recruit
 from .divergence import check_learned
@@ -31,6 +31,7 @@ from .presets import preset
 from .resume import capture, knows_opponents, restore
 from .trainer import Trainer
 
+WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
 THREADS = 4  # more do not pay for networks this small
 FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
@@ -127,7 +128,7 @@ class TrainingRun:
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
         self.fresh, self.lock, self._threads = (
             files is None,
-            FolderLock(folder, "trains this run"),
+            FolderLock(folder, "trains this run", WRITTEN),
             torch.get_num_threads(),
         )
         try:
@@ -254,9 +255,9 @@ class TrainingRun:
         self.saved = steps
 
     def _there(self) -> set[str]:
-        """Names of what is in the folder, without temporary files."""
+        """Names of what is in the folder, without temporary files and that of the lock."""
         paths = self.folder.iterdir() if self.folder.is_dir() else ()
-        return {path.name for path in paths if not is_temporary(path)}
+        return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
         """The checkpoint to go on from, if there is one. there: What is in the folder."""

@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-TEMPORARY = re.compile(r"\..+-[0-9a-f]{8}\.tmp")
+TEMPORARY = re.compile(r"\.(.+)-[0-9a-f]{8}\.tmp")
 
 
 def temporary_path(target: Path) -> Path:
@@ -25,6 +25,12 @@ def temporary_path(target: Path) -> Path:
 def is_temporary(path: Path) -> bool:
     """Return whether it is a temporary file: one that a process is writing, or that a killed process left."""
     return TEMPORARY.fullmatch(path.name) is not None
+
+
+def target_name(path: Path) -> str:
+    """Return the name of the file whose place a temporary file takes when it is complete; "" for any other file."""
+    found = TEMPORARY.fullmatch(path.name)
+    return found[1] if found else ""
 
 
 def remove(path: Path) -> None:

@@ -1,50 +1,164 @@
 """Folders that one process at a time writes into."""
 
+import contextlib
+import errno
+import fnmatch
+import importlib
 import os
+import platform
+import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from outlast.ecs.cache_files import fcntl, try_lock, unlock
+from .atomic_write import is_temporary, remove, target_name
 
-from .atomic_write import is_temporary, remove
+LOCK, OWNER = ".lock", ".owner"  # names of files: the one that is locked; without locks, the one that names a process
+OLD = 86_400.0  # seconds after which no process is still writing a temporary file
+TAKEN = (errno.EAGAIN, errno.EACCES)  # the errors of a lock that another process has
+fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
+msvcrt: Any = importlib.import_module("msvcrt") if os.name == "nt" else None
 
 
 class FolderLock:
     """Keeps other processes out of a folder until `release`, or until this process ends, however it does.
 
-    Where folders cannot be locked, as on Windows, all processes may write into them. does: what whoever has locked the
-    folder does, for the message of `acquire`.
+    It locks a file in the folder, which it opens for writing, as NFS demands. On file systems that have no locks, a
+    file that names the process keeps others out; if the process is killed, the file stays, which counts no more on the
+    same machine and is to be deleted on others.
     """
 
-    def __init__(self, folder: Path, does: str = "writes into it") -> None:
-        self.folder, self.does = folder, does
-        self._handle: int | None = None
+    def __init__(self, folder: Path, does: str = "writes into it", writes: Sequence[str] = ()) -> None:
+        """Prepare the lock.
+
+        Args:
+            folder: The folder.
+            does: What the holder of the lock does, for the message of `acquire`.
+            writes: Patterns of the names of the files that nobody but the holder of the lock writes.
+        """
+        self.folder, self.does, self.writes = folder, does, writes
+        self._handle, self._file, self._owner = -1, folder / LOCK, 0
 
     def acquire(self) -> None:
-        """Make the folder, unless it exists, lock it, and remove temporary files of a killed process.
+        """Make the folder, unless it exists, lock it, and remove temporary files that a killed process left.
+
+        Files that another process may be writing stay: those that `writes` does not name, and without locks all of
+        them, unless they are old.
 
         Raises:
             BlockingIOError: Another process, or another FolderLock of this process, has locked it.
-            OSError: It cannot be made.
+            OSError: It cannot be made, or nothing can be written into it.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        if fcntl is not None:
-            self._lock()
+        if not self._lock():
+            self._own()
+        self._owner = os.getpid()
         for path in filter(is_temporary, list(self.folder.iterdir())):
-            remove(path)
+            own = any(fnmatch.fnmatchcase(target_name(path), pattern) for pattern in self.writes)
+            if (own and self._handle >= 0) or time.time() - _written(path) > OLD:
+                remove(path)
 
-    def _lock(self) -> None:
-        handle = os.open(self.folder, os.O_RDONLY)
-        if not try_lock(handle):
+    def _lock(self) -> bool:
+        """Lock the file, and return whether files can be locked here. Raises BlockingIOError."""
+        self._file = self.folder / LOCK
+        while True:
+            handle = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
+            locked = _try_lock(handle)
+            if locked and _is_at(self._file, handle):
+                self._handle = handle
+                return True
             os.close(handle)
-            cure = "wait until it ends, stop it, or choose another --out"
-            raise BlockingIOError(f"{self.folder}: another process {self.does}; {cure}")
-        self._handle = handle
+            if locked is None:
+                self._file.unlink(missing_ok=True)
+                return False
+            if not locked:
+                raise self._taken("")
+
+    def _own(self) -> None:
+        """Make the file that names this process. Raises BlockingIOError."""
+        self._file = self.folder / OWNER
+        host, other = platform.node(), ""
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            other = self._file.read_text(encoding="utf-8")
+        if other.startswith(f"{host} ") and not _is_alive(other.removeprefix(f"{host} ")):
+            self._file.unlink(missing_ok=True)
+        try:
+            handle = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            cure = f"; here are no locks of files, so if process {other} was killed, delete {self._file}"
+            raise self._taken(cure) from None
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(f"{host} {os.getpid()}")
+
+    def _taken(self, cure: str) -> BlockingIOError:
+        ways = "wait until it ends, stop it, or choose another --out"
+        return BlockingIOError(f"{self.folder}: another process {self.does}; {ways}{cure}")
 
     def release(self) -> None:
         """Unlock the folder; calling this again does no harm."""
-        handle, self._handle = self._handle, None
-        if handle is not None:
-            unlock(handle)
+        handle, owner, self._handle, self._owner = self._handle, self._owner, -1, 0
+        if owner == os.getpid():  # not in a fork, which has the same file open
+            if msvcrt is None:  # Windows deletes no open file
+                with contextlib.suppress(OSError):  # ahead of unlocking it: then another process may lock it
+                    self._file.unlink()
+            if handle >= 0:
+                _unlock(handle)
+        if handle >= 0:
             os.close(handle)
 
     __del__ = release
+
+
+def is_lock(path: Path) -> bool:
+    """Return whether it is a file of a FolderLock, also one that was deleted while a process of NFS had it open."""
+    return path.name in (LOCK, OWNER) or path.name.startswith(".nfs")
+
+
+def _try_lock(handle: int) -> bool | None:
+    """Lock a file. False if another process has locked it, None if files cannot be locked there."""
+    try:
+        if msvcrt is None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+    except OSError as error:
+        return False if error.errno in TAKEN else None
+    return True
+
+
+def _unlock(handle: int) -> None:
+    """Unlock a file. Closing it is not enough: forks of this process have it open, too."""
+    with contextlib.suppress(OSError):
+        if msvcrt is None:
+            fcntl.flock(handle, fcntl.LOCK_UN)
+        else:
+            msvcrt.locking(handle, msvcrt.LK_UNLCK, 1)
+
+
+def _is_at(path: Path, handle: int) -> bool:
+    """Return whether an open file is the one at a path, and was not deleted by the last one who locked it."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(handle))
+    except FileNotFoundError:
+        return False
+
+
+def _is_alive(pid: str) -> bool:
+    """Return whether there may be a process of this machine with that number."""
+    if not pid.isdecimal() or os.name != "posix":  # os.kill would end it on Windows
+        return True
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def _written(path: Path) -> float:
+    """Return when something was last written to a file, or to the files of a folder; now, if it is gone."""
+    try:
+        return max(each.stat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ())))
+    except OSError:
+        return time.time()

@@ -146,7 +146,6 @@ def test_what_was_stopped_goes_on_with_the_same_games(results: Path, tmp_path: P
     assert not [*folder.glob(".*")]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
 def test_two_processes_do_not_play_one_entry(tmp_path: Path) -> None:
     """Nor does the second one take what the first is writing for that of a killed process."""
     chosen, program = f"ours={tmp_path}/theirs.py:make", tmp_path / "theirs.py"

@@ -152,7 +152,7 @@ class EntryRun:
     def _alone(self) -> Iterator[None]:
         """Keep other processes out of the folder, which is made."""
         folder = self.entry.folder
-        lock = FolderLock(folder, "plays this entry")
+        lock = FolderLock(folder, "plays this entry", (NAME, "*.zip", "*.rec"))
         try:
             lock.acquire()
         except BlockingIOError as error:
