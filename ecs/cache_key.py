@@ -8,18 +8,19 @@ Docstrings and line numbers do not count.
 
 import functools
 import hashlib
+import importlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
-from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import llvmlite
 import numba
 import numpy as np
-from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+from numba.core.config import reload_config
 from numba.core.extending import _Intrinsic
+from numba.core.registry import cpu_target
 
 from .errors import DeclarationError, place
 from .jit import OPTIONS, compiled
@@ -27,9 +28,25 @@ from .references import codes, references, refuse_random
 
 # Packages and modules whose code is identified by a version that is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
-PLAIN = (bool, int, float, complex, str, bytes, range, slice, np.generic, np.dtype, numba.types.Type, type(None))
+SCALARS = (int, float, complex, str, bytes, np.generic)
+PLAIN = (range, np.dtype, numba.types.Type, type(None))
 GENERATORS = ("arguments", "columns", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
-IGNORED_FLAGS = ("NUM_THREADS", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "CACHE_DIR")  # change no machine code
+SETTINGS = (  # of numba, in any of its versions: those that change machine code; of processors, see _engine
+    "BOUNDSCHECK",
+    "DEBUGINFO_DEFAULT",
+    "DEBUG_JIT",
+    "DEBUG_NRT",
+    "DEBUG_NRT_STACK_LIMIT",
+    "EXTEND_VARIABLE_LIFETIMES",
+    "LLVM_REFPRUNE_FLAGS",
+    "LLVM_REFPRUNE_PASS",
+    "LOOP_VECTORIZE",
+    "NRT_STATS",
+    "OPT",
+    "SLP_VECTORIZE",
+    "USE_LEGACY_TYPE_SYSTEM",
+    "USING_SVML",
+)
 
 
 class CacheKey:
@@ -48,12 +65,13 @@ class CacheKey:
         self._callees: dict[FunctionType, list[FunctionType]] = {}
         self._dispatchers: dict[FunctionType, Any] = {}  # numba's dispatchers of those that are kernels
         self._roots: dict[str, FunctionType] = {}
+        self._engine = _engine()
         for self._label, kernel in kernels.items():
             self._roots[self._label] = self._add(kernel, self._label)
 
     def key(self, label: str, source: str) -> str:
         """Hash of a system's kernel, its unit's source, the engine, the processor, versions and numba's flags."""
-        return hashlib.sha256(f"{_engine()} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
+        return hashlib.sha256(f"{self._engine} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
 
     def size(self, label: str) -> int:
         """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
@@ -104,10 +122,14 @@ class CacheKey:
             yield from self._describe(name, value.value, function)
         elif isinstance(value, numba.types.ExternalFunction):
             yield f"{name}={value.symbol}{value.sig}"
+        elif isinstance(value, SCALARS):
+            yield f"{name}={_exact(value)}"
         elif isinstance(value, PLAIN):
             yield f"{name}={value!r}"
+        elif isinstance(value, slice):
+            yield from self._describe(f"slice {name}", [value.start, value.stop, value.step], function)
         elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
-            yield f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}"
+            yield f"{name}={value.dtype!r}{value.shape}{value.strides}{value.tobytes().hex()}"
         elif isinstance(value, (tuple, list)):
             yield f"{name}={type(value).__qualname__}{len(value)}{getattr(value, '_fields', '')}"
             for k, element in enumerate(value):
@@ -115,7 +137,8 @@ class CacheKey:
         elif isinstance(value, type) and issubclass(value, BaseException):
             yield f"{name}={value.__qualname__}"  # a kernel may raise it, and does nothing else with it
         elif isinstance(value, type) and issubclass(value, Enum):
-            yield f"{name}={[(member.name, member.value) for member in value]}"
+            for member in value:
+                yield from self._describe(f"{name}.{member.name}", member, function)
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
             yield f"{name}={value.__qualname__}{value._fields}"
             yield from self._describe(f"{name} by default", [*vars(value)["_field_defaults"].values()], function)
@@ -167,22 +190,34 @@ def _code_text(code: CodeType, docstring: str | None) -> str:
     return "\n".join(lines)
 
 
-@functools.cache
+def _exact(value: Any) -> str:
+    """A scalar as text with its type and all its bits, however numpy or a class of the user's prints it."""
+    if isinstance(value, np.generic):
+        return f"{value.dtype!r} {value.tobytes().hex()}"
+    if isinstance(value, int):
+        text = hex(value)
+    elif isinstance(value, (str, bytes)):
+        text = (str if isinstance(value, str) else bytes).__repr__(value)
+    else:
+        text = np.complex128(value).tobytes().hex()
+    return f"{type(value).__module__}.{type(value).__qualname__} {text}"
+
+
 def _engine() -> str:
-    """Hash of what all machine code depends on."""
-    names = (
-        numba.__version__,
-        llvmlite.__version__,
-        np.__version__,
-        get_host_cpu_name(),
-        get_host_cpu_features().flatten(),
-    )
-    digest = hashlib.sha256(repr((*names, sorted(OPTIONS.items()))).encode())
-    for name, value in sorted(vars(numba.config).items()):
-        if name.isupper() and name not in IGNORED_FLAGS and isinstance(value, (bool, int, float, str)):
-            digest.update(f"{name}={value}".encode())
+    """Hash of what all machine code depends on: versions, options, settings of numba, and the processor it is for."""
+    reload_config()  # numba, too, reads the variables of the environment anew before it compiles
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    settings = [repr(getattr(numba.config, name, None)) for name in SETTINGS]
+    return hashlib.sha256(f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}".encode()).hexdigest()
+
+
+@functools.cache
+def _versions() -> str:
+    """The code of the modules that generate code, without their files, which may be bytecode or in an archive."""
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
     for name in GENERATORS:
-        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
+        module: Any = importlib.import_module(f".{name}", __package__)
+        digest.update(_code_text(module.__loader__.get_code(module.__name__), module.__doc__).encode())
     return digest.hexdigest()
 
 

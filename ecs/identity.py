@@ -58,7 +58,8 @@ def _describe_module(module: Module) -> Iterator[str]:
     for singleton in listed(module, "singletons", Component):
         yield _describe_prefab(singleton)
         components.add(type(singleton))
-    yield f"{sorted(module.dims().items())} {module.damage_type}"
+    dims = {dim: size if isinstance(size, str) else int(size) for dim, size in module.dims().items()}
+    yield f"{sorted(dims.items())} {module.damage_type}"
     yield from (f"fields {key} {_describe_fields(added)}" for key, added in sorted(module.fields().items()))
     functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
     for system in sorted(module.systems(), key=lambda system: system.label):
@@ -140,10 +141,10 @@ def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterato
         yield from _describe_value(name, value.value, known)
     elif isinstance(value, type) and issubclass(value, Enum):
         yield from _describe_value(name, list(value), known)
+    elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:  # float64 is also a float
+        yield f"{name}={value.dtype.str}{value.shape}{value.tobytes().hex()}"
     elif isinstance(value, PLAIN):
         yield f"{name}={value!r}"
-    elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
-        yield f"{name}={value.dtype.str}{value.shape}{value.tobytes().hex()}"
     elif isinstance(value, (tuple, list)):
         yield f"{name}={type(value).__name__}{len(value)}{getattr(value, '_fields', '')}"
         for k, element in enumerate(value):

@@ -9,6 +9,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import outlast
@@ -140,6 +141,16 @@ def test_another_code_is_another_game(what: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("what", SAME)
 def test_what_changes_nothing_does_not_count(what: str, tmp_path: Path) -> None:
     assert code_digest(made(tmp_path)()) == code_digest(made(tmp_path, SAME[what])())
+
+
+def test_how_numpy_prints_does_not_count(tmp_path: Path) -> None:
+    """A caller's setting: float64, unlike float32, is also a float of Python."""
+    kind = made(tmp_path, ("np.float32(2)", "np.float64(2)"))
+    dims = kind.dims
+    kind.dims = lambda self: {**dims(self), "mud": np.int64(3)}  # type: ignore[method-assign]
+    expected = code_digest(kind())
+    with np.printoptions(legacy="1.25"):
+        assert code_digest(kind()) == expected
 
 
 def test_the_hash_is_the_same_in_another_process_compiled_or_not(tmp_path: Path) -> None:

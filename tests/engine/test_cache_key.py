@@ -1,0 +1,138 @@
+"""The key of the compile cache has what changes machine code, and nothing else."""
+
+import enum
+from typing import Any, NamedTuple
+
+import llvmlite.binding
+import numba
+import numpy as np
+import pytest
+
+from outlast.ecs import cache_key, kernel
+from outlast.ecs.cache_key import SETTINGS, CacheKey
+from tests.conftest import COMPILED
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="about machine code")
+PRINTING: dict[str, dict[str, Any]] = {
+    "numpy 1.25": {"legacy": "1.25"},
+    "numpy 1.13": {"legacy": "1.13"},
+    "few digits": {"precision": 1, "threshold": 1},
+}
+
+
+class Loud(int):
+    def __repr__(self) -> str:
+        return "Loud"
+
+
+class Quiet(str):
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return "Quiet"
+
+
+class Pair(NamedTuple):
+    one: Any = np.float32(0.1)
+
+
+def members(value: Any) -> type[enum.Enum]:
+    return enum.Enum("Members", {"ONE": value})
+
+
+CONSTANTS: list[tuple[Any, Any]] = [  # each two need machine code of their own
+    (np.float32(0.1), np.float64(0.1)),
+    (0.1, np.float64(0.1)),
+    (0.1, np.nextafter(0.1, 1)),
+    (1, 1.0),
+    (1, True),
+    (1, np.int64(1)),
+    (np.int32(1), np.uint32(1)),
+    (0.0, -0.0),
+    (1.0, 1.0 + 0.0j),
+    (Loud(1), Loud(2)),
+    (Quiet("a"), Quiet("b")),
+    ("a", b"a"),
+    ((1, (2.0,)), (1, (np.float32(2.0),))),
+    ([np.int8(1)], [np.int16(1)]),
+    (slice(0, np.int32(9)), slice(0, np.int64(9))),
+    (range(3), range(4)),
+    (np.dtype("f4"), np.dtype("f8")),
+    (np.array([0.1], "f4"), np.array([0.1], "f4").astype("f8")),
+    (np.array([1, 2]), np.array([1, 3])),
+    (np.arange(2e3), np.arange(2e3) + (np.arange(2e3) == 1e3)),
+    (np.ones((2, 3)), np.ones((3, 2))),
+    (np.ones((2, 3)), np.ones((2, 3), order="F")),
+    (Pair(np.float32(0.1)), Pair(np.float64(0.1))),
+    (members(np.float32(0.1)), members(np.float64(0.1))),
+    (members(1).ONE, members(2).ONE),  # type: ignore[attr-defined]
+    (numba.types.int32, numba.types.int64),
+    (None, 0),
+]
+
+
+def key_of(value: Any) -> str:
+    """The key of a kernel that refers to this value."""
+    names = {"VALUE": value}
+    exec("def function(k):\n    return VALUE", names)
+    return CacheKey({"system": kernel(names["function"])}).key("system", "source")
+
+
+@pytest.mark.parametrize("pair", CONSTANTS)
+def test_constants_of_another_type_or_other_bits_have_another_key(pair: tuple[Any, Any]) -> None:
+    """However numpy prints them, which changes no key."""
+    keys = [key_of(value) for value in pair]
+    assert keys[0] != keys[1]
+    for options in PRINTING.values():
+        with np.printoptions(**options):
+            assert [key_of(value) for value in pair] == keys
+
+
+# Settings of numba that change messages, threads, files, checks of numba itself, or graphics cards
+TEXT = """
+ALWAYS_WARN_UNINIT_VAR ANNOTATE CACHE_DIR CACHE_LOCATOR_CLASSES CHROME_TRACE COLOR_SCHEME DEBUG DEBUG_ARRAY_OPT
+DEBUG_ARRAY_OPT_RUNTIME DEBUG_ARRAY_OPT_STATS DEBUG_CACHE DEBUG_FRONTEND DEBUG_INLINE_CLOSURE DEBUG_PRINT_AFTER
+DEBUG_PRINT_BEFORE DEBUG_PRINT_WRAP DEBUG_TYPEINFER DEVELOPER_MODE DIFF_IR DISABLE_PERFORMANCE_WARNINGS
+DISABLE_TYPEINFER_FAIL_CACHE DUMP_ASSEMBLY DUMP_BYTECODE DUMP_CFG DUMP_FUNC_OPT DUMP_IR DUMP_LLVM DUMP_OPTIMIZED
+DUMP_SSA ENABLE_PROFILING ENABLE_SYS_MONITORING FULL_TRACEBACKS FUNCTION_CACHE_SIZE GDB_BINARY HIGHLIGHT_DUMPS HTML
+JIT_COVERAGE LLVM_PASS_TIMINGS NUMBA_DEFAULT_NUM_THREADS NUMBA_NUM_THREADS PARALLEL_DIAGNOSTICS PARFOR_MAX_TUPLE_SIZE
+RUNNING_UNDER_PROFILER SHOW_HELP THREADING_LAYER THREADING_LAYER_PRIORITY TRACE USE_LLVMLITE_MEMORY_MANAGER
+DISABLE_CUDA ENABLE_CUDASIM FORCE_CUDA_CC
+"""
+IGNORED = TEXT.split()
+# These act through what numba makes of them when it starts, which is in the key
+INDIRECT = ["CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "ENABLE_AVX"]
+OTHERS = ["DISABLE_JIT", "IS_32BITS", "IS_OSX", "IS_WIN32", "MACHINE_BITS", "PYVERSION"]  # no code, or the platform
+ABSENT = {"DEBUG_NRT_STACK_LIMIT", "USE_LEGACY_TYPE_SYSTEM"}  # from some versions of numba
+
+
+def test_every_setting_of_numba_is_known() -> None:
+    """One that a new version brings has to be looked up: does it change machine code?"""
+    there = {name for name in vars(numba.config) if name.isupper() and not name.startswith(("CUDA_", "_"))}
+    assert there <= {*SETTINGS, *IGNORED, *INDIRECT, *OTHERS}
+    assert {*SETTINGS} - ABSENT <= there
+
+
+@pytest.mark.parametrize("name", [*SETTINGS, *IGNORED])
+def test_settings_that_change_machine_code_change_the_key(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And no other ones do. A change counts in a running process, too."""
+    before = key_of(1)
+    monkeypatch.setattr(numba.config, name, "another value", raising=False)
+    assert (key_of(1) != before) == (name in SETTINGS)
+
+
+@pytest.mark.parametrize("given", [None, "generic"])
+def test_the_processor_is_the_one_that_code_is_made_for(given: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By default the host's; NUMBA_CPU_NAME names another one, for which machines share code."""
+    monkeypatch.setattr(numba.config, "CPU_NAME", given)
+    keys = set()
+    for host in ("skylake", "znver3"):
+        monkeypatch.setattr(llvmlite.binding, "get_host_cpu_name", lambda: host)  # noqa: B023
+        keys.add(key_of(1))
+    assert len(keys) == (1 if given else 2)
+
+
+def test_features_of_the_processor_change_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = key_of(1)
+    monkeypatch.setattr(cache_key.cpu_target.target_context.codegen(), "_tm_features", "+avx2")
+    assert key_of(1) != before
