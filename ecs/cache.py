@@ -6,7 +6,9 @@ A unit's key (ecs.cache_key) says what its machine code depends on. Units that a
 this game has compiled are loaded; an edit compiles the units of the systems that it touches.
 """
 
+import contextlib
 import gc
+import logging
 import os
 import signal
 import sys
@@ -14,12 +16,11 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from . import cache_files
-from .available import available_cores as _cores
+from .available import available_cores, available_memory
 from .cache_key import CacheKey
 from .compile_errors import explained
 from .jit import compiled, options_of
@@ -30,6 +31,7 @@ ADDRESSES: dict[str, int] = {}  # addresses of loaded units, by key
 DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests of kernels were when numba compiled them
 LOCK = threading.RLock()
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
+FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
 
 
 class CompiledUnits:
@@ -138,53 +140,76 @@ class CompiledUnits:
             function.__name__, function.__qualname__ = name, qualified
 
 
-def _spread(labels: Sequence[str], work: Callable[[str], None]) -> None:
+def _spread(
+    labels: Sequence[str], work: Callable[[str], None], report: Callable[[], None] = lambda: None, fork: bool = True
+) -> None:
     """Call `work` for each label, in this process and in forks of it; each takes the next label from a pipe.
 
     The results of a fork are only on disk. If a fork fails, no further label is begun, and the rest stays undone.
+
+    Args:
+        labels: What to work on.
+        work: The work.
+        report: Is called in this process now and then.
+        fork: Whether to fork, if that is possible.
     """
-    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if _may_fork() else 1
+    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork and _may_fork() else 1
+    children: dict[int, int | None] = {}  # statuses of those that have ended, by id
+    owner = os.getpid()
     queue, source = os.pipe()
     os.write(source, b"".join(k.to_bytes(2, "little") for k in range(len(labels))))
     os.close(source)
-    children: list[int] = []
 
-    def work_on() -> None:
-        while _none_failed(children) and (index := os.read(queue, 2)):
+    def work_while(wanted: Callable[[], bool]) -> None:
+        while wanted() and (index := os.read(queue, 2)):
             work(labels[int.from_bytes(index, "little")])
+            report()
 
     try:
-        for _ in range(processes - 1):
-            children.append(_fork(work_on))
-        work_on()
-        while children and _none_failed(children):
+        with contextlib.suppress(OSError):  # no more processes are allowed
+            while len(children) < processes - 1:
+                children[_fork(lambda: work_while(lambda: os.getppid() == owner))] = None
+        work_while(lambda: _none_failed(children))
+        while _none_failed(children) and None in children.values():
             time.sleep(0.005)
+            report()
     finally:
         os.close(queue)
-        for child in children:  # some are left after Ctrl-C, or an error here or in a fork
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+        for child, status in children.items():  # some run after Ctrl-C, or an error here or in a fork
+            if status is None and _status(child) is None:
+                os.kill(child, signal.SIGKILL)
+                with contextlib.suppress(ChildProcessError):
+                    os.waitpid(child, 0)
 
 
-def _none_failed(children: list[int]) -> bool:
-    """Remove the children that have ended from the list; False if one of them failed."""
-    for child in children.copy():
+def _none_failed(children: dict[int, int | None]) -> bool:
+    """Enter the statuses of children that have ended meanwhile; False if one has failed."""
+    children.update({child: _status(child) for child, status in children.items() if status is None})
+    return not any(children.values())
+
+
+def _status(child: int) -> int | None:
+    """The status with which a child ended; None while it runs."""
+    try:
         ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            children.remove(child)
-            if status:
-                return False
-    return True
+    except ChildProcessError:  # SIGCHLD is ignored, or other code waited for it: its files show what it did
+        return 0
+    return status if ended else None
 
 
 def _fork(work: Callable[[], None]) -> int:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # other threads run, but none of Python's: see _may_fork
+        warnings.simplefilter("ignore")  # Python and JAX warn of threads; of Python's, none run: see _may_fork
         child = os.fork()
     if child == 0:
         status = 1
         try:
+            for number in signal.valid_signals():
+                if callable(signal.getsignal(number)):  # the program's, which would run twice
+                    signal.signal(number, signal.SIG_DFL)
+            logging.disable()
             warnings.simplefilter("ignore")
+            gc.freeze()  # what is never searched for garbage is not copied
             work()
             status = 0
         finally:
@@ -197,7 +222,12 @@ def _may_fork() -> bool:
     return sys.platform == "linux" and threading.active_count() == 1
 
 
-@contextmanager
+def _cores() -> int:
+    """How many processes may compile: as many as cores, and as fit into memory."""
+    return 1 + int(min(available_cores() - 1, available_memory() // FORK_MEMORY))
+
+
+@contextlib.contextmanager
 def _few_collections() -> Iterator[None]:
     """Collect garbage rarely: the compiler makes millions of objects that stay, and searching them takes time."""
     before = gc.get_threshold()
