@@ -15,12 +15,14 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from . import cache_files
 from .available import available_cores, available_memory
+from .cache_folder import cache_folders
 from .cache_key import CacheKey
 from .compile_errors import explained
 from .jit import compiled, options_of
@@ -32,6 +34,8 @@ DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests o
 LOCK = threading.RLock()
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
 FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
+FORKS = "forks"  # what a process claims that forks
+CURE = "OUTLAST_CACHE_DIR can name another folder"
 
 
 class CompiledUnits:
@@ -59,24 +63,24 @@ class CompiledUnits:
         self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
         self._units = {unit.label: unit for unit in units}
         self.compiled: list[str] = []
-        self._found: dict[str, Code] = {}  # what `ready` has read for `load`
+        self._found: dict[str, Code] = {}  # what `missing` has read for `load`
 
     @property
-    def ready(self) -> bool:
-        """Whether all machine code is loaded or lies on disk."""
-        return all(key in ADDRESSES or self._read(label) for label, key in self._keys.items())
+    def missing(self) -> list[str]:
+        """Labels of the units whose machine code is neither loaded nor on disk."""
+        folders = cache_folders().readable
+        return [label for label, key in self._keys.items() if key not in ADDRESSES and not self._read(label, folders)]
 
     def load(self) -> None:
         """Load what is not loaded yet, and compile what is not on disk either. Raises what numba raises."""
         with LOCK:
-            codes = {label: self._read(label) for label, key in self._keys.items() if key not in ADDRESSES}
-            if missing := [label for label, code in codes.items() if code is None]:
+            if missing := self.missing:
                 self.compiled += missing
                 self._discard_outdated()
                 with _few_collections():
-                    codes |= self._compile(sorted(missing, key=self._urgency))
+                    self._compile(sorted(missing, key=self._urgency))
                 cache_files.prune()
-            found = {label: code for label, code in codes.items() if code}
+            found = {label: code for label, code in self._found.items() if self._keys[label] not in ADDRESSES}
             for label, address in zip(found, load_code(found.values()), strict=True):
                 ADDRESSES[self._keys[label]] = address
             self._found.clear()
@@ -89,9 +93,12 @@ class CompiledUnits:
         """One of the functions, for Python to call; it runs without the GIL."""
         return as_python(self.address(label))
 
-    def _read(self, label: str) -> Code | None:
-        if label not in self._found and (code := cache_files.read(cache_files.path_of(label, self._keys[label]))):
-            self._found[label] = code
+    def _read(self, label: str, folders: Iterable[Path]) -> Code | None:
+        """The machine code of a unit that is found on disk or was compiled."""
+        name = cache_files.file_name(label, self._keys[label])
+        for folder in folders:
+            if label not in self._found and (code := cache_files.read(folder / name)):
+                self._found[label] = code
         return self._found.get(label)
 
     def _urgency(self, label: str) -> tuple[bool, int]:
@@ -107,24 +114,26 @@ class CompiledUnits:
                 kernel._reset_overloads()
             DIGESTS[kernel] = digest
 
-    def _compile(self, labels: Sequence[str]) -> dict[str, Code]:
+    def _compile(self, labels: Sequence[str]) -> None:
         """Compile these units and keep them on disk."""
-        done: dict[str, Code] = {}
+        folders = cache_folders()
+        where = folders.writable
+        paths = {label: where and where / cache_files.file_name(label, self._keys[label]) for label in labels}
+        if folders.problem:
+            cache_files.warn(f"compiled code is kept in {where or 'memory only'}, as {folders.problem}; {CURE}")
 
         def work(label: str, wait: bool = False) -> None:
-            path = cache_files.path_of(label, self._keys[label])
-            with cache_files.claimed(path, wait) as mine:
-                if code := self._read(label):
-                    done[label] = code
-                elif mine:
-                    done[label] = self._compile_one(label)
-                    cache_files.write(path, done[label])
+            with cache_files.claimed(paths[label], wait) as mine:
+                if not self._read(label, folders.readable) and mine:
+                    self._found[label] = self._compile_one(label)
+                    cache_files.write(paths[label], self._found[label])
 
-        _spread(labels, work)
+        # Only one of the processes that begin together forks, or there would be as many forks as processes times cores.
+        with cache_files.claimed(where and where / FORKS, wait=False) as alone:
+            _spread(labels, work, fork=bool(where and alone))
         for label in labels:
-            if label not in done:  # a fork or another process compiles it, unless that fails
+            if label not in self._found:  # a fork or another process compiles it, unless that fails
                 work(label, wait=True)
-        return done
 
     def _compile_one(self, label: str) -> Code:
         unit = self._units.get(label)

@@ -1,98 +1,130 @@
 """The compile cache's files: one for each unit of machine code, verified by a checksum before it is loaded.
 
-A file that does not match its checksum (after a full disk, or a process that was killed) counts as absent, and is
-written again. This protects against accidents, not attacks: whoever can write to the folder can run code.
+A file counts as absent, and is written again, if it does not match its checksum (after a full disk, or a process that
+was killed), if it is not a regular file, or if others than the user and root could have written it.
 """
 
 import contextlib
-import errno
 import hashlib
 import importlib
 import json
 import os
-import shutil
+import re
+import secrets
 import stat
-import tempfile
 import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import platformdirs
-
+from .cache_folder import cache_folder, is_private
 from .machine_code import Code
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None  # Windows has none
-DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # other errors of the disk are raised
 DAY = 86_400  # seconds
-UNUSED = 30 * DAY  # files that nobody has loaded for this long are deleted
 LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
 SUFFIX, CLAIM = ".unit", ".claim"
+TEMPORARY = re.compile(r"tmp\w{8}\.tmp")
+LONGEST = 80  # characters of a label in the name of its file
 PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
+PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # neither follows a link nor waits for a FIFO
 DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that the first line of its file has
 
 
-def path_of(label: str, key: str) -> Path:
-    """The file of a unit."""
-    return cache_folder() / f"{label}-{key}{SUFFIX}"
+def file_name(label: str, key: str) -> str:
+    """Return the name of a unit's file, which all file systems allow."""
+    return f"{re.sub(r'[^A-Za-z0-9_.]', '_', label)[:LONGEST]}-{key}{SUFFIX}"
 
 
 def read(path: Path) -> Code | None:
-    """The machine code in a file; None if there is none, or it is damaged."""
+    """Return the machine code in a file; None if the file counts as absent."""
     try:
-        content = path.read_bytes()
-        if time.time() - path.stat().st_mtime > DAY:
-            os.utime(path)  # tells `prune` that it is in use
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | PLAIN)) as file:
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode) or not is_private(found) or found.st_size > LARGEST:
+                return None
+            head, _, image = file.read().partition(b"\n")
     except OSError:
         return None
-    head, _, image = content.partition(b"\n")
     try:
         header = json.loads(head)
         code = Code(header["symbol"], image, header["constants"], header["externals"])
-        return code if header["checksum"] == _checksum(code) else None
-    except (ValueError, TypeError, KeyError):
+        if header["checksum"] != _checksum(code):
+            return None
+    except (ValueError, TypeError, KeyError, RecursionError):
         return None
+    if time.time() - found.st_mtime > DAY:
+        with contextlib.suppress(OSError):  # the folder may be read-only
+            os.utime(path)  # keeps it from being deleted as unused
+    return code
 
 
-def write(path: Path, code: Code) -> bool:
-    """Write a file, whole or not at all. False if others could not load it or, with a warning, if the disk is full."""
-    if not code.portable:
+def write(path: Path | None, code: Code) -> bool:
+    """Write a file, whole or not at all.
+
+    Args:
+        path: The file; if there is none, nothing is written.
+        code: Its content.
+
+    Returns:
+        Whether other processes can load it: not if the code cannot be loaded elsewhere or, with a warning, if it
+        cannot be written.
+    """
+    if path is None or not code.portable:
         return False
     try:
         head = json.dumps({"checksum": _checksum(code), **{name: getattr(code, name) for name in DESCRIPTION}})
     except TypeError:  # a constant that JSON cannot hold: each process compiles the unit again
         return False
+    temporary = path.with_name(f"tmp{secrets.token_hex(4)}.tmp")
     try:
-        _atomic_write(path, head.encode() + b"\n" + code.image)
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        # Never writable for a group, in spite of the umask: such files count as absent
+        with open(temporary, "xb", opener=lambda name, flags: os.open(name, flags, 0o644)) as file:
+            file.write(head.encode() + b"\n" + code.image)
+        os.replace(temporary, path)
     except OSError as error:
-        if error.errno not in DISK_FULL:
-            raise
-        warnings.warn(f"compiled code is not kept for later processes: {error}", RuntimeWarning, stacklevel=3)
+        if read(path):  # Windows does not replace a file that another process has open; its content is the same
+            return True
+        warn(f"compiled code is not kept for later processes: {error}")
         return False
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
     return True
 
 
+def warn(text: str) -> None:
+    """Warn that compiled code is kept elsewhere or nowhere, once in a process."""
+    if not WARNED:
+        WARNED.append(text)
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+WARNED: list[str] = []
+
+
 @contextlib.contextmanager
-def claimed(path: Path, wait: bool) -> Iterator[bool]:
+def claimed(path: Path | None, wait: bool) -> Iterator[bool]:
     """Claim a unit, so that processes that begin together compile different ones, and none twice.
 
     A claim ends with its process, however that ends. Where files cannot be locked, every process can claim everything.
 
     Args:
-        path: The unit's file.
+        path: The unit's file; without one, no other process would find it, so it can be claimed.
         wait: Whether to wait for a process that has claimed it, but no longer than PATIENCE: it may be suspended.
 
     Yields:
         Whether to compile the unit here, unless the file is there by now.
     """
-    if fcntl is None:
+    if fcntl is None or path is None:
         yield True
         return
     claim, mine, end = path.with_suffix(CLAIM), False, time.monotonic() + PATIENCE * wait
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(claim, os.O_CREAT | os.O_RDWR, 0o600)
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        handle = os.open(claim, os.O_CREAT | os.O_RDWR | PLAIN, 0o600)
     except OSError:  # what is compiled cannot be kept either, which `write` reports
         yield True
         return
@@ -126,74 +158,25 @@ def unlock(handle: int) -> None:
 
 
 def prune() -> None:
-    """Delete files that were not used for long, then those unused for longest, until the rest is small enough."""
-    now, size = time.time(), 0
+    """Delete what killed processes left, and if all units together are too large, those that are unused for longest."""
+    now, size, folder = time.time(), 0, cache_folder()
     with contextlib.suppress(OSError):
-        for used, bytes_, path in sorted(_found(cache_folder()), reverse=True):
+        for used, bytes_, path in sorted(_found(folder) if folder else (), reverse=True):
             size += bytes_
-            if now - used > UNUSED or size > LARGEST:
+            if size > LARGEST or (path.suffix != SUFFIX and now - used > DAY):
                 with contextlib.suppress(OSError):
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+                    path.unlink()
 
 
 def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Time of the last use, size and path of each file, and of each folder in which outlast 0.1 kept a tick."""
+    """Yield time of the last use, size and path of each of the cache's files."""
     for path in folder.iterdir():
         found = path.lstat()
-        if path.suffix in (SUFFIX, CLAIM) and stat.S_ISREG(found.st_mode):
+        own = path.suffix in (SUFFIX, CLAIM) or TEMPORARY.fullmatch(path.name)
+        if own and stat.S_ISREG(found.st_mode):
             yield found.st_mtime, found.st_size, path
-        elif stat.S_ISDIR(found.st_mode) and any(path.glob("tick_*.py")):
-            yield found.st_mtime, 0, path
 
 
 def _checksum(code: Code) -> str:
     told = json.dumps([getattr(code, name) for name in DESCRIPTION]).encode()
     return hashlib.sha256(told + code.image).hexdigest()
-
-
-def _atomic_write(path: Path, content: bytes) -> None:
-    """Write a whole file or none, and make its folder. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def cache_folder() -> Path:
-    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (if that is not writable) a temporary folder.
-
-    Raises:
-        OSError: $OUTLAST_CACHE_DIR cannot be made; or, as PermissionError, another user owns the temporary folder, or
-            may write to it.
-    """
-    if given := os.environ.get("OUTLAST_CACHE_DIR"):
-        try:
-            Path(given).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise type(error)(
-                f"OUTLAST_CACHE_DIR={given} cannot be a folder: {error.strerror}; name another"
-            ) from error
-        return Path(given)
-    folder = Path(platformdirs.user_cache_dir("outlast"))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return _temporary_folder()
-    return folder if os.access(folder, os.W_OK) else _temporary_folder()
-
-
-def _temporary_folder() -> Path:
-    """A temporary folder that only this user may write to, as the code in it is executed."""
-    if not hasattr(os, "getuid"):  # Windows: each user has a temporary folder of their own
-        return Path(tempfile.gettempdir()) / "outlast"
-    folder = Path(tempfile.gettempdir()) / f"outlast-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        raise PermissionError(f"{folder} belongs to others: name a folder for compiled code in OUTLAST_CACHE_DIR")
-    return folder

@@ -51,9 +51,9 @@ class Runner:
         return [unit for segment in self._segments for unit in segment.units]
 
     @property
-    def ready(self) -> bool:
-        """Whether all machine code is loaded or lies on disk."""
-        return self.units.ready and (self._team is None or self._team.code.ready)
+    def missing(self) -> list[str]:
+        """Labels of the units whose machine code is neither loaded nor on disk."""
+        return self.units.missing + (self._team.code.missing if self._team is not None else [])
 
     def run(self) -> None:
         """Take every world through the tick, by its mode."""

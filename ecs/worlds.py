@@ -135,7 +135,12 @@ class Worlds:
     @property
     def compiled(self) -> bool:
         """Whether machine code for this tick is ready or cached on disk."""
-        return self._runner.ready
+        return not self.uncompiled
+
+    @property
+    def uncompiled(self) -> list[str]:
+        """Labels of the systems, and of other parts of the tick, that the next `run` compiles."""
+        return self._runner.missing
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return what happened in the last tick of each world, by name of the event; see `entries`."""

@@ -29,7 +29,6 @@ from outlast.ecs import (
     Worlds,
     Write,
     cache,
-    cache_files,
     column,
     kernel,
 )
@@ -122,7 +121,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
 @compiled_only
 def test_what_a_fork_did_not_compile_is_compiled_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where it was killed for want of memory."""
-    monkeypatch.setattr(cache, "_spread", lambda labels, work: work(labels[0]))
+    monkeypatch.setattr(cache, "_spread", lambda labels, work, *rest, **options: work(labels[0]))
     assert len(compiled_by(make())) == len(list(cold.iterdir()))
 
 
@@ -177,22 +176,6 @@ def test_a_kernel_prints(cold: Path, capfd: pytest.CaptureFixture[str]) -> None:
         run(make(Walkers(2), Local(), count=1), STEP)
         cache.ADDRESSES.clear()
     assert capfd.readouterr().out == "rows: 2\nrows: 2\n"
-
-
-@compiled_only
-def test_units_that_nobody_uses_are_deleted(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a month; and the longest unused ones where all are too large together."""
-    compiled_by(make())
-    units = sorted(cold.iterdir())
-    (cold / "of another program").write_text("")
-    old = time.time() - cache_files.UNUSED - 60
-    os.utime(units[0], (old, old))
-    cache_files.prune()
-    assert set(cold.iterdir()) == {*units[1:], cold / "of another program"}
-    os.utime(units[1], (old + 600, old + 600))
-    monkeypatch.setattr(cache_files, "LARGEST", sum(path.stat().st_size for path in units[2:]))
-    cache_files.prune()
-    assert set(cold.iterdir()) == {*units[2:], cold / "of another program"}
 
 
 def test_a_component_without_systems_changes_no_other() -> None:

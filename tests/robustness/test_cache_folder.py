@@ -1,16 +1,30 @@
-"""The compile cache: filled by several processes at once, damaged, on a full disk, or not writable."""
+"""The compile cache: filled by several processes at once, damaged, on a full disk, not writable, or others' as well."""
 
+import ast
+import compileall
+import contextlib
+import errno
 import os
+import re
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from outlast.ecs import cache_files
-from outlast.ecs.cache_files import SUFFIX, cache_folder, claimed
+import outlast
+from outlast.ecs import cache, cache_files, kernel
+from outlast.ecs import cache_folder as folders
+from outlast.ecs.cache import CompiledUnits
+from outlast.ecs.cache_files import SUFFIX, claimed
+from outlast.ecs.cache_folder import cache_folder, cache_folders, is_private
+from outlast.ecs.machine_code import Code
 from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
@@ -104,13 +118,6 @@ def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    done = failing(tmp_path / "file")
-    assert done.returncode == 1
-    assert str(tmp_path / "file") in done.stderr.splitlines()[-1]
-
-
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
 def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
@@ -121,38 +128,348 @@ def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
     assert "compiled code is not kept" in done.stderr
 
 
+posix_only = pytest.mark.skipif(os.name != "posix", reason="users, modes and links are those of POSIX")
+OWN = f"outlast-{os.geteuid() if os.name == 'posix' else ''}"
+CODE = Code("symbol", b"image", {"name": [1, "two"]}, ["malloc"])
+
+
 @pytest.fixture
-def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user without a cache folder; returns the folder of temporary files."""
-    (tmp_path / "file").write_text("")
-    monkeypatch.delenv("OUTLAST_CACHE_DIR", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user with a home, a working directory, and a folder of temporary files for all."""
+    for name, mode in (("home", 0o755), ("start", 0o755), ("temporary", 0o1777)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name).chmod(mode)
+    for name in ("OUTLAST_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(folders, "START", tmp_path / "start")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setattr(cache_files, "WARNED", [])
     return tmp_path
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other variables set the cache folder")
-def test_without_a_home_the_cache_is_among_temporary_files(homeless: Path) -> None:
+def made(folder: Path, mode: int = 0o755, link: Path | None = None) -> None:
+    if link:
+        link.mkdir(mode=0o700)
+        folder.symlink_to(link)
+    else:
+        folder.mkdir()
+        folder.chmod(mode)
+
+
+# $OUTLAST_CACHE_DIR ("": none, HERE: a folder that is prepared), how it is prepared, where code goes, and why there
+HERE = "HERE"
+TEMPORARY = f"temporary/{OWN}"
+PLACES: dict[str, tuple[str, Callable[[Path], object], str | None, str]] = {
+    "none is named": ("", lambda here: None, "home/.cache/outlast", ""),
+    "in the home": ("~/a/b", lambda here: None, "home/a/b", ""),
+    "in a home that is not there": ("~nobody at all/a", lambda here: None, TEMPORARY, "home"),
+    "relative": ("a/b", lambda here: None, "start/a/b", ""),
+    "a new one": (HERE, lambda here: None, "here", ""),
+    "an own one": (HERE, made, "here", ""),
+    "a link to a private one": (HERE, lambda here: made(here, link=here.with_name("there")), "here", ""),
+    "for a group": (HERE, lambda here: made(here, 0o2775), f"here/{OWN}", ""),
+    "for all": (HERE, lambda here: made(here, 0o1777), f"here/{OWN}", ""),
+    "a file": (HERE, lambda here: here.write_text(""), TEMPORARY, "here: File exists"),
+    "a link to nothing": (HERE, lambda here: here.symlink_to("nothing"), TEMPORARY, "here: File exists"),
+    "for all, and so is the user's in it": (
+        HERE,
+        lambda here: (made(here, 0o777), made(here / OWN, 0o777)),
+        TEMPORARY,
+        "others can write to .*here",
+    ),
+    "for all, and the user's in it is a link": (
+        HERE,
+        lambda here: (made(here, 0o777), made(here / OWN, link=here.with_name("there"))),
+        TEMPORARY,
+        "others can write to .*here",
+    ),
+    "none can be used": (
+        HERE,
+        lambda here: (here.write_text(""), made(here.parent / TEMPORARY, 0o777)),
+        None,
+        "here: File exists; others can write to .*temporary",
+    ),
+}
+
+
+@posix_only
+@pytest.mark.parametrize("case", PLACES)
+def test_a_private_folder_is_used_and_others_are_left_alone(
+    case: str, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, prepare, expected, problem = PLACES[case]
+    prepare(place / "here")
+    monkeypatch.setenv("OUTLAST_CACHE_DIR", str(place / "here") if given == HERE else given)
+    before = os.umask(0)  # the folder is private even then
+    try:
+        found = cache_folders()
+    finally:
+        os.umask(before)
+    assert found.writable == (expected and place / expected)
+    assert found.readable == ([found.writable] if found.writable else [])
+    assert re.search(problem, found.problem) if problem else not found.problem
+    assert all(is_private(folder.stat()) for folder in found.readable)
+    assert cache_folder() == cache_folders().writable == found.writable
+
+
+@posix_only
+def test_without_home_and_user_the_cache_is_among_temporary_files(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container that runs with a number that is no user's."""
+
+    def unknown(number: int) -> None:
+        raise KeyError(number)
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    found = cache_folders()
+    assert (found.writable, "home" in found.problem) == (place / TEMPORARY, True)
+
+
+def as_user(number: int, function: Callable[[], Any]) -> Any:
+    """What the function returns, run by the user of this number."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(5)
+            os.setuid(number)
+            os.umask(0o002)
+            result = repr(function())
+        except BaseException as error:
+            result = repr(repr(error))
+        os.write(writing, result.encode())
+        os._exit(0)
+    os.close(writing)
+    os.waitpid(child, 0)
+    with os.fdopen(reading) as pipe:
+        return ast.literal_eval(pipe.read())
+
+
+@pytest.fixture
+def shared(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The name of a folder for the cache, where other users can reach it, beside one for temporary files."""
+    if sys.platform != "linux" or os.geteuid():
+        pytest.skip("only root can be another user")
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        there = (place / "temporary").rename(Path(folder, "temporary"))
+        there.parent.chmod(0o755)
+        monkeypatch.setattr("tempfile.tempdir", str(there))
+        monkeypatch.setenv("OUTLAST_CACHE_DIR", str(there.with_name("shared")))
+        yield there.with_name("shared")
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_users_of_a_group_keep_code_apart(shared: Path) -> None:
+    """Each has a folder below the group's, finds its own code again, and does not load that of others."""
+    made(shared, 0o2775)
+    os.chown(shared, 0, 5)
+
+    def run() -> list[bool]:
+        folder = cache_folder()
+        assert folder
+        others = [cache_files.read(other / "a.unit") for other in shared.iterdir() if other != folder]
+        before = cache_files.read(folder / "a.unit") is not None
+        return [folder.parent == shared, any(others), before, cache_files.write(folder / "a.unit", CODE)]
+
+    for turn in (False, True):
+        for user in (70_000, 70_001):
+            assert as_user(user, run) == [True, False, turn, True]
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_users_load_the_code_in_an_image(shared: Path) -> None:
+    """Root's, years old, from a folder that they cannot write to; what is missing goes to a temporary folder."""
     folder = cache_folder()
-    assert folder.parent == homeless
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert cache_folder() == folder
+    assert folder == shared
+    before = os.umask(0o022)
+    cache_files.write(folder / "a.unit", CODE)
+    os.umask(before)
+    os.utime(folder / "a.unit", (0, 0))
+
+    def run() -> list[str]:
+        found = cache_folders()
+        assert cache_files.read(found.readable[0] / "a.unit") == CODE
+        return [*map(str, (*found.readable, found.writable)), found.problem]
+
+    own = str(shared.parent / "temporary" / "outlast-70000")
+    assert as_user(70_000, run) == [str(shared), own, own, f"{shared} is not writable"]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other variables set the cache folder")
-@pytest.mark.parametrize("planted", ["writable", "link"])
-def test_what_others_may_write_to_is_not_run(homeless: Path, planted: str) -> None:
+@posix_only
+@pytest.mark.parametrize("foreign", ["a group can write it", "all can write it", "another user's"])
+def test_code_that_others_could_have_written_counts_as_absent(tmp_path: Path, foreign: str) -> None:
+    before = os.umask(0)
+    assert cache_files.write(tmp_path / "a.unit", CODE)
+    os.umask(before)
+    assert cache_files.read(tmp_path / "a.unit") == CODE
+    if foreign == "another user's" and os.geteuid():
+        pytest.skip("only root can give files away")
+    if foreign == "another user's":
+        os.chown(tmp_path / "a.unit", 70_000, 70_000)
+    else:
+        (tmp_path / "a.unit").chmod(0o664 if "group" in foreign else 0o646)
+    assert cache_files.read(tmp_path / "a.unit") is None
+    assert cache_files.write(tmp_path / "a.unit", CODE)
+    assert cache_files.read(tmp_path / "a.unit") == CODE
+
+
+def link(path: Path) -> None:
+    cache_files.write(path.with_name("linked"), CODE)
+    path.symlink_to(path.with_name("linked"))
+
+
+def huge(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(2**40)
+
+
+ODD: dict[str, Callable[[Path], Any]] = {
+    "a FIFO": lambda path: os.mkfifo(path),
+    "a link": link,
+    "a link to itself": lambda path: path.symlink_to(path),
+    "deep JSON": lambda path: path.write_text("[" * 200_000),
+    "a huge file": huge,
+    "not UTF-8": lambda path: path.write_bytes(b"\xff\xfe\x00"),
+    "a folder": lambda path: path.mkdir(),
+}
+
+
+@posix_only
+@pytest.mark.parametrize("odd", ODD)
+def test_odd_entries_count_as_absent(odd: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are replaced, except folders."""
+    monkeypatch.setattr(cache_files, "WARNED", [])
+    path = tmp_path / "a.unit"
+    ODD[odd](path)
+    assert cache_files.read(path) is None
+    with pytest.warns(RuntimeWarning, match="Is a directory") if odd == "a folder" else contextlib.nullcontext():
+        assert cache_files.write(path, CODE) == (odd != "a folder")
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+@posix_only
+@pytest.mark.parametrize("odd", ODD)
+def test_a_claim_of_an_odd_entry_makes_nothing_elsewhere(odd: str, tmp_path: Path) -> None:
+    (tmp_path / "claims").mkdir()
+    ODD[odd](tmp_path / "claims" / "a.claim")
+    with claimed(tmp_path / "claims" / "a.unit", False) as mine:
+        assert mine
+    assert {path.name for path in tmp_path.iterdir()} == {"claims"}
+
+
+@posix_only
+def test_a_claim_does_not_follow_a_link(tmp_path: Path) -> None:
+    (tmp_path / "a.claim").symlink_to(tmp_path / "elsewhere")
+    with claimed(tmp_path / "a.unit", False) as mine:
+        assert mine
+    assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.parametrize("label", ["x" * 999, "größe.tick", "zero a.B.c after d", "../../a", "con:*?", "a" * 60 + "/b"])
+def test_labels_of_any_kind_have_files(label: str, tmp_path: Path) -> None:
+    name = cache_files.file_name(label, "0" * 24)
+    assert len(name) <= 143  # the least of usual file systems (eCryptfs)
+    assert name.isascii()
+    assert cache_files.write(tmp_path / name, CODE)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert cache_files.read(tmp_path / name) == CODE
+
+
+def refuse(*_: Any) -> None:
+    raise PermissionError(errno.EACCES, "Access is denied")
+
+
+def test_a_file_that_another_process_has_written_and_opened_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows does not replace it; whatever else cannot be written is worth one warning."""
+    monkeypatch.setattr(cache_files, "WARNED", [])
+    cache_files.write(tmp_path / "a.unit", CODE)
+    monkeypatch.setattr(os, "replace", refuse)
+    assert cache_files.write(tmp_path / "a.unit", CODE)
+    with pytest.warns(RuntimeWarning, match="not kept for later processes: .*Access is denied"):
+        assert not cache_files.write(tmp_path / "b.unit", CODE)
+    assert not cache_files.write(tmp_path / "c.unit", CODE)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.unit"]
+
+
+def test_old_units_stay_until_all_are_too_large_together(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in an image that was built a month ago. What killed processes left goes after a day."""
     folder = cache_folder()
-    folder.chmod(0o777)
-    if planted == "link":
-        folder.rename(homeless / "elsewhere")
-        folder.symlink_to(homeless / "elsewhere")
-    with pytest.raises(PermissionError, match="OUTLAST_CACHE_DIR"):
-        cache_folder()
+    assert folder
+    names = ["a.unit", "b.unit", "c.claim", "tmpabcdefgh.tmp", "tmpijklmnop.tmp", "another program's.tmp"]
+    for days, name in enumerate(names):
+        (folder / name).write_bytes(bytes(100))
+        age = time.time() - 60 * cache_files.DAY - days if name != "tmpijklmnop.tmp" else time.time()
+        os.utime(folder / name, (age, age))
+    cache_files.prune()
+    left = {"a.unit", "b.unit", "tmpijklmnop.tmp", "another program's.tmp"}
+    assert {path.name for path in folder.iterdir()} == left
+    monkeypatch.setattr(cache_files, "LARGEST", 250)
+    cache_files.prune()
+    assert {path.name for path in folder.iterdir()} == left - {"b.unit"}
 
 
-def test_an_empty_name_of_the_folder_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OUTLAST_CACHE_DIR", raising=False)
+@kernel
+def twice(k: int) -> int:
+    return 2 * k
+
+
+@kernel
+def thrice(k: int) -> int:
+    return 3 * k
+
+
+@posix_only
+def test_without_a_folder_code_is_kept_in_memory(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one warning in a process."""
+    PLACES["none can be used"][1](place / "here")
+    monkeypatch.setenv("OUTLAST_CACHE_DIR", str(place / "here"))
+    monkeypatch.setattr(cache, "ADDRESSES", {})
+    expected = r"kept in memory only, as .*here: File exists; others can write.*OUTLAST_CACHE_DIR can name another"
+    for function, result in ((twice, 14), (thrice, 21), (twice, 14)):
+        units = CompiledUnits((), {"function": function}, {})
+        with contextlib.nullcontext() if cache_files.WARNED else pytest.warns(RuntimeWarning, match=expected):
+            units.load()
+        assert units.function("function")(7) == result
+
+
+def test_one_process_forks_at_a_time(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others that begin beside it share the work, each as one process."""
+    monkeypatch.setattr(cache, "ADDRESSES", {})
+    spread, forked = cache._spread, []
+    monkeypatch.setattr(cache, "_spread", lambda *rest, fork: forked.append(fork) or spread(*rest, fork=False))  # type: ignore[func-returns-value]
+    folder = cache_folder()
+    assert folder
+    with claimed(folder / cache.FORKS, False):
+        CompiledUnits((), {"twice": twice}, {}).load()
+    CompiledUnits((), {"thrice": thrice}, {}).load()
+    assert forked == [sys.platform == "win32", True]
+
+
+def test_an_empty_name_of_the_folder_counts_as_none(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usual = cache_folder()
     monkeypatch.setenv("OUTLAST_CACHE_DIR", "")
     assert cache_folder() == usual
+
+
+@pytest.mark.nightly
+def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
+    """The same game has the same digest."""
+    package = Path(outlast.__file__).parent
+    for part in ("ecs", "components", "systems"):
+        shutil.copytree(package / part, tmp_path / "outlast" / part)
+    for file in package.glob("*.py"):
+        shutil.copy(file, tmp_path / "outlast")
+    compileall.compile_dir(tmp_path / "outlast", quiet=1, legacy=True)
+    for source in (tmp_path / "outlast").rglob("*.py"):
+        source.unlink()
+    script = SCRIPT.format(game=str(tmp_path), root=str(ROOT), module="tests.helpers.toy_game")
+    before = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import outlast; assert '.pyc' in outlast.__file__"
+    environment = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", f"{before}\n{script}"], env=environment, capture_output=True, text=True, timeout=250
+    )
+    assert done.stdout.split()[DIGEST:] == in_process(tmp_path / "other")[DIGEST:], done.stderr

@@ -224,16 +224,6 @@ def test_a_data_set_is_what_its_name_says(capsys: Any, tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["a.rec"]
 
 
-def test_a_cache_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    environment = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "file")}
-    command = [sys.executable, "-m", "outlast", *shlex.split(FEW)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    named = f"outlast: OUTLAST_CACHE_DIR={tmp_path}/file cannot be a folder: File exists; name another\n"
-    assert done.stderr == named
-
-
 # ---- completion
 
 
