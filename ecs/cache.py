@@ -32,6 +32,8 @@ from .tick import Unit
 ADDRESSES: dict[str, int] = {}  # addresses of loaded units, by key
 DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests of kernels were when numba compiled them
 LOCK = threading.RLock()
+LOGGER = logging.getLogger("outlast")
+REPORT = 10.0  # seconds between messages of progress
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
 FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
 FORKS = "forks"  # what a process claims that forks
@@ -128,12 +130,17 @@ class CompiledUnits:
                     self._found[label] = self._compile_one(label)
                     cache_files.write(paths[label], self._found[label])
 
+        def done() -> int:
+            return sum(label in self._found or bool(path and path.exists()) for label, path in paths.items())
+
+        report = _Progress(done, len(labels))
         # Only one of the processes that begin together forks, or there would be as many forks as processes times cores.
         with cache_files.claimed(where and where / FORKS, wait=False) as alone:
-            _spread(labels, work, fork=bool(where and alone))
+            _spread(labels, work, report, fork=bool(where and alone))
         for label in labels:
             if label not in self._found:  # a fork or another process compiles it, unless that fails
                 work(label, wait=True)
+                report()
 
     def _compile_one(self, label: str) -> Code:
         unit = self._units.get(label)
@@ -147,6 +154,18 @@ class CompiledUnits:
                 return compile_function(function, options, python=label in self._python)
         finally:
             function.__name__, function.__qualname__ = name, qualified
+
+
+class _Progress:
+    """Messages of how many units are compiled, when it is called, but not more often than every REPORT seconds."""
+
+    def __init__(self, done: Callable[[], int], count: int) -> None:
+        self._done, self._count, self._last = done, count, time.monotonic()
+
+    def __call__(self) -> None:
+        if time.monotonic() - self._last >= REPORT:
+            self._last = time.monotonic()
+            LOGGER.info("compiled %d of %d systems", self._done(), self._count)
 
 
 def _spread(

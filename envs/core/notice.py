@@ -6,20 +6,20 @@ import time
 from collections.abc import Iterator
 
 from outlast.ecs import Worlds
-from outlast.ecs.cache_files import cache_folder
+from outlast.ecs.cache_folder import cache_folder
 
 LOGGER = logging.getLogger("outlast")
 
 
 @contextlib.contextmanager
 def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
-    """If the tick is being compiled, log this at level INFO, and how long it took."""
-    if worlds.compiled:
+    """If systems are being compiled, log at level INFO how many (ecs.cache logs the progress), and how long it took."""
+    if not (count := len(worlds.uncompiled)):
         yield
         return
-    LOGGER.info(
-        "compiling the tick of %s for this machine, once (about 10 s); machine code is kept in %s", name, cache_folder()
-    )
+    kept = f"kept in {folder}" if (folder := cache_folder()) else "not kept"
+    systems = f"{count} system{'s' * (count > 1)}"
+    LOGGER.info("compiling %s of %s for this machine; machine code is %s", systems, name, kept)
     start = time.perf_counter()
     yield
     LOGGER.info("compiled in %.0f s", time.perf_counter() - start)

@@ -266,7 +266,7 @@ def test_autoreset_mode_is_called_as_in_gymnasium() -> None:
 def test_compilation_is_logged_and_not_printed(
     caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Worlds, "compiled", False)
+    monkeypatch.setattr(Worlds, "uncompiled", ["clock"])
     with caplog.at_level("INFO", "outlast"):
         make_vec("ffa_1", 1)
     assert [record.getMessage().split()[0] for record in caplog.records] == ["compiling", "compiled"]

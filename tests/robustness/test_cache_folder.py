@@ -436,6 +436,14 @@ def test_without_a_folder_code_is_kept_in_memory(place: Path, monkeypatch: pytes
         assert units.function("function")(7) == result
 
 
+def test_the_progress_is_logged(place: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr(cache, "ADDRESSES", {})
+    monkeypatch.setattr(cache, "REPORT", 0)
+    with caplog.at_level("INFO", "outlast"):
+        CompiledUnits((), {"twice": twice, "thrice": thrice}, {}).load()
+    assert caplog.messages == ["compiled 1 of 2 systems", "compiled 2 of 2 systems"]
+
+
 def test_one_process_forks_at_a_time(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others that begin beside it share the work, each as one process."""
     monkeypatch.setattr(cache, "ADDRESSES", {})

@@ -172,10 +172,10 @@ def test_the_version_is_printed(capsys):
 
 
 def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
-    monkeypatch.setattr(Worlds, "compiled", False)
+    monkeypatch.setattr(Worlds, "uncompiled", ["clock"])
     arguments = ("rollout", "ffa_1", "--worlds", "1", "--steps", "3", "--quiet")
     status, _, err = run(capsys, *arguments)
     assert status == 0
-    assert err.startswith("outlast: compiling the tick of ffa_1 for this machine, once (about 10 s); machine code")
+    assert err.startswith("outlast: compiling 1 system of ffa_1 for this machine; machine code is kept in ")
     assert "outlast: compiled in 0 s\n" in err
     assert logging.getLogger("outlast").handlers == []
