@@ -5,7 +5,8 @@ has its own, inlined copy of them. Here callees stay LLVM code (`Library`); only
 linked with them, optimised and translated. All symbols but its own are internal, so that objects of different versions
 of a game can be loaded side by side.
 
-This file is the only one that relies on the inner workings of numba (of the versions that pyproject.toml allows).
+This file alone uses the inner parts of numba that make and load machine code. Other files use its representation of
+functions, to check them, and its interface for extensions. These parts are those of the versions in pyproject.toml.
 """
 
 import ctypes

@@ -231,6 +231,20 @@ def test_our_folders_are_imported_as_parts_of_outlast() -> None:
     assert not strays
 
 
+def test_inner_parts_of_numba_are_used_by_these_files_only() -> None:
+    """They change between minor versions; those that make machine code are used by machine_code alone."""
+    inner: dict[str, set[str]] = {}
+    for path, tree in trees("numba").items():
+        for module, name, _ in imported(tree) if path.startswith("ecs/") else ():
+            if module.startswith(("numba.core", "numba.np")) or (module, name) == ("llvmlite", "ir"):
+                inner.setdefault(path.removeprefix("ecs/").removesuffix(".py"), set()).add(module)
+    readers = "abstract_interpreter abstract_values assignment_check kernel_check random_check compile_errors"
+    writers = "arguments columns event jit machine_code per_agent simd"
+    assert sorted(inner) == sorted([*readers.split(), *writers.split(), "cache_key"])
+    codegen = {"numba.core.codegen", "numba.core.compiler_lock"}
+    assert [path for path, modules in inner.items() if modules & codegen] == ["machine_code"]
+
+
 def test_numba_compiles_in_two_files() -> None:
     users = {path: found for path, tree in trees("numba").items() if (found := compilers(tree))}
     assert set(users) <= {"ecs/jit.py", "ecs/machine_code.py"}, users
