@@ -6,7 +6,6 @@ was killed), if it is not a regular file, or if others than the user and root co
 
 import contextlib
 import hashlib
-import importlib
 import json
 import os
 import re
@@ -16,12 +15,11 @@ import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from .cache_folder import cache_folder, is_private
+from .file_lock import try_lock, unlock
 from .machine_code import Code
 
-fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None  # Windows has none
 DAY = 86_400  # seconds
 LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
 SUFFIX, CLAIM = ".unit", ".claim"
@@ -118,7 +116,7 @@ def claimed(path: Path | None, wait: bool) -> Iterator[bool]:
     Yields:
         Whether to compile the unit here, unless the file is there by now.
     """
-    if fcntl is None or path is None:
+    if path is None:
         yield True
         return
     claim, mine, end = path.with_suffix(CLAIM), False, time.monotonic() + PATIENCE * wait
@@ -129,32 +127,15 @@ def claimed(path: Path | None, wait: bool) -> Iterator[bool]:
         yield True
         return
     try:
-        while not (mine := try_lock(handle)) and time.monotonic() < end:
+        while not (mine := try_lock(handle) is not False) and time.monotonic() < end:
             time.sleep(0.01)
         yield mine or wait
     finally:
         if mine:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # Windows deletes no open file: `prune` does
                 claim.unlink()
             unlock(handle)
         os.close(handle)
-
-
-def try_lock(handle: int) -> bool:
-    """Lock a file, or do nothing if files cannot be locked. False if another process has locked it."""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True
-
-
-def unlock(handle: int) -> None:
-    """Let other processes lock a file. Closing it is not enough: forks of this process have it open, too."""
-    with contextlib.suppress(OSError):
-        fcntl.flock(handle, fcntl.LOCK_UN)
 
 
 def prune() -> None:

@@ -1,23 +1,19 @@
 """Folders that one process at a time writes into."""
 
 import contextlib
-import errno
 import fnmatch
-import importlib
 import os
 import platform
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+from outlast.ecs.file_lock import try_lock, unlock
 
 from .atomic_write import is_temporary, remove, target_name
 
 LOCK, OWNER = ".lock", ".owner"  # names of files: the one that is locked; without locks, the one that names a process
 OLD = 86_400.0  # seconds after which no process is still writing a temporary file
-TAKEN = (errno.EAGAIN, errno.EACCES)  # the errors of a lock that another process has
-fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
-msvcrt: Any = importlib.import_module("msvcrt") if os.name == "nt" else None
 
 
 class FolderLock:
@@ -63,7 +59,7 @@ class FolderLock:
         self._file = self.folder / LOCK
         while True:
             handle = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
-            locked = _try_lock(handle)
+            locked = try_lock(handle)
             if locked and _is_at(self._file, handle):
                 self._handle = handle
                 return True
@@ -98,11 +94,11 @@ class FolderLock:
         """Unlock the folder; calling this again does no harm."""
         handle, owner, self._handle, self._owner = self._handle, self._owner, -1, 0
         if owner == os.getpid():  # not in a fork, which has the same file open
-            if msvcrt is None:  # Windows deletes no open file
+            if os.name != "nt":  # Windows deletes no open file
                 with contextlib.suppress(OSError):  # ahead of unlocking it: then another process may lock it
                     self._file.unlink()
             if handle >= 0:
-                _unlock(handle)
+                unlock(handle)
         if handle >= 0:
             os.close(handle)
 
@@ -112,27 +108,6 @@ class FolderLock:
 def is_lock(path: Path) -> bool:
     """Return whether it is a file of a FolderLock, also one that was deleted while a process of NFS had it open."""
     return path.name in (LOCK, OWNER) or path.name.startswith(".nfs")
-
-
-def _try_lock(handle: int) -> bool | None:
-    """Lock a file. False if another process has locked it, None if files cannot be locked there."""
-    try:
-        if msvcrt is None:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        else:
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-    except OSError as error:
-        return False if error.errno in TAKEN else None
-    return True
-
-
-def _unlock(handle: int) -> None:
-    """Unlock a file. Closing it is not enough: forks of this process have it open, too."""
-    with contextlib.suppress(OSError):
-        if msvcrt is None:
-            fcntl.flock(handle, fcntl.LOCK_UN)
-        else:
-            msvcrt.locking(handle, msvcrt.LK_UNLCK, 1)
 
 
 def _is_at(path: Path, handle: int) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from outlast.ecs import file_lock
 from outlast.envs.storage import folder_lock
 from outlast.envs.storage.atomic_write import temporary_path
 from outlast.envs.storage.folder_lock import OLD, OWNER, FolderLock, is_lock
@@ -48,7 +49,7 @@ def system(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> A
         raise OSError(request.param, os.strerror(request.param))
 
     if request.param == "Windows":
-        monkeypatch.setattr(folder_lock, "msvcrt", Msvcrt)
+        monkeypatch.setattr(file_lock, "msvcrt", Msvcrt)
     elif request.param != "local":
         monkeypatch.setattr(fcntl, "flock", nfs if request.param == "NFS" else cannot)
     return request.param
