@@ -141,7 +141,7 @@ def counts_down(energy: Write[Energy], rows: Rows[Energy]) -> None:
 
 
 def test_recursion_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"local\.act cannot be compiled: .* calls itself: write a loop"):
+    with pytest.raises(DeclarationError, match=r"local\.act \(.*\) cannot be compiled: .* calls itself: write a loop"):
         run(make(Walkers(), system_of(counts_down)), STEP)
 
 
