@@ -30,7 +30,7 @@ from .references import codes, references, refuse_random
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
 SCALARS = (int, float, complex, str, bytes, np.generic)
 PLAIN = (range, np.dtype, numba.types.Type, type(None))
-GENERATORS = ("arguments", "columns", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
+GENERATORS = ("arguments", "array_check", "columns", "jit", "machine_code", "simd")  # modules that write or check code
 SETTINGS = (  # of numba, in any of its versions: those that change machine code; of processors, see _engine
     "BOUNDSCHECK",
     "DEBUGINFO_DEFAULT",

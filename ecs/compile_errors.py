@@ -10,6 +10,7 @@ import numba
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.core.ir import Loc
 
+from .array_check import UNCHECKED
 from .columns import CUT
 from .errors import DeclarationError, EngineError, ScheduleError, place
 from .system import System
@@ -94,6 +95,6 @@ def _explanation(error: BaseException, system: System) -> EngineError:
     label += f" ({'; '.join(where) or place(system.function, system.function.__code__.co_firstlineno)})"
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
-    if CUT in text:  # no advice to run it as Python, which would cut it off, too
+    if CUT in text or UNCHECKED in text:  # no advice to run it as Python, where it is as wrong
         return DeclarationError(f"{label} {first_sentence(error)}")
     return DeclarationError(f"{label} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}")

@@ -22,10 +22,13 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba import types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
 from numba.extending import models, register_model
 
+from .array_check import CheckedCompiler
 from .errors import DeclarationError
 from .references import is_outside
 
@@ -69,6 +72,27 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
         function = self.py_func if _INTERPRETED.get() else entry_point(self.py_func)
         return function(*arguments, **named)
 
+    @global_compiler_lock  # type: ignore[untyped-decorator]
+    def compile(self, sig: Any) -> Any:
+        """Compile it for arguments of these types. Indices of arrays that are no columns are checked.
+
+        Only systems from outside, which may make arrays, and Python hand such arrays to outlast's own kernels.
+        """
+        usual = self.targetoptions["boundscheck"]
+        arguments, _ = normalize_signature(sig)
+        self.targetoptions["boundscheck"] = (BOUNDS_CHECKS and _has_plain_arrays(arguments)) or usual
+        try:
+            return super().compile(sig)
+        finally:
+            self.targetoptions["boundscheck"] = usual
+
+
+def _has_plain_arrays(kinds: Any) -> bool:
+    """Return whether an array that is no column is among types of arguments, or in a tuple among them."""
+    return any(
+        type(each) is types.Array or (isinstance(each, types.BaseTuple) and _has_plain_arrays(each)) for each in kinds
+    )
+
 
 def kernel(function: Function, *, inline: bool = True) -> Function:
     """Compile `function` for the tick: it takes arrays and scalars, and writes columns in place.
@@ -82,6 +106,8 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
         The compiled function; under NUMBA_DISABLE_JIT the function itself.
     """
     options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    if is_outside(function):
+        options["pipeline_class"] = CheckedCompiler
     compiled = numba.njit(**options)(function)
     if compiled is not function:  # under NUMBA_DISABLE_JIT, numba returns the function
         compiled.__class__ = _Kernel

@@ -27,7 +27,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import models, register_model
 
-from .jit import intrinsic
+from .jit import BOUNDS_CHECKS, intrinsic
 
 SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of block e >> SIMD_SHIFT
 FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
@@ -111,10 +111,29 @@ def _absolute(builder: Any) -> Any:
     return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{SIMD_WIDTH}f32")
 
 
-def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any) -> Any:
-    """The address of a vector in an array, given the index of its first element."""
+def _check_column(column: Any, element: Any, written: bool = False) -> None:
+    """Raise NumbaTypeError unless vectors of these elements can be read from a column, or written to it."""
+    if getattr(column, "ndim", 0) != 1 or (column.dtype, column.layout) != (element, "C"):
+        raise NumbaTypeError(f"a column of {element} with one axis is needed, not {column}")
+    if written and not column.mutable:
+        raise NumbaTypeError(f"Cannot modify readonly array of type: {column}")  # numba's own words for item assignment
+
+
+def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any, whole: bool = False) -> Any:
+    """The address of a vector in an array, given the index of its first element.
+
+    In a user's system, an IndexError follows if that is not in the array; whole: if any element is not.
+    """
     array, start = arguments[:2]
     data = builder.extract_value(array, context.data_model_manager[kind].get_field_position("data"))
+    if BOUNDS_CHECKS and not hasattr(kind, "unchecked"):
+        (size,) = cgutils.unpack_tuple(builder, cgutils.create_struct_proxy(kind)(context, builder, array).shape)
+        end = builder.add(start, ir.Constant(start.type, vector.count if whole else 1))
+        within = builder.and_(
+            builder.icmp_signed(">=", start, ir.Constant(start.type, 0)), builder.icmp_signed("<=", end, size)
+        )
+        with builder.if_then(builder.not_(within), likely=False):
+            context.call_conv.return_user_exc(builder, IndexError, ("a vector is out of bounds of its array",))
     return builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
 
 
@@ -152,6 +171,7 @@ def _python_to_bits(mask: Any) -> int:
 @intrinsic(_padded)
 def load(typing: Any, column: Any, start: Any) -> Any:
     """(float32 column, start) -> vector of the 16 elements from the index `start` on."""
+    _check_column(column, types.float32)
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
@@ -162,20 +182,20 @@ def load(typing: Any, column: Any, start: Any) -> Any:
 @intrinsic(_python_store)
 def store(typing: Any, column: Any, start: Any, value: Any) -> Any:
     """(float32 array, start, vector): write a vector from the index `start` on; all 16 must be in the array."""
+    _check_column(column, types.float32, written=True)
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS)
+        pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS, whole=True)
         builder.store(arguments[2], pointer, align=4)
         return context.get_dummy_value()
 
-    if not column.mutable:
-        raise NumbaTypeError(f"Cannot modify readonly array of type: {column}")  # numba's own words for item assignment
     return types.void(column, types.intp, value), generate
 
 
 @intrinsic(_python_load_flags)
 def load_flags(typing: Any, column: Any, start: Any) -> Any:
     """(uint8 column, start) -> mask of the elements from the index `start` on that are not 0."""
+    _check_column(column, types.uint8)
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         vector = ir.VectorType(BYTE, SIMD_WIDTH)
@@ -211,6 +231,7 @@ def store_bytes(typing: Any, column: Any, start: Any, value: Any, bits: Any) -> 
 
     NaN becomes 0. Lanes that are not in the bitset become NO_BYTE.
     """
+    _check_column(column, types.uint8, written=True)
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         value, kind = arguments[2], ir.VectorType(BYTE, SIMD_WIDTH)
@@ -219,7 +240,7 @@ def store_bytes(typing: Any, column: Any, start: Any, value: Any, bits: Any) -> 
             value = builder.select(builder.fcmp_ordered(sign, value, bound), value, bound)
         chosen = builder.bitcast(builder.trunc(arguments[3], ir.IntType(SIMD_WIDTH)), BOOLEANS)
         value = builder.select(chosen, builder.fptoui(value, kind), ir.Constant(kind, [NO_BYTE] * SIMD_WIDTH))
-        builder.store(value, _pointer(context, builder, kinds.args[0], arguments, kind), align=1)
+        builder.store(value, _pointer(context, builder, kinds.args[0], arguments, kind, whole=True), align=1)
         return context.get_dummy_value()
 
     return types.void(column, types.intp, VECTOR, types.int64), generate
@@ -231,6 +252,8 @@ def overlap(typing: Any, low: Any, high: Any, start: Any, first: Any, last: Any)
 
     Bit j is for the range from low[start + j] to high[start + j]. Ranges include their ends.
     """
+    _check_column(low, types.uint8)
+    _check_column(high, types.uint8)
 
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         vector = ir.VectorType(BYTE, BYTES)
