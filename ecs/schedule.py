@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from .access import SELECTIONS
+from .ambiguity import Reasons, ambiguity, reasons_of
 from .component import Component, Singleton
 from .errors import ScheduleError, did_you_mean
 from .event import Event
@@ -12,7 +13,6 @@ from .module import Module
 from .phase import Phase, When
 from .system import System
 
-CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
 OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
 
 
@@ -73,9 +73,11 @@ def order(
     pairs = [pair for chain in chains for pair in pairwise(chain)]
     for pair in pairs:
         _check_pair(pair, known)
-    ordered: list[System] = []
+    ordered, errors = list[System](), list[str]()
     for phase in sorted(phases, key=lambda phase: phase.position):
-        ordered += _order_phase(phases[phase], known, pairs)
+        ordered += _order_phase(phases[phase], known, pairs, errors)
+    if errors:
+        raise ScheduleError("\n".join(errors))
     _check_events(ordered, known)
     return Schedule(tuple(ordered))
 
@@ -179,13 +181,16 @@ def _check_streams(systems: Sequence[System]) -> None:
                 )
 
 
-def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]) -> list[System]:
+def _order_phase(
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], errors: list[str]
+) -> list[System]:
     """Sort topologically by after/before, ties by label; then check that all conflicting pairs have an order.
 
     known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
-    that is left out.
+    that is left out. errors: to this list, those of pairs without an order are added.
     """
-    earlier = _predecessors(systems, known, pairs)
+    reasons = reasons_of(systems)
+    earlier = _predecessors(systems, known, pairs, reasons)
     ordered: list[System] = []
     predecessors: dict[str, set[str]] = {}
     waiting = list(systems)
@@ -200,38 +205,33 @@ def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iter
         predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
         ordered.append(ready)
         waiting.remove(ready)
-    _check_conflicts(ordered, predecessors)
+    for k, second in enumerate(ordered):
+        for first in ordered[:k]:
+            if first.label not in predecessors[second.label]:
+                errors += filter(None, [ambiguity(first, second, reasons, brief=bool(errors))])
     return ordered
 
 
 def _predecessors(
-    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], reasons: Reasons
 ) -> dict[str, set[str]]:
     """By label of each system, the labels of those that are to run earlier.
 
     Labels, names and chains win: a component orders two systems only if those do not say the opposite.
     """
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
-    by_component: set[tuple[str, str]] = set()  # (first, second)
     for system in systems:
-        others = [other for other in systems if other is not system]
-        for each in system.after:
-            if isinstance(each, str):
-                earlier[system.label] |= _named(each, system, systems, known)
-            else:
-                by_component |= {(o.label, system.label) for o in others if o.touches(each, "write", "add")}
-        for each in system.before:
-            if isinstance(each, str):
-                for later in _named(each, system, systems, known):
-                    earlier[later].add(system.label)
-            else:
-                by_component |= {(system.label, o.label) for o in others if o.touches(each, "read", "write", "add")}
+        for name in (each for each in system.after if isinstance(each, str)):
+            earlier[system.label] |= _named(name, system, systems, known)
+        for name in (each for each in system.before if isinstance(each, str)):
+            for later in _named(name, system, systems, known):
+                earlier[later].add(system.label)
     for first, second in pairs:
         for later in _stands_for(second, systems, known):
             earlier[later] |= _stands_for(first, systems, known) - {later}
     said = {label: _all_earlier(label, earlier) for label in earlier}
-    for first, second in by_component:
-        if second not in said[first] and (second, first) not in by_component:
+    for first, second in reasons:
+        if second not in said[first] and (second, first) not in reasons:
             earlier[second].add(first)
     return earlier
 
@@ -261,13 +261,17 @@ def _named(name: str, asking: System, systems: Sequence[System], known: Sequence
 def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -> set[str]:
     """Labels of the `systems` that a label or a mechanic's name stands for.
 
-    A label stands for its system, also if another mechanic inherits that system. A mechanic's name stands for all
-    systems of the mechanic that is in its slot. A name that is `known`, but not in the scenario, stands for nothing.
+    A label stands for its system, also if another mechanic inherits that system, or has the same one in its slot. A
+    mechanic's name stands for all systems of the mechanic that is in its slot. A name that is `known`, but not in the
+    scenario, stands for nothing.
     """
-    if "." in name:
-        return {system.label for system in systems if name in (system.label, *system.aliases)}
-    slots = {system.slot for system in known if system.module == name}
-    return {system.label for system in systems if system.slot in slots}
+    meant = [system for system in known if name in (system.label, system.module)]
+    in_slot = [system for system in systems if system.slot in {each.slot for each in meant}]
+    if "." not in name:
+        return {system.label for system in in_slot}
+    alike = {name}.union(*(system.aliases for system in meant))
+    inherited = [system for system in systems if name in system.aliases]
+    return {s.label for s in (*in_slot, *inherited) if not alike.isdisjoint((s.label, *s.aliases))}
 
 
 def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = None) -> list[System]:
@@ -293,44 +297,3 @@ def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
             f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order "
             "of phases is fixed, so leave that out"
         )
-
-
-def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]]) -> None:
-    for k, second in enumerate(systems):
-        for first in systems[:k]:
-            shared = _conflict(first, second)
-            if shared and first.label not in predecessors[second.label]:
-                raise _ambiguous(first, second, shared)
-
-
-def _ambiguous(first: System, second: System, shared: type[Component]) -> ScheduleError:
-    """The error for two systems without an order. It says what to write on the one that is more likely the user's."""
-    asked, other = (first, second) if first.outside and not second.outside else (second, first)
-    keyword = "after" if other.touches(shared, "write", "add") else "before"
-    said = (*first.after, *first.before, *second.after, *second.before)
-    taken = shared in said  # the component is named there already: by both, which cancels out, or by the one asked
-    return ScheduleError(
-        f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both touch "
-        f'{shared.__name__} and one of them writes it. Say after="{other.label}" on {asked.label} ('
-        + ("" if taken else f"or {keyword}={shared.__name__}, ")
-        + "or the other way round), put one into another phase, or declare Add where both only add; "
-        f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
-    )
-
-
-def _conflict(first: System, second: System) -> type[Component] | None:
-    for one in first.parameters:
-        for two in second.parameters:
-            if (one.kind, two.kind) not in CONFLICTS and (two.kind, one.kind) not in CONFLICTS:
-                continue
-            for component in one.components:
-                if component in two.components:
-                    here, there = _fields(first, component), _fields(second, component)
-                    if not (here and there) or here & there:
-                        return component
-    return None
-
-
-def _fields(system: System, component: type[Component]) -> set[str]:
-    """Names of a system's Offsets into an observation: it touches only these fields. Empty: it touches all of them."""
-    return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

@@ -1,5 +1,7 @@
 """Order that no other mechanic shifts: rows of archetypes, systems by components, and a scenario's own chains."""
 
+import inspect
+import re
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.schedule import order
 from outlast.envs.scenarios.variants import variant
-from outlast.systems import DropLast
+from outlast.systems import DropLast, Maze, Pillars, Preparation, Rooms, Walls
 from tests.engine.test_schedule import Nowhere, adds, labels, module, named, reads, reads_pieces, writes, writes_pieces
 from tests.helpers.toy_game import RESET, Energy, Food, Phase, Place, Toy, Walkers, Weather, run
 
@@ -155,6 +157,62 @@ def test_an_ambiguous_order_is_addressed_to_the_users_mechanic() -> None:
         labels(module("ape.act", reads), module("zoo.act", writes))
     with pytest.raises(ScheduleError, match=r"on zoo\.act \(or the other way round\)"):  # nothing it says already
         labels(module("ape.act", reads), module("zoo.act", writes, after=Place))
+
+
+def in_phase(scenario: Any, phase: Any, parameters: dict[str, Any], **options: Any) -> list[str]:
+    """The labels of a phase in order, with a user's system `yours.act` that has these parameters."""
+
+    def act(*tables: Any) -> None: ...
+
+    act.__annotations__ = {**parameters, "return": None}
+    act.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in parameters]
+    )
+    yours = type("Yours", (Module,), {})
+    yours.system(phase, compiled=False, **options)(act)
+    worlds = Worlds(scenario.modules, 1)
+    found = order([*worlds.schedule.systems, *yours.all_systems()], worlds.components).systems
+    return [system.label for system in found if system.phase is phase]
+
+
+def test_the_proposed_order_keeps_last_what_is_to_be_last() -> None:
+    """A user's system says after=C, as mortality.cap does, which keeps hit points within their limit."""
+    game = variant("teams_4").with_(Preparation(ticks=1), Maze())
+    systems = Worlds(game.modules, 1).schedule.systems
+    given = [(system, each) for system in systems for each in system.after if not isinstance(each, str)]
+    limits = [(system, each) for system, each in given if system.touches(each, "write", "add")]
+    assert len(limits) > 5
+    for system, component in limits:
+        parameters = {"table": Write[component]}  # type: ignore[valid-type]
+        with pytest.raises(ScheduleError) as caught:
+            in_phase(game, system.phase, parameters, after=component)
+        (line,) = [each for each in str(caught.value).splitlines() if f" {system.label} " in each]
+        assert f", and both say after={component.__name__}, which cancels out. {system.label} is to run last: " in line
+        proposed = line.partition(" is to run last: ")[2].partition(" on yours.act")[0]
+        found = in_phase(game, system.phase, parameters, after=tuple(re.findall(r'"(.*?)"', proposed)))
+        assert found.index("yours.act") < found.index(system.label)
+
+
+def test_all_ambiguities_are_named_at_once() -> None:
+    """In all phases, and what can be done in general only once."""
+    with pytest.raises(ScheduleError) as caught:
+        labels(*(module(f"{name}.act", writes) for name in ("ape", "fox", "zoo")))
+    lines = str(caught.value).splitlines()
+    assert [line.partition(" in phase")[0] for line in lines] == [
+        f"the order of {one}.act and {two}.act" for one, two in (("ape", "fox"), ("ape", "zoo"), ("fox", "zoo"))
+    ]
+    assert [("put one into another phase" in line) for line in lines] == [True, False, False]
+
+
+@pytest.mark.parametrize("walls", [Maze, Pillars, Rooms, Walls])
+@pytest.mark.parametrize("name", ["walls", "maze", "inner_walls", "walls.keep_out", "pillars.keep_out"])
+def test_a_name_or_a_label_stands_for_whatever_is_in_its_slot(walls: type[Module], name: str) -> None:
+    """So a door needs one name for all kinds of walls inside the room."""
+    parameters = {"body": Write[Body]}
+    phase = outlast.components.Phase.MOVE
+    found = in_phase(variant("ffa_1").with_(walls()), phase, parameters, after=("room", name, Body))
+    assert found[-2:] == [f"{walls.name}.keep_out", "yours.act"]
+    assert in_phase(variant("ffa_1"), phase, parameters, after=("room", name, Body))[-1] == "yours.act"
 
 
 @pytest.mark.parametrize(
