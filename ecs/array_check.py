@@ -76,7 +76,7 @@ def _unchecked(statement: Any, typemap: Any, calltypes: Any) -> str:
     if what := next((what for function, what in UNCHECKED_CALLS.items() if function is key), ""):
         return what
     if isinstance(value, ir.Expr) and value.op == "call":
-        called = getattr(typemap[value.func.name], "typing_key", None)
+        called: Any = getattr(typemap[value.func.name], "typing_key", None)
         most = next((most for function, most in INPUTS.items() if function is called), getattr(called, "nin", None))
         if most is not None and len(value.args) > most:
             name = called.__name__

@@ -5,6 +5,8 @@ import re
 import traceback
 from collections.abc import Iterator
 from pathlib import Path, PurePath
+from types import FunctionType
+from typing import cast
 
 import numba
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
@@ -34,6 +36,7 @@ NOISE = [  # patterns in numba's sentences, and what stands there instead
 CURES = {  # what numba's sentence begins with: what helps
     "No implementation of function": "take other types or another function; numbers can be cast, as in np.float32(x)",
     "the type of a part": "split the line into several; an assignment (:=) goes ahead of a chain of comparisons",
+    "liveness info missing": "does a loop in it never end?",
     "scipy": "install scipy, or write it out, as in math.sqrt(x * x + y * y) for a norm",
 }
 
@@ -90,9 +93,9 @@ def _text(error: BaseException) -> str:
 
 
 def _explanation(error: BaseException, system: System) -> EngineError:
-    text, label = _text(error), system.label
+    text, label, function = _text(error), system.label, cast("FunctionType", system.function)
     where = [f"{file}, line {line}" for file, line in reversed(places(error))]
-    label += f" ({'; '.join(where) or place(system.function, system.function.__code__.co_firstlineno)})"
+    label += f" ({'; '.join(where) or place(function, function.__code__.co_firstlineno)})"
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
     if CUT in text or UNCHECKED in text:  # no advice to run it as Python, where it is as wrong

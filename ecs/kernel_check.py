@@ -2,14 +2,15 @@
 
 It reports a misspelt column, a write to a component that is declared Read, and anything but a sum on one that is
 declared Add, with the line, also if that is in a kernel that the system calls; abstract_interpreter finds these. It
-also reports a variable that may have no value where it is used (assignment_check), and a random number that is drawn
-twice (random_check).
+also reports a variable that may have no value where it is used (assignment_check), a random number that is drawn twice
+(random_check), and a loop that nothing leaves.
 """
 
 from collections.abc import Collection, Mapping
 from types import FunctionType
 from typing import Any
 
+from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.compiler import run_frontend
 
 from .abstract_interpreter import Activation
@@ -99,6 +100,12 @@ def _passed(values: Values) -> Values:
     return ANYTHING if any(isinstance(each, Interval) for each in values) else values
 
 
+def _endless(code: Any) -> int | None:
+    """The line of a loop that nothing leaves, in numba's intermediate representation of a function."""
+    loops = compute_cfg_from_blocks(code.blocks).loops().values()
+    return next((code.blocks[loop.header].loc.line for loop in loops if not loop.exits), None)
+
+
 def _is_own(function: FunctionType) -> bool:
     """Whether a function is part of a user's mechanic."""
     return is_outside(function) and function.__module__.partition(".")[0] not in FOREIGN
@@ -134,6 +141,11 @@ class _Check:
                     f"{self.label} ({place(each, again)}) draws at an index at which it has drawn already, or "
                     "does so in each round of a loop: all are made of the same random number; take another index for "
                     "each, as in 2 * i and 2 * i + 1, or entities.identity[e]"
+                )
+            if code and (line := _endless(code)):
+                raise DeclarationError(
+                    f"{self.label} ({place(each, line)}): this loop never ends, and nothing interrupts machine code; "
+                    "leave it by break or return"
                 )
             if code and (found := first_unassigned(code)):
                 name, line = found

@@ -223,6 +223,35 @@ def helper(e: int) -> int:
     return found
 
 
+# ---- loops
+
+
+def spins(prey: Write[Prey], agents: Rows[Prey]) -> None:
+    while True:
+        prey.drawn[agents[0]] += 1
+
+
+def spins_in_a_loop(prey: Write[Prey], agents: Rows[Prey]) -> None:
+    for e in agents:
+        while True:
+            prey.drawn[e] += 1
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (
+            spins,
+            r"hunt\.spins \(test_code_checks\.py, line \d+\): this loop never ends, .*; leave it by break or return",
+        ),
+        (spins_in_a_loop, r"hunt\.spins_in_a_loop .* does a loop in it never end\?"),
+    ],
+)
+def test_a_loop_that_nothing_leaves_is_refused(function: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        played(function)
+
+
 # ---- random numbers
 
 
