@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 from numba import types
@@ -16,6 +15,7 @@ from outlast.components.sight import is_set
 from outlast.ecs import DeclarationError, Entity, Rows, Worlds, Write, kernel
 from outlast.ecs.array_check import UNCHECKED_TYPES
 from outlast.ecs.columns import CheckedColumn
+from outlast.ecs.jit import entry_point
 from outlast.ecs.simd import load, load_flags, store, store_bytes, to_bits
 from tests.conftest import COMPILED
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
@@ -44,7 +44,7 @@ def flat_of(place: Any) -> Any:
     return place.x.flat
 
 
-@numba.njit
+@entry_point  # a function that the user compiles by numba
 def flat_element(column: Any, far: int) -> Any:
     return column.flat[far]
 
