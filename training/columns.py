@@ -19,7 +19,11 @@ COLUMNS = {
     "wins": Column(
         "share", "of the episodes that it wins, as one of its sides outlives all others; a draw counts half"
     ),
-    "wins_first": Column("share", "that it wins of the episodes in which it plays the first side"),
+    "wins_first": Column(
+        "share",
+        "that it wins of the episodes in which it plays the first side. As agents see their id, a policy may play "
+        "sides differently that are alike, also against itself",
+    ),
     "wins_second": Column("share", "that it wins of the episodes in which its opponent plays the first side"),
     "length": Column("ticks", "of an episode; the same for both policies"),
     "life": Column("ticks", "that its longest-lived side has a living agent"),

@@ -8,6 +8,7 @@ from ..errors import ScenarioError
 from ..scenarios.ablations import ABLATIONS
 from ..scenarios.plugins import installed, package, scenario_of_package
 from ..scenarios.variants import ALIASES, VARIANTS
+from ..text_table import terminal_width, text_table
 
 LOGGER = logging.getLogger(__name__)
 
@@ -26,16 +27,16 @@ def add(commands: Any) -> None:
 
 def variants(options: argparse.Namespace) -> int:
     """A line for each of the paper's variants, for each scenario of an installed package, and for each ablation."""
-    for alias, name in ALIASES.items():
-        print(f"{name:<9} {alias:<14} {VARIANTS[name].about}")
-    _list_installed()
-    print("\nablations, each of which removes a flaw that the paper found, as in teams_2+health_cap+steering:")
-    for name, ablation in ABLATIONS.items():
-        print(f"+{name:<11} {f'flaw {ablation.flaw}':<11} {ablation.about}")
+    width = terminal_width()
+    print(text_table([(name, alias, VARIANTS[name].about) for alias, name in ALIASES.items()], width=width))
+    _list_installed(width)
+    print("\nablations, which remove flaws that the paper found, as in teams_2+health_cap:")
+    ablations = [(f"+{name}", f"flaw {ablation.flaw}", ablation.about) for name, ablation in ABLATIONS.items()]
+    print(text_table(ablations, width=width))
     return 0
 
 
-def _list_installed() -> None:
+def _list_installed(width: int | None) -> None:
     """A line for each scenario of an installed package, and a warning for each that cannot be imported."""
     rows = []
     for name, entry in installed().items():
@@ -44,7 +45,5 @@ def _list_installed() -> None:
         except ScenarioError as error:
             LOGGER.warning("%s", error)
     if rows:
-        first, second = (max(9, *(len(row[k]) for row in rows)) for k in (0, 1))
         print("\nscenarios of installed packages:")
-        for name, offering, about in rows:
-            print(f"{name:<{first}} {offering:<{max(second, 14)}} {about}".rstrip())
+        print(text_table(rows, width=width))

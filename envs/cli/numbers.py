@@ -3,7 +3,8 @@
 import argparse
 from typing import Any
 
-from ..scenarios.number_table import as_columns, scenario_rows
+from ..scenarios.number_table import NumberRow, scenario_rows
+from ..text_table import terminal_width, text_table
 from .options import add_scenario, scenario
 
 
@@ -25,5 +26,6 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a table of them, by mechanics."""
-    print(as_columns(scenario_rows(scenario(options))))
+    head = [name.replace("about", "meaning") for name in NumberRow._fields]
+    print(text_table(scenario_rows(scenario(options)), head, width=terminal_width()))
     return 0

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from outlast.ecs import Component, Entity, Worlds
 
+from ..text_table import text_table
 from .options import add_scenario, scenario
 
 
@@ -84,6 +85,4 @@ def as_text(rows: list[Use]) -> str:
     """Columns of text, one archetype or system a line."""
     heads = ("component", "kind", "archetypes", "written by", "read by")
     cells = [([row.component], [row.kind], *row[2:]) for row in rows]
-    widths = [max(map(len, [head, *(text for row in cells for text in row[k])])) for k, head in enumerate(heads)]
-    lines = [heads, *(line for row in cells for line in zip_longest(*row, fillvalue=""))]
-    return "\n".join("  ".join(text.ljust(width) for text, width in zip(line, widths)).rstrip() for line in lines)
+    return text_table([line for row in cells for line in zip_longest(*row, fillvalue="")], heads)

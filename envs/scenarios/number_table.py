@@ -1,7 +1,7 @@
 """All that is declared of a number: value, default, range, unit and meaning; for the command and the docs."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -76,11 +76,3 @@ def allowed(default: Any, rule: Mapping[str, Any]) -> str:
     else:
         text = f"{low} to {high}" if low and high else f"at least {low}" if low else f"up to {high}" if high else ""
     return f"each {text}" if isinstance(default, tuple) and text else text
-
-
-def as_columns(rows: Iterable[NumberRow]) -> str:
-    """Return a table as text, headed by the names of the columns."""
-    lines = [tuple(name.replace("about", "meaning") for name in NumberRow._fields), *rows]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(NumberRow._fields))]
-    padded = ((cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
-    return "\n".join("  ".join(cells).rstrip() for cells in padded)

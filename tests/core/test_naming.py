@@ -189,7 +189,7 @@ def test_scenarios_of_installed_packages(entries: list[EntryPoint], capsys: pyte
     assert named("hunt").name == "the arena"
     assert main(["variants"]) == 0
     out, err = capsys.readouterr()
-    assert "\nhunt      bog            a duel in a swamp\n" in out
+    assert "\nhunt  bog  a duel in a swamp\n" in out
     assert "outlast: the scenario 'gone' of the package bog_that_is_gone: there is no module bog_that_is_gone" in err
     with pytest.raises(ScenarioError, match="the scenario 'gone' of the package"):
         named("gone")

@@ -25,7 +25,7 @@ def test_variants_lists_all_eight_with_their_original_names(capsys):
     variants, ablations = out.split("\n\n")
     assert len(variants.splitlines()) == 8
     assert len(ablations.splitlines()) == 1 + len(ABLATIONS)
-    assert "teams_4   2v2_all_high" in out
+    assert "teams_4  2v2_all_high" in out
 
 
 def test_schedule_prints_the_generated_code(capsys):

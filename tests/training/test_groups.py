@@ -152,6 +152,10 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
     assert "\nworlds=4: a, b\n95 % intervals over training seeds and games" in text
     assert text.index("Elo of groups") < text.index("wins of group, against") < text.index("\nc: one run: its error is")
     assert "its error is of games alone, and says nothing of other seeds" in text
+    narrow = report.text(evaluation, 80)
+    tables = [line for line in narrow.split("\n") if "  " in line]
+    assert max(map(len, tables)) <= 80 < max(map(len, text.split("\n")))
+    assert sorted({*narrow.split()}) == sorted({*text.split()})
     report.write_tables(evaluation, tmp_path)
     rows = (tmp_path / "groups.csv").read_text().splitlines()
     assert rows[0] == "group,runs,against,figure,value,low,high"
@@ -167,10 +171,10 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
 
 def test_without_seeds_there_are_no_groups_and_of_one_run_twice_the_report_says_why() -> None:
     played = SimpleNamespace(chosen=[policy("a", PLAN), policy("b", PLAN)], groups=lambda: None)
-    (reason,) = report._groups(played)  # type: ignore[arg-type]
+    (reason,) = report._groups(played, None)  # type: ignore[arg-type]
     assert reason.startswith("no groups of training seeds: a.zip and b.zip are the same run, or both of seed 0")
     played.chosen = [Contender("random", "random"), Contender("noop", "noop")]
-    assert list(report._groups(played)) == []  # type: ignore[arg-type]
+    assert list(report._groups(played, None)) == []  # type: ignore[arg-type]
 
 
 def test_the_report_says_what_no_bound_is_and_json_has_none() -> None:

@@ -13,6 +13,7 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, count, positive, seed
 from outlast.envs.errors import install
 from outlast.envs.progress import Progress, duration
+from outlast.envs.text_table import terminal_width, text_table
 
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
 from ..children import ChildRun, side_by_side
@@ -137,10 +138,11 @@ def _tasks(options: argparse.Namespace) -> int:
     """List the tasks."""
     if options.names:
         raise TrainingError(f"benchmark tasks lists all: leave out {options.names[0]}")
-    width = max(map(len, tasks()))
+    rows = []
     for task in tasks().values():
-        tested = [game.name for game in task.games[1:]]
-        print(f"{task.name:<{width}}  {task.about}" + (f" ({', '.join(tested)})" if tested else ""))
+        tested = ", ".join(game.name for game in task.games[1:])
+        rows.append((task.name, task.about + (f" ({tested})" if tested else "")))
+    print(text_table(rows, width=terminal_width()))
     return 0
 
 

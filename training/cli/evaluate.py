@@ -9,6 +9,7 @@ from typing import Any
 from outlast.envs.cli.options import STOPPED, add_scenario, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.text_table import terminal_width
 
 from ..columns import explained
 from ..errors import TrainingError
@@ -115,7 +116,7 @@ def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
     """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError."""
     from ..evaluation import report
 
-    print(evaluation)
+    print(report.text(evaluation, terminal_width()))
     print(f"\n{seconds:,.0f} s", flush=True)
     if folder is not None and evaluation.pairings:
         print("", *report.write_tables(evaluation, folder), sep="\n", flush=True)

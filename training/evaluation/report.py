@@ -11,6 +11,7 @@ import numpy as np
 
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.text_table import text_table
 
 from ..errors import TrainingError
 from ..files import read_text, write_files
@@ -57,14 +58,19 @@ class Played(Protocol):
         """Return ratings and wins of groups of runs. Raises TrainingError."""
 
 
-def text(evaluation: Played) -> str:
-    """All tables under a heading; of an incomplete evaluation, the tables of what is complete."""
+def text(evaluation: Played, width: int | None = None) -> str:
+    """Return all tables under a heading; of an incomplete evaluation, the tables of what is complete.
+
+    width: characters in a line of a table, see envs.text_table.
+    """
     if not evaluation.pairings:
         return "no pairing is complete"
-    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), _sides(evaluation), *_groups(evaluation)]
+    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation, width), _sides(evaluation)]
+    parts += _groups(evaluation, width)
     names = list(evaluation.pairings[0].results.figures)
     results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
-    parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
+    others = [name for name in names if name not in results]
+    parts += [_figures(evaluation, some, width) for some in (results, others)]
     return "\n\n".join(filter(None, parts))
 
 
@@ -114,17 +120,17 @@ def check_folder(evaluation: Played, folder: Path) -> None:
 def _ratings(evaluation: Played) -> str:
     rows = sorted(_rated(evaluation), key=lambda row: -row[1])
     cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rows]
-    return _table(("Elo (mean 1000)", "rating", "std. error"), cells) if cells else ""
+    return text_table(cells, ("Elo (mean 1000)", "rating", "std. error"), left=1) if cells else ""
 
 
-def _wins(evaluation: Played) -> str:
+def _wins(evaluation: Played, width: int | None) -> str:
     """Shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
     rows = [
         (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
     ]
-    return _table(("wins of, against", *labels), rows)
+    return text_table(rows, ("wins of, against", *labels), left=1, width=width)
 
 
 def _sides(evaluation: Played) -> str:
@@ -143,7 +149,7 @@ def _sides(evaluation: Played) -> str:
     return f"the side matters in {many} of {len(evaluation.pairings)} pairings, see wins_first and wins_second: {wins}"
 
 
-def _groups(evaluation: Played) -> Iterator[str]:
+def _groups(evaluation: Played, width: int | None) -> Iterator[str]:
     """Tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
@@ -152,7 +158,7 @@ def _groups(evaluation: Played) -> Iterator[str]:
         return
     if found is not None:
         yield _group_ratings(evaluation, found)
-        yield _group_wins(found)
+        yield _group_wins(found, width)
     if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
         one, each = "one run: its error is of games alone, and says", "one run each: errors are of games alone, and say"
         yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
@@ -165,17 +171,17 @@ def _group_ratings(evaluation: Played, found: Groups) -> str:
     ]
     several = [group for group in found.groups if len(group.members) > 1]
     who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
-    table = _table(("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), rows)
+    table = text_table(rows, ("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), left=1)
     return "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
 
 
-def _group_wins(found: Groups) -> str:
+def _group_wins(found: Groups, width: int | None) -> str:
     names = [group.label for group in found.groups]
     rows = [
         (name, *(_between(*ends) for ends in zip(*three, strict=True)))
         for name, *three in zip(names, *found.wins, strict=True)
     ]
-    return _table(("wins of group, against", *names), rows)
+    return text_table(rows, ("wins of group, against", *names), left=1, width=width)
 
 
 def _between(value: float, low: float, high: float) -> str:
@@ -202,10 +208,10 @@ def _group_rows(evaluation: Played) -> list[tuple[Any, ...]]:
     return rows
 
 
-def _figures(evaluation: Played, names: Sequence[str]) -> str:
+def _figures(evaluation: Played, names: Sequence[str], width: int | None) -> str:
     known = [name for name in names if name in evaluation.pairings[0].results.figures]
     rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
-    return _table((*FIRST, *known), rows, left=len(FIRST))
+    return text_table(rows, (*FIRST, *known), left=len(FIRST), width=width)
 
 
 def _cell(mean: float, error: float) -> str:
@@ -218,18 +224,6 @@ def _cell(mean: float, error: float) -> str:
         return f"{mean:.2f}"
     digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 4))
     return f"{mean:.{digits}f} ± {error:.{digits}f}"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
-    lines = (
-        [
-            cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        for row in (head, *rows)
-    )
-    return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
 def _rated(evaluation: Played) -> list[tuple[str, float, float]]:
