@@ -296,6 +296,8 @@ def test_figures_of_training_show_the_kept_results() -> None:
             assert figure.text["Source"] == figures.digest(group)
         assert (ORIGINAL / f"{group.name}.gif").exists()
     assert (ORIGINAL / "ends.md").read_text() == report(groups)
+    text = DOCS / "results/text"
+    assert (text / "ends.md").read_text() == report(group_runs(load_runs([text])), groups)
     with image.open(DOCS / "results/worlds-64/curves.png") as figure:
         compared = [place / "ffa_4-original-0.csv" for place in (ORIGINAL, DOCS / "results/worlds-64")]
         assert figure.text["Source"] == compare(compared).digest()
