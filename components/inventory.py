@@ -105,6 +105,13 @@ def last(bag: Any, e: int) -> int:
 
 
 @kernel
+def held(bag: Any, e: int, kind: Any) -> int:
+    """Return the row of the last item in the bag of `e` if it is of that kind, a RowIndex of its component; else -1."""
+    row = last(bag, e)
+    return row if row >= 0 and kind[row] >= 0 else -1
+
+
+@kernel
 def full(bag: Any, e: int) -> bool:
     """Return whether the bag of agent `e` has no free slot."""
     return bool(bag.count[e] >= bag.items.shape[1] or bag.items[e, bag.count[e]] == CLOSED)

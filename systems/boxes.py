@@ -28,7 +28,7 @@ from outlast.components import (
     Spawned,
 )
 from outlast.components.health import MOST, fatal_agent
-from outlast.components.inventory import last, place
+from outlast.components.inventory import held, place
 from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
 from outlast.ecs import (
     Add,
@@ -319,10 +319,9 @@ def see_slot(
     """Write the observation of the bag's last slot, if it holds a box item."""
     for i in range(agents.size):
         e = agents[i]
-        row = last(bag, e)
-        held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
-        view.box_slot_mask[i, 0] = 1 if held else 0
+        row = held(bag, e, index) if entities.alive[e] else -1
+        view.box_slot_mask[i, 0] = 1 if row >= 0 else 0
         vertices = view.box_slot[i, 0, box_slot_vertices : box_slot_vertices + 8]
         vertices[:] = 0
-        if held:
+        if row >= 0:
             outline(vertices, shape, boxes[index[row]], corners == ROLLED)

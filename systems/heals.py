@@ -21,7 +21,7 @@ from outlast.components import (
     Spawned,
 )
 from outlast.components.health import LARGEST, MOST
-from outlast.components.inventory import last
+from outlast.components.inventory import held
 from outlast.components.limits import FAR, MANY
 from outlast.ecs import (
     Add,
@@ -122,7 +122,6 @@ def see_slot(
     """Write the observation of the bag's last slot, if it holds a heal."""
     for i in range(agents.size):
         e = agents[i]
-        row = last(bag, e)
-        held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
-        view.heal_slot[i, 0, heal_slot_amount] = heal.amount[row] if held else 0
-        view.heal_slot_mask[i, 0] = 1 if held else 0
+        row = held(bag, e, index) if entities.alive[e] else -1
+        view.heal_slot[i, 0, heal_slot_amount] = heal.amount[row] if row >= 0 else 0
+        view.heal_slot_mask[i, 0] = 1 if row >= 0 else 0

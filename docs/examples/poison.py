@@ -7,7 +7,7 @@ from typing import ClassVar
 from outlast.components import Bag, Body, Guard, Health, Hit, Item, ObservationMasks, Phase, Shape, Side, Spawned
 from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
-from outlast.components.inventory import last
+from outlast.components.inventory import held
 from outlast.components.sight import is_set
 from outlast.ecs import (
     Add,
@@ -21,6 +21,7 @@ from outlast.ecs import (
     Observation,
     Offset,
     Read,
+    RowIndex,
     Rows,
     Singleton,
     Statistic,
@@ -156,6 +157,7 @@ def see_vials(
     entities: Read[Entity],
     agents: Rows[Illness],
     vials: Rows[Vial],
+    kind: RowIndex[Vial],
     vials_x: Offset,
     vials_y: Offset,
 ) -> None:
@@ -168,7 +170,5 @@ def see_vials(
             view.vials[i, k, vials_x] = body.x[e] if filled else 0
             view.vials[i, k, vials_y] = body.y[e] if filled else 0
         me, alive = agents[i], entities.alive[agents[i]] != 0
-        item = last(bag, me)
-        held = alive and vials[0] <= item <= vials[vials.size - 1]
-        view.vial_slot_mask[i, 0] = 1 if held else 0
+        view.vial_slot_mask[i, 0] = 1 if alive and held(bag, me, kind) >= 0 else 0
         view.illness[i, 0] = illness.left[me] if alive else 0

@@ -20,7 +20,7 @@ from outlast.components import (
 )
 from outlast.components.agent import present
 from outlast.components.body import PLACE
-from outlast.components.inventory import last
+from outlast.components.inventory import held
 from outlast.components.sight import is_set
 from outlast.ecs import (
     Archetype,
@@ -302,10 +302,9 @@ def see_shields(
 def see_bag(
     view: Write[SelfView], bag: Read[Bag], agents: Rows[Bag], index: RowIndex[Shield], own_has_shield: Offset
 ) -> None:
-    """What is in the last slot may be another kind of item, whose index is -1."""
+    """What is in the last slot may be another kind of item."""
     for i in range(agents.size):
-        item = last(bag, agents[i])
-        view.own[i, own_has_shield] = item >= 0 and index[item] >= 0
+        view.own[i, own_has_shield] = held(bag, agents[i], index) >= 0
 
 
 # --- the game

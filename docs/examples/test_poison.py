@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from poison import Poison
+from poison import Poison, Vial
 
 import outlast
-from outlast.components import Bag, Body, Health, Item
-from outlast.ecs import Entity, NumberError
+from outlast.components import Bag, Body, Health, Item, Shape, Spawned
+from outlast.ecs import Archetype, Entity, Module, NumberError
 
 IDLE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 0, 1, 0)
 SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, damage=2))
@@ -78,6 +78,29 @@ def test_a_vial_is_observed_while_it_is_visible():
     assert seen["vials"][0, 0, 1].tolist() == [1.5, 0]
     hidden = seen["vials_mask"][0] == 0
     assert not seen["vials"][0][hidden].any()
+
+
+class Flasks(Module):
+    """Another kind that has Vial, and a kind between the two that has none."""
+
+    def archetypes(self):
+        item = (Body(), Shape(radius=0.2), Spawned(), Item())
+        flask = Archetype("flask", (*item, Vial(strength=5)), 2, order=300)
+        return [Archetype("amulet", item, 3, order=350), flask]
+
+    def dims(self):
+        return {"vials": 2}
+
+
+@pytest.mark.parametrize(("kind", "held"), [("vial", 1), ("amulet", 0), ("flask", 1)])
+def test_the_last_slot_shows_all_kinds_of_vials_and_no_other(kind, held):
+    env = outlast.make_vec(SCENARIO.with_(Flasks()), 1, seed=0)
+    env.reset()
+    worlds, item = env.worlds, env.worlds.span(kind).start
+    assert worlds.span("flask").start < worlds.span("amulet").start < worlds.span("vial").start
+    worlds[Bag].items[0, 0, 0], worlds[Bag].count[0, 0] = item, 1
+    worlds[Item].holder[0, item], worlds[Entity].alive[0, item] = 0, 0
+    assert step(env)[0]["vial_slot_mask"][0].tolist() == [[held], [0], [0], [0]]
 
 
 def test_vials_can_be_picked_up():
