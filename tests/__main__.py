@@ -3,7 +3,9 @@
     python -m tests [--quick] [--nightly] [-- PYTEST ARGUMENTS]
 
 Every stage runs, even after a failure, and the summary comes last. The exit
-status is 0 only if all stages passed. The tests run compiled, with the slow
+status is 0 only if all stages passed. What is left out for lack of a library,
+mypy or tests, is named in the last line; `.[test-all]` has all libraries but
+those of Ray and BenchMARL. The tests run compiled, with the slow
 ones, and then as plain Python; by day, the second run needs only those of the
 engine and a few files of the core and of the mechanics. `--quick` skips the
 slow tests and the second run. `--nightly` runs the tests that only the night
@@ -13,6 +15,7 @@ and as plain Python.
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -38,6 +41,8 @@ PLAIN_BY_DAY = (
     *(f"tests/mechanics/test_{name}.py" for name in ("ablations", "edges", "fidelity_rules", "lidar", "reference")),
 )
 NO_TESTS = 5  # pytest's exit code where nothing was selected
+NEEDED = re.compile(r"outlast\[([\w,-]+)\]")  # extras, in the reasons of skipped tests
+ELSEWHERE = {"ray", "benchmarl"}  # extras whose tests need environments of their own: .ci/run --nightly
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
 LINT_IMPORTS = "from importlinter.cli import lint_imports_command as run; run()"
@@ -63,6 +68,7 @@ class Result:
     passed: bool
     seconds: float
     tests: Counter[str] = field(default_factory=Counter)
+    needed: frozenset[str] = frozenset()  # extras without which tests were skipped
 
     def __str__(self) -> str:
         tests = f"   {summary_line(self.tests)}" if self.tests else ""
@@ -70,11 +76,8 @@ class Result:
 
 
 def checks() -> list[Stage]:
-    """The static checks."""
-    types = [Stage("mypy", ("-m", "mypy"))]
-    if not importlib.util.find_spec("torch"):
-        print("mypy      left out, as it follows what outlast.training imports: needs torch: outlast[test-all]")
-        types = []
+    """Return the static checks. mypy follows what outlast.training imports, so it needs torch."""
+    types = [Stage("mypy", ("-m", "mypy"))] if importlib.util.find_spec("torch") else []
     return [
         Stage("ruff check", ("-m", "ruff", "check", "--output-format", "concise")),
         Stage("ruff format --check", ("-m", "ruff", "format", "--check", "--output-format", "concise")),
@@ -123,10 +126,18 @@ def suite(stage: Stage, arguments: list[str]) -> Result:
         report = Path(folder) / "report.xml"
         command = [sys.executable, "-m", "pytest", "-q", *WORKERS, f"--junitxml={report}", *stage.arguments, *arguments]
         code = subprocess.run(command, cwd=ROOT, env=stage.environment).returncode
-        tests = counts(report)
+        tests, needed = counts(report), extras(report)
     if code not in (0, NO_TESTS) and not tests["failed"]:
         tests["failed"] += 1  # it ended before a report was written
-    return Result(stage.name, code in (0, NO_TESTS), time.perf_counter() - start, tests)
+    return Result(stage.name, code in (0, NO_TESTS), time.perf_counter() - start, tests, needed)
+
+
+def extras(report: Path) -> frozenset[str]:
+    """Return the extras that the skipped tests of a JUnit report name in their reasons."""
+    if not report.exists():
+        return frozenset()
+    reasons = (ElementTree.tostring(child, "unicode") for child in ElementTree.parse(report).iter("skipped"))
+    return frozenset(extra for reason in reasons for names in NEEDED.findall(reason) for extra in names.split(","))
 
 
 def counts(report: Path) -> Counter[str]:
@@ -145,6 +156,13 @@ def summary_line(tests: Counter[str]) -> str:
     return line + (f", {tests['skipped']} skipped" if tests["skipped"] else "")
 
 
+def left_out(types: bool, needed: frozenset[str]) -> str:
+    """Return what was not run, as the end of the last line. types: whether mypy ran."""
+    named = ",".join(sorted(needed - ELSEWHERE))
+    parts = [*([] if types else ["mypy"]), *([f"tests that need outlast[{named}]"] if named else [])]
+    return f"; left out: {' and '.join(parts)} (all are in '.[test-all]')" if parts else ""
+
+
 def other_tree() -> str:
     """Why the imported package is not the one of this tree, or ""."""
     found = importlib.util.find_spec("outlast")
@@ -159,8 +177,8 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
     return arguments[:end], arguments[end + 1 :]
 
 
-def summary(results: list[Result]) -> int:
-    """Print what failed and the number of tests; return the exit code."""
+def summary(results: list[Result], types: bool) -> int:
+    """Print what failed, the number of tests and what was left out; return the exit code. types: whether mypy ran."""
     total = sum((result.tests for result in results), Counter())
     failed = [result.name for result in results if not result.passed]
     print("\n" + "\n".join(str(result) for result in results))
@@ -168,7 +186,8 @@ def summary(results: list[Result]) -> int:
         print(f"\nfailed: {', '.join(failed)}")
     elif not total["passed"]:
         print("\nno test ran")
-    print(summary_line(total), flush=True)
+    needed = frozenset().union(*(result.needed for result in results))
+    print(summary_line(total) + left_out(types, needed), flush=True)
     return 1 if failed or not total["passed"] else 0
 
 
@@ -181,13 +200,14 @@ def main() -> int:
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
     results = []
-    for stage in [] if options.nightly else checks():
+    static = [] if options.nightly else checks()
+    for stage in static:
         results.append(check(stage))
         print(results[-1], flush=True)
     for stage in suites(options.quick, options.nightly):
         results.append(suite(stage, for_pytest))
         print(results[-1], flush=True)
-    return summary(results)
+    return summary(results, types=options.nightly or any(stage.name == "mypy" for stage in static))
 
 
 if __name__ == "__main__":
