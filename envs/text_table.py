@@ -91,8 +91,8 @@ class _Wrapper(textwrap.TextWrapper):
     wordsep_simple_re = re.compile(r"(\s+|(?<=,)|(?<=[a-z]-)(?=[a-z]))")
 
     def __init__(self, width: int, indent: str = "") -> None:
-        kept = {"break_long_words": False, "break_on_hyphens": False}
-        super().__init__(max(width, len(indent) + 1), initial_indent=indent, subsequent_indent=indent, **kept)
+        super().__init__(max(width, len(indent) + 1), initial_indent=indent, subsequent_indent=indent)
+        self.break_long_words = self.break_on_hyphens = False
 
 
 def _longest(cell: str) -> int:

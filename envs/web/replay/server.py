@@ -83,7 +83,7 @@ def _json(value: Json | None) -> bytes:
 class _Server(ThreadingHTTPServer):
     gate: Gate
     answers: dict[str, Callable[[], tuple[str, bytes]]]
-    logged: set[type[BaseException] | None]
+    logged: set[type]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Log an error in a request, the first of each type, as pages repeat their requests.
