@@ -14,7 +14,7 @@ from .errors import NumberError, meant
 from .layout import Layout
 from .made_once import reasons
 from .module import Module
-from .numbers import owners
+from .numbers import is_read, owners
 from .system import System
 from .varied import extreme_layouts
 
@@ -59,7 +59,7 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
 def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
     """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
     module = layout.modules[k]
-    full, own = f"{module.name}_{number}", [system for system in systems if system.module == module.name]
+    full = f"{module.name}_{number}"
     if full in layout.per_agent:
         yield "roles differ in it"
     if full in layout.varied:
@@ -73,7 +73,7 @@ def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, n
         for one, two in zip(layout.modules, there.modules, strict=True)
     ):
         yield "it decides the bounds of observations"
-    if not any(p.kind == "number" and p.name == number for system in own for p in system.parameters):
+    if not is_read(layout.modules, systems, full, kinds=("number",)):
         yield "no system gets it as a single number"
 
 

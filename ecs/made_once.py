@@ -50,12 +50,6 @@ def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[
             yield where, k, values[:, k]
 
 
-def is_read(layout: Any, k: int, number: str) -> bool:
-    """Whether a system of the mechanic `k` gets the number."""
-    systems = [system for system in layout.systems if system.module == layout.modules[k].name]
-    return any(p.kind in ("number", "numbers") and p.name == number for s in systems for p in s.parameters)
-
-
 def _parts(layout: Any) -> dict[str, set[type[Any]]]:
     """The components of each kind of entities."""
     return {name: {type(part) for part in kind.parts} for name, kind in layout.archetypes.items()}

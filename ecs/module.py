@@ -381,9 +381,12 @@ class Module:
             value, choices = getattr(self, name), known[name]
             return choices.index(value) if choices else value
         asking = [system.label for system in self.systems() if any(name == p.name for p in system.parameters)]
+        kinds = [kind for kind in Module.imported() if "__dataclass_fields__" in vars(kind)]
+        others = {f"{kind.name}_{item.name}": kind.__name__ for kind in kinds for item in dataclasses.fields(kind)}
+        cure = f"add {others[name]}, which has it" if name in others else did_you_mean(name, [*known, *others])
         raise DeclarationError(
             f"{self.name} has no number '{name}', which {' and '.join(asking) or 'one of its systems'} asks for; "
-            + (did_you_mean(name, known) or f"it has: {', '.join(known) or 'none'}")
+            + (cure or f"it has: {', '.join(known) or 'none'}; those of others are named in full, as in physics_rate")
         )
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,37 @@ def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
                 raise NumberError(f"two mechanics have the number '{name}': give one of them another name")
             found[name] = k, item.name
     return found
+
+
+def full_name(modules: Iterable[Any], mechanic: str, name: str) -> str:
+    """Return the full name of what a system's parameter names: a number of its mechanic, or in full any mechanic's."""
+    own, known = f"{mechanic}_{name}", owners(modules)
+    return own if own in known or name not in known else name
+
+
+def is_read(
+    modules: Sequence[Any], systems: Iterable[Any], full: str, kinds: Sequence[str] = ("number", "numbers")
+) -> bool:
+    """Return whether a parameter of one of these kinds, of one of the systems, is the number of that full name."""
+    named = [(s.module, p.name) for s in systems for p in s.parameters if p.kind in kinds and full.endswith(p.name)]
+    return any(full_name(modules, mechanic, name) == full for mechanic, name in named)
+
+
+def kernel_value(modules: Sequence[Any], module: Any, system: Any, parameter: Any) -> tuple[str, Any]:
+    """Return the full name and the value of the number that a parameter of a mechanic's system names.
+
+    Raises:
+        DeclarationError: There is no such number, or its type is not the annotated one.
+    """
+    full = full_name(modules, module.name, parameter.name)
+    owner = modules[owners(modules)[full][0]] if full == parameter.name else module
+    value = owner.value(full.removeprefix(f"{owner.name}_"))
+    if type(value) is not parameter.type:
+        raise DeclarationError(
+            f"{system.label}: parameter '{parameter.name}' is annotated {parameter.type.__name__}, but kernels get "
+            f"this number as {type(value).__name__}; annotate it so"
+        )
+    return full, value
 
 
 def rule_of(module: Any, field: str) -> Any:

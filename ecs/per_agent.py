@@ -20,8 +20,8 @@ from .distributions import CHOICE, Distribution
 from .draw import draw_between, exists
 from .errors import NumberError
 from .jit import intrinsic, kernel
-from .made_once import differences, is_read, reasons
-from .numbers import owners, rule_of
+from .made_once import differences, reasons
+from .numbers import full_name, is_read, owners, rule_of
 from .random import integer, stream_number
 from .roles import ANYONE, NEVER, Roles, spread
 from .varied import Varied, check_kind, encode
@@ -152,9 +152,10 @@ def _form(layout: Any, values: dict[str, Any], checks: bool = True) -> Any:
     return layout.with_modules(modules, layout.roles.bare(), checks)
 
 
-def differing_numbers(layout: Any, module: str) -> list[str]:
-    """Return the numbers in which roles differ, by their names in the mechanic of that name."""
-    return [number.field for number in layout.per_agent.values() if layout.modules[number.module].name == module]
+def differing_numbers(layout: Any, system: Any) -> list[str]:
+    """Return the parameters of a system that are numbers in which roles differ."""
+    names = [parameter.name for parameter in system.parameters if parameter.kind == "number"]
+    return [name for name in names if full_name(layout.modules, system.module, name) in layout.per_agent]
 
 
 def agent_values(worlds: Any, number: AgentNumber) -> Array:
@@ -296,7 +297,7 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
             what = f"{where.component.__name__}.{where.name}"
             raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
         found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
-    if len(probes) > 1 and not (found or is_read(layout, number.module, number.field)):
+    if len(probes) > 1 and not (found or is_read(layout.modules, layout.systems, number.name)):
         raise NumberError(f"{number.name} cannot differ by role: no system of its mechanic gets it")
     return found
 

@@ -91,7 +91,7 @@ def _made(wanted: Wanted) -> Plan:
     for system in schedule.systems:
         if system.outside:
             behind = resets[resets.index(system.label) + 1 :] if system.label in resets else ()
-            check(system, differing_numbers(layout, system.module), _widths(layout, system.module), layout, behind)
+            check(system, differing_numbers(layout, system), _widths(layout, system.module), layout, behind)
         if system.label in wanted.interpret:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)

@@ -44,6 +44,7 @@ from .given import GIVEN_DIM, Given
 from .jit import compiled
 from .layout import Layout
 from .module import Module
+from .numbers import kernel_value
 from .per_agent import AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
 from .phase import When
@@ -240,17 +241,13 @@ class Generator:
                 return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
             case "offset":
                 return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
-            case "numbers" if f"{module.name}_{parameter.name}" in self.layout.varied:
-                return self._varied(f"{module.name}_{parameter.name}", parameter.name)
-            case "numbers":
-                return self._constant(
-                    f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)
-                )
-        full, value = f"{module.name}_{parameter.name}", _value(module, system, parameter)
+        full, value = kernel_value(self.layout.modules, module, system, parameter)
         if full in self.layout.per_agent:
             return self._per_agent(self.layout.per_agent[full], parameter.name)
         if full in self.layout.varied:
             return self._varied(full, parameter.name)
+        if parameter.kind == "numbers":
+            return self._constant(f"number_{parameter.name}", np.array(value, np.float32))
         return self._number(value, parameter.name, full)
 
     def _varied(self, full: str, parameter: str) -> str:
@@ -387,14 +384,3 @@ def _full_name(component: type[Component], column: str) -> str:
 def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
     """A function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
-
-
-def _value(module: Module, system: System, parameter: Parameter) -> Any:
-    """The number that a parameter names. DeclarationError if its type is not the annotated one."""
-    value = module.value(parameter.name)
-    if type(value) is not parameter.type:
-        raise DeclarationError(
-            f"{system.label}: parameter '{parameter.name}' is annotated {parameter.type.__name__}, but kernels get "
-            f"this number as {type(value).__name__}; annotate it so"
-        )
-    return value

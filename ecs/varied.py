@@ -18,8 +18,8 @@ from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
 from .errors import NumberError, meant
 from .fields import Field
-from .made_once import differences, is_read, reasons
-from .numbers import owners, rule_of
+from .made_once import differences, reasons
+from .numbers import is_read, owners, rule_of
 
 DIM = "varied words"
 EXACT = 2**24  # float32 has all integers up to this one
@@ -310,7 +310,7 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
                 )
             raise NumberError(f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it")
         found.append((number.start, where.offset + i * width, width))
-    if not (found or number.archetypes or number.dims or is_read(layout, k, number.number)):
+    if not (found or number.archetypes or number.dims or is_read(layout.modules, layout.systems, number.name)):
         raise NumberError(f"{number.name} cannot vary: no system of {layout.modules[k].name} gets it")
     return found
 

@@ -263,9 +263,8 @@ class Seen(Statistic):
 
 @dataclass(frozen=True)
 class HideAndSeek(Module):
-    """From tick `begin` on, hiders are paid while no seeker sees any of them, and seekers while one does."""
+    """Once seekers may look, hiders are paid while no seeker sees any of them, and seekers while one does."""
 
-    begin: int = number(100, low=0, unit="ticks", about="tick from which on it counts who is seen")
     reward: float = number(
         0.1, unit="reward per tick", about="what each agent of one side gets, and each of the other pays"
     )
@@ -298,12 +297,12 @@ def pay(
     side: Read[Side],
     clock: Read[Clock],
     agents: Rows[Side],
-    begin: int,
+    preparation_ticks: int,
     reward: float,
 ) -> None:
-    """Nothing before it counts."""
+    """Nothing before seekers may look: preparation_ticks is a number of Preparation."""
     pays = 0.0
-    if clock.tick[0] > begin:
+    if clock.tick[0] > preparation_ticks:
         exposed = found(masks, side, agents)
         seen.ticks_seen[0] += exposed
         pays = -reward if exposed else reward
@@ -350,6 +349,6 @@ HIDE_AND_SEEK = Scenario(
         systems.Ending(rule="never", limit=300),
         systems.Record(),
         Handling(),
-        HideAndSeek(begin=PREPARATION),
+        HideAndSeek(),
     ),
 )

@@ -15,7 +15,7 @@ from outlast.envs.rendering.layers import LAYERS
 AHEAD, IDLE, GRAB, DRAG, LOCK, UNLOCK = (
     (6, 3, 3, 0, 1), (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (0, 3, 3, 1, 1), (3, 3, 3, 0, 2), (3, 3, 3, 0, 0),
 )  # fmt: skip
-OPEN = HIDE_AND_SEEK.without("walls").replace(cameras_fov=math.pi, preparation_ticks=0, hide_and_seek_begin=0)
+OPEN = HIDE_AND_SEEK.without("walls").replace(cameras_fov=math.pi, preparation_ticks=0)
 
 
 def placed(*places, boxes=(), scenario=OPEN, **numbers):
