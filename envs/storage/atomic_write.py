@@ -11,15 +11,22 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+LONGEST = 200  # bytes of the target's name in that of a temporary file: most file systems have room for 255 in all
+SHARED = (5, 32)  # errors of Windows: another process has the file open
+PATIENCE = 5.0  # seconds in which it may close it
 TEMPORARY = re.compile(r"\.(.+)-[0-9a-f]{8}\.tmp")
 
 
 def temporary_path(target: Path) -> Path:
     """Return a new path beside the target, for a temporary file that will take its place."""
-    return target.with_name(f".{target.name}-{secrets.token_hex(4)}.tmp")
+    name = target.name
+    if len(os.fsencode(name)) > LONGEST:
+        name = os.fsencode(name)[:LONGEST].decode(errors="ignore")
+    return target.with_name(f".{name}-{secrets.token_hex(4)}.tmp")
 
 
 def is_temporary(path: Path) -> bool:
@@ -38,7 +45,40 @@ def remove(path: Path) -> None:
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            _patiently(lambda: path.unlink(missing_ok=True))
+
+
+def replace(path: Path, target: Path) -> None:
+    """Move a file or folder to the target, which it replaces.
+
+    Windows refuses that while another process has the target open, as `outlast watch` has a checkpoint that it reads.
+
+    Raises:
+        OSError: It cannot be moved; on Windows, after PATIENCE seconds.
+    """
+    try:
+        _patiently(lambda: os.replace(path, target))
+    except PermissionError as error:
+        if not _is_open_elsewhere(error):
+            raise
+        raise PermissionError(error.errno, f"{error.strerror}; another program has it open", str(target)) from error
+
+
+def _patiently(act: Callable[[], None]) -> None:
+    """Act on a file, again and again for a while if another process of Windows has it open."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return act()
+        except PermissionError as error:
+            if not _is_open_elsewhere(error) or time.monotonic() > end:
+                raise
+            time.sleep(0.05)
+
+
+def _is_open_elsewhere(error: PermissionError) -> bool:
+    return getattr(error, "winerror", None) in SHARED
 
 
 @contextlib.contextmanager
@@ -69,25 +109,35 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
         if target.is_dir() and not path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(given))
         if new:
-            _add(path, target)
+            _keep(path, target)
         else:
-            os.replace(path, target)
+            replace(path, target)
     finally:
         remove(path)
 
 
-def _add(path: Path, target: Path) -> None:
+def add(path: Path, target: Path) -> None:
+    """Give a file or folder a name. Raises OSError, FileExistsError if there is something of that name."""
+    try:
+        os.link(path, target)  # unlike renaming, this replaces nothing
+    except FileExistsError:
+        raise
+    except OSError:  # a folder, or a file system without hard links
+        if target.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from None
+        replace(path, target)
+    else:
+        remove(path)
+
+
+def _keep(path: Path, target: Path) -> None:
     """Move a file to the target, or if that exists by now, to the target's name with a number."""
     for number in itertools.count(1):
         place = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
         try:
-            os.link(path, place)  # unlike renaming, this replaces nothing
+            add(path, place)
         except FileExistsError:
             continue
-        except OSError:  # a folder, or a file system without hard links
-            if place.exists():
-                continue
-            os.replace(path, place)
         if number > 1:
             reason = f"as another process has written it meanwhile; this is in {place}"
             raise FileExistsError(errno.EEXIST, reason, str(target))

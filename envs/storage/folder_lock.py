@@ -134,6 +134,6 @@ def _is_alive(pid: str) -> bool:
 def _written(path: Path) -> float:
     """Return when something was last written to a file, or to the files of a folder; now, if it is gone."""
     try:
-        return max(each.stat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ())))
+        return float(max(each.stat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ()))))
     except OSError:
         return time.time()
