@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from outlast.envs.errors import FilmError
@@ -53,6 +54,29 @@ def test_paths_that_cannot_be(tmp_path: Path, name: str, message: str) -> None:
     with pytest.raises(FilmError, match=message):
         write_film(tmp_path / name, never())
     assert os.listdir(tmp_path) == ["taken"]
+
+
+@pytest.mark.parametrize("there", [1, 9])
+def test_a_folder_never_has_pictures_of_two_films(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: int) -> None:
+    """At whatever moment of its replacement this process is killed; what is not a picture stays."""
+    found: list[list[bytes]] = []
+
+    def look(*_: Any) -> None:
+        found.append([file.read_bytes() for file in sorted(tmp_path.glob("frame_*.png"))])
+
+    write_film(tmp_path, [np.zeros((64, 64, 3), np.uint8)] * there)
+    (tmp_path / "notes.txt").write_text("mine")
+    look()
+    old = found[0][0]
+    for owner, name in ((Path, "unlink"), (os, "replace")):
+        real: Any = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *given, real=real, **more: (look(), real(*given, **more))[1])
+    write_film(tmp_path, [np.full((64, 64, 3), 255, np.uint8)] * 5)
+    look()
+    monkeypatch.undo()
+    assert all(set(pictures) in ({old}, {found[-1][0]}, set()) for pictures in found)
+    assert [len(found[0]), len(found[-1])] == [there, 5]
+    assert sorted(os.listdir(tmp_path)) == [*(f"frame_{k:06}.png" for k in range(5)), "notes.txt"]
 
 
 @pytest.mark.nightly

@@ -144,14 +144,16 @@ def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -
 
 
 def _replace(temporary: Path, target: Path) -> None:
-    """Move a film to its place: into an existing folder picture by picture, while Ctrl-C waits until all are there."""
+    """Move a film to its place: into an existing folder picture by picture, while Ctrl-C waits until all are there.
+
+    Pictures of an earlier film go first: if this process is killed, the folder has no pictures of two films.
+    """
     if not target.is_dir():
-        os.replace(temporary, target)
+        atomic_write.replace(temporary, target)
         return
-    kept = {file.name for file in temporary.iterdir()}
     with interrupts_held():
-        for name in sorted(kept):
-            os.replace(temporary / name, target / name)
-        for file in target.iterdir():
-            if NUMBERED.fullmatch(file.name) and file.name not in kept:
+        for file in sorted(target.iterdir(), reverse=True):
+            if NUMBERED.fullmatch(file.name):
                 file.unlink()
+        for file in sorted(temporary.iterdir()):
+            atomic_write.replace(file, target / file.name)
