@@ -21,7 +21,7 @@ from .rendering.modes import FPS
 from .rendering.rgb import checked_layers
 from .rendering.video import footage, write_film
 from .rendering.video.footage import check_pictures
-from .rendering.video.writer import ending
+from .rendering.video.writer import check_film, ending
 from .rollout.local import ticks
 from .rollouts import worlds_of
 from .scenarios.naming import checks_keywords, options_of, resolve
@@ -119,6 +119,7 @@ def film(
     """
     _check(STEPS if steps is None else steps, mosaic, views)
     check_pictures(size, mosaic or (1, 1), every)  # before worlds are made: `mosaic` says how many
+    check_film(out)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)

@@ -12,7 +12,7 @@ from .adapters.opponents import Other, Others, checked_others
 from .core.make import make_vec
 from .core.validation import check_count
 from .core.vector_env import SurvivalVectorEnv
-from .errors import UsageError
+from .errors import RecordingError, UsageError
 from .inspect.event_table import with_episodes
 from .recording import record as record_env
 from .rollout import local
@@ -24,9 +24,11 @@ from .rollout.memory import check_memories
 from .rollout.mixture import Entries, Mixture, checked_entries
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
+from .rollout.table_file import check_table
 from .scenarios.naming import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 from .storage.interrupts import left_whole
+from .storage.outputs import check_file
 
 Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
@@ -212,9 +214,7 @@ def prepared(
         KeyboardInterrupt: After Ctrl-C, when all files are whole; with the summary as its argument if it came behind
             the last step.
     """
-    if record_policy and record is None:
-        raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
-    _check_distinct(record=record, events=events, csv=csv)
+    _check_files(record, record_policy, events, csv)
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     numbers = np.ones(env.num_worlds, np.int64)  # number of the episode that each world is in
@@ -280,12 +280,25 @@ def _check_counts(**counts: tuple[Any, int]) -> None:
             check_count(name, value, least)
 
 
-def _check_distinct(**files: File | None) -> None:
-    """Raise UsageError if two of the files are the same."""
+def _check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:
+    """Check all files of a rollout, before anything is played or written.
+
+    Raises:
+        UsageError: `record_policy` without a recording, a table that cannot be written, or one file for two things.
+        RecordingError: The recording cannot be written.
+    """
+    if record_policy and record is None:
+        raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
     found: dict[str, str] = {}
-    for name, path in files.items():
+    for name, path in {"record": record, "events": events, "csv": csv}.items():
         if path is not None and (other := found.setdefault(os.path.realpath(path), name)) != name:
             raise UsageError(f"{other} and {name} are both {os.fspath(path)}: give another name for one")
+    if record is not None:
+        check_file(record, "recordings", RecordingError, new=True)
+    if events is not None:
+        check_table(events, "events", typed=True)
+    if csv is not None:
+        check_table(csv, "episodes", typed=False)
 
 
 def _check_decided(**given: Any) -> None:

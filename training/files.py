@@ -1,9 +1,11 @@
 """Reading text and writing files, with errors that name the file."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from outlast.envs.storage.atomic_write import atomic_write
+from outlast.envs.storage.outputs import check_file, check_folder
 
 from .errors import TrainingError
 
@@ -16,8 +18,22 @@ def read_text(path: Path) -> str:
         raise TrainingError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from error
 
 
+def check_out(folder: str | os.PathLike[str]) -> Path:
+    """Return the path of a folder for results, if they can be written into it. Raises TrainingError."""
+    return check_folder(folder, TrainingError)
+
+
+def check_results(paths: Iterable[Path]) -> None:
+    """Raise TrainingError, before anything is written, unless all of these files can be written."""
+    for path in paths:
+        check_out(path.parent)
+        if path.parent.exists():
+            check_file(path, "results", TrainingError)
+
+
 def write_files(contents: Mapping[Path, bytes]) -> None:
-    """Write files, each completely or not at all. Raises TrainingError."""
+    """Write files, each completely or not at all; none if one of them cannot be written. Raises TrainingError."""
+    check_results(contents)
     for path, content in contents.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -19,11 +19,12 @@ from ..rendering import opencv as cv2
 from ..rendering.canvas import LARGEST, SMALLEST
 from ..rendering.rgb import draw
 from ..rendering.video.footage import WIDEST
-from ..rollout.table_file import checked_target
 from ..scenarios.floor_parts import in_words
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
+from ..storage.outputs import check_file
 from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, path, scenario
+from .options import output as written
 
 LOGGER = logging.getLogger(__name__)
 GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
@@ -53,26 +54,26 @@ def add(commands: Any) -> None:
     add_number(output, "--size", str(SIZE), "side of each world's picture in pixels, 64 to 4096, for a .png only")
     text = "what to write: NAME.png for a picture, NAME.html for a web page, or NAME.json for a floor plan, of one "
     text += "world only"
-    output.add_argument("--out", required=True, metavar="FILE", help=text)
+    output.add_argument("--out", type=written(_check), required=True, metavar="FILE", help=text)
     command.set_defaults(run=run)
+
+
+def _check(path: str) -> None:
+    plan = path.endswith(".json")
+    what = "floor plans" if plan else "layouts"
+    check_file(path, what, UsageError, endings=(".png", ".html", ".json"), new=plan)
 
 
 def run(options: argparse.Namespace) -> int:
     """Begin episodes, and write what they begin with; the exit status."""
     path = Path(options.out)
-    if path.suffix not in (".png", ".html", ".json"):
-        raise UsageError(f"--out {options.out}: a name that ends in .png, .html or .json is needed")
     if options.size is not None and path.suffix != ".png":
         raise UsageError(f"--size {options.size} is for pictures: write a .png, or leave it out")
     size = SIZE if options.size is None else options.size
     if not SMALLEST <= size <= LARGEST:
         raise UsageError(f"--size {size}: pixels from {SMALLEST} to {LARGEST} are needed")
-    if path.suffix == ".json":
-        if options.worlds > 1:
-            raise UsageError(
-                f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png"
-            )
-        checked_target(options.out, "floor plans", (".json",))
+    if path.suffix == ".json" and options.worlds > 1:
+        raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
     if path.suffix == ".png" and (side := columns_of(options.worlds) * (size + GAP)) > WIDEST:
         raise UsageError(
             f"--worlds {options.worlds} of --size {size} are {side} pixels wide; at most {WIDEST} are possible: take "

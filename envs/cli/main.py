@@ -23,7 +23,7 @@ from ..errors import (
 from ..storage.interrupts import save_requests, stops_as_ctrl_c
 from . import check, completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
-from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable
+from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable, save_scenario
 from .overview import overview
 from .streams import standard_streams
 
@@ -66,7 +66,9 @@ def _command(arguments: Sequence[str] | None) -> int:
     try:
         with messages_shown():
             check_files(options)
-            return int(options.run(options))
+            status = int(options.run(options))
+            save_scenario(options)
+            return status
     except MISTAKES as error:
         return _refused(str(error))
     except MemoryError as error:

@@ -2,17 +2,18 @@
 
 import argparse
 import contextlib
+import functools
 import logging
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
 
 from outlast.ecs import NumberError
 
-from ..errors import PlayError, ScenarioError, UsageError
+from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
@@ -23,6 +24,7 @@ from ..scenarios.imports import module_of
 from ..scenarios.naming import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
+from ..storage.outputs import check_file
 from ..web.announce import announce as announced
 from ..web.gate import HOST, checked_place
 from .grammar import Parser
@@ -33,25 +35,52 @@ MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory
 SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
 STDOUT = "-"  # as the name of a file
 STOPPED = SIGNALLED + signal.SIGINT
-READ = ("file", "beside", "layout")  # options that may name files, and what they are called in errors
-WRITTEN = ("out", "html", "data", "events", "csv", "json", "record", "save_scenario")
+READ = ("file", "beside", "layout")  # options and arguments that may name files to be read
 OPPONENTS = "opponents of --policy: it plays one side, another one in each episode, and they play all other sides"
 CLUSTER = "without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or a new one here"
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
+class Output(str):
+    """The path of a file or folder that a command writes.
+
+    Attributes:
+        check: A function of the path that raises an error if it cannot be written.
+    """
+
+    check: Callable[[str], object]
+
+
+def output(check: Callable[[str], object]) -> Callable[[str], Output]:
+    """Return the type of an option that names an Output."""
+
+    def parse(text: str) -> Output:
+        if text == STDOUT:
+            raise argparse.ArgumentTypeError("the name of a file is needed: only --json - writes to standard output")
+        found = Output(path(text))
+        found.check = check
+        return found
+
+    return parse
+
+
 def check_files(options: argparse.Namespace) -> None:
-    """UsageError if two options name one file, of which at least one is to be written."""
+    """Check everything that a command is going to write, before it does anything.
+
+    Raises:
+        UsageError: Two options name one file, of which at least one is to be written.
+        OutlastError: One cannot be written.
+    """
     found: dict[str, str] = {}
-    for kind in (READ, WRITTEN):
-        for name in kind:
-            given = getattr(options, name, None)
-            if not isinstance(given, (str, Path)) or str(given) == "-":
-                continue
-            flag = f"--{name.replace('_', '-')}" if kind is WRITTEN or name == "beside" else name.upper()
-            other = found.setdefault(os.path.realpath(given), flag)
-            if other != flag and kind is WRITTEN:
-                raise UsageError(f"{other} and {flag} are both {printable(str(given))}: give another name for one")
+    outputs = {name: given for name, given in vars(options).items() if isinstance(given, Output)}
+    read = {name: getattr(options, name) for name in READ if isinstance(getattr(options, name, None), str)}
+    for name, given in {**read, **outputs}.items():
+        flag = f"--{name.replace('_', '-')}" if name in outputs or name == "beside" else name.upper()
+        other = found.setdefault(os.path.realpath(given), flag)
+        if other != flag and name in outputs:
+            raise UsageError(f"{other} and {flag} are both {printable(given)}: give another name for one")
+    for each in outputs.values():
+        each.check(each)
 
 
 def add_scenario(command: Parser, several: bool = False) -> None:
@@ -79,7 +108,8 @@ def add_changes(command: Parser) -> None:
     text = "divide the agents into roles that have numbers of their own, as this file says (format: docs/levels.md)"
     command.add_argument("--roles", type=path, metavar="FILE.json", help=text)
     text = "write the changed game to this file, which can be given as VARIANT"
-    command.add_argument("--save-scenario", type=path, metavar="FILE.json", help=text)
+    check = functools.partial(check_file, what="scenarios", error=ScenarioError, endings=(".json",))
+    command.add_argument("--save-scenario", type=output(check), metavar="FILE.json", help=text)
 
 
 def add_import(command: Any, named: str) -> None:
@@ -115,23 +145,30 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     asked = asked.replace(**{name: _value(text, now[name]) for name, text in given.items()})
     asked = _varied(asked, fixed | dict.fromkeys(given, "--set"), options)
     if options.save_scenario is not None:
-        _save(asked, options)
+        _check_save(asked, options)
+        options.changed_scenario = asked
     return asked
 
 
-def _save(asked: Scenario, options: argparse.Namespace) -> None:
-    """Write the scenario, unless it would replace another one. Raises ScenarioError."""
+def _check_save(asked: Scenario, options: argparse.Namespace) -> None:
+    """Raise ScenarioError if --save-scenario would replace another scenario."""
     path = Path(options.save_scenario)
-    if path.suffix != ".json":
-        raise ScenarioError(f"--save-scenario {path}: the name of the file ends in .json, by which it is recognised")
     if isinstance(options.variant, list) and len(options.variant) > 1:
         raise ScenarioError(f"--save-scenario writes one scenario, and {len(options.variant)} are named")
-    try:
-        if path.exists() and path.read_bytes() != asked.to_json().encode():
-            raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
-        asked.save(path)
-    except OSError as error:
-        raise ScenarioError(f"--save-scenario: {path} cannot be written: {error.strerror}") from error
+    if path.exists() and path.read_bytes() != asked.to_json().encode():
+        raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
+
+
+def save_scenario(options: argparse.Namespace) -> None:
+    """Write what --save-scenario asks for, behind all that a command may be refused for. Raises ScenarioError."""
+    if (asked := getattr(options, "changed_scenario", None)) is not None:
+        _check_save(asked, options)
+        try:
+            asked.save(options.save_scenario)
+        except OSError as error:
+            raise ScenarioError(
+                f"--save-scenario: {options.save_scenario} cannot be written: {error.strerror}"
+            ) from error
 
 
 def add_policy(command: Parser, default: str) -> None:
@@ -186,9 +223,9 @@ def add_common(command: Parser, *options: str) -> None:
     if "--threads" in options:
         add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
     if "--record" in options:
-        command.group(OUTPUT).add_argument(
-            "--record", type=new_file, metavar="FILE", help="record every tick in a new file, for `outlast replay FILE`"
-        )
+        check = functools.partial(check_file, what="recordings", error=RecordingError, new=True)
+        text = "record every tick in a new file, for `outlast replay FILE`"
+        command.group(OUTPUT).add_argument("--record", type=output(check), metavar="FILE", help=text)
     if "--quiet" in options:
         command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
 
@@ -244,13 +281,6 @@ def path(text: str) -> str:
     if not text:
         raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
     return text
-
-
-def new_file(text: str) -> str:
-    """The path of a file that is written while worlds run, and so is not standard output."""
-    if text == STDOUT:
-        raise argparse.ArgumentTypeError("the name of a file is needed: only --json - writes to standard output")
-    return path(text)
 
 
 def positive(text: str) -> int:

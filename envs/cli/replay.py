@@ -17,9 +17,10 @@ from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
 from ..rollout.event_file import event_file
-from ..rollout.table_file import TYPED, checked_target
+from ..rollout.table_file import check_table
 from . import video_options
 from .options import OUTPUT, add_common, add_import, add_number, import_files, nonnegative, path, printable
+from .options import output as written
 
 LOGGER = logging.getLogger(__name__)
 
@@ -48,14 +49,15 @@ def add(commands: Any) -> None:
     command.add_argument("--trust", action="store_true", help=text)
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
-    output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
+    text = "write a web page that plays the recording"
+    output.add_argument("--html", type=written(_check_page), metavar="PATH", help=text)
     text = "with --html: another recording, which the page plays side by side with this one"
     output.add_argument("--beside", type=path, metavar="FILE", help=text)
     text = "write samples to learn from: to a folder of .npz files, to NAME.parquet, or to the Minari dataset "
     text += "minari:NAME-v0"
-    output.add_argument("--data", type=path, metavar="PATH", help=text)
+    output.add_argument("--data", type=written(_check_data), metavar="PATH", help=text)
     text = "write a table of what happened to a new file, NAME.csv or NAME.parquet"
-    output.add_argument("--events", type=path, metavar="FILE", help=text)
+    output.add_argument("--events", type=written(_check_events), metavar="FILE", help=text)
     text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
     text += "room for; for --html the first; otherwise all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
@@ -65,6 +67,22 @@ def add(commands: Any) -> None:
     part.add_argument("--no-verify", action="store_false", dest="verify", help=text)
     add_common(command, "--threads", "--quiet")
     command.set_defaults(run=run)
+
+
+def _check_page(path: str) -> None:
+    from ..web.replay.write import checked  # here, as the command loads the page only where it writes one
+
+    checked(path)
+
+
+def _check_data(path: str) -> None:
+    from ..datasets.export import check_new
+
+    check_new(path)
+
+
+def _check_events(path: str) -> None:
+    check_table(path, "events", typed=True)
 
 
 def numbers(text: str) -> list[int]:
@@ -89,19 +107,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, products: bool) -> None:
-    """Errors of what is to be written, for options that would have no effect and for places that cannot be."""
+    """Errors for options that would have no effect."""
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
-    if options.html is not None:
-        from ..web.replay.write import checked  # here, as the command loads the page only where it writes one
-
-        checked(options.html)
-    if options.data is not None:
-        from ..datasets.export import check_new
-
-        check_new(options.data)
-    if options.events is not None:
-        checked_target(options.events, "events", TYPED)
     if options.beside is not None and options.html is None:
         raise RecordingError("--beside is for pages: give --html PATH, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):

@@ -18,11 +18,12 @@ from ..progress import Progress
 from ..rollout.local import Task
 from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
-from ..rollout.table_file import checked_target
+from ..rollout.table_file import check_table
 from ..rollouts import WORLDS, prepared, worlds_of
 from ..scenarios.differing import plain, same_for_all
 from ..scenarios.scenario import Scenario
 from ..storage.atomic_write import atomic_write
+from ..storage.outputs import check_file
 from .options import (
     CLUSTER,
     MACHINE,
@@ -38,10 +39,10 @@ from .options import (
     add_scenario,
     add_seed,
     messages_shown,
-    path,
     printable,
     scenario,
 )
+from .options import output as written
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
 
@@ -76,12 +77,12 @@ def add(commands: Any) -> None:
     add_others(command, None, OPPONENTS)
     add_seed(command)
     text = "write a table with a row for each episode and all its statistics to a new file, NAME.csv"
-    output.add_argument("--csv", type=path, metavar="FILE", help=text)
+    output.add_argument("--csv", type=written(_check_csv), metavar="FILE", help=text)
     text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "
     text += "of the table"
-    output.add_argument("--json", type=path, metavar="FILE", help=text)
+    output.add_argument("--json", type=_summary, metavar="FILE", help=text)
     text = "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet"
-    output.add_argument("--events", type=path, metavar="FILE", help=text)
+    output.add_argument("--events", type=written(_check_events), metavar="FILE", help=text)
     output.add_argument("--log-deaths", action="store_true", help="print a line for every death, on standard error")
     add_common(command, "--threads", "--record", "--quiet")
     text = "compile for this game alone: steps are faster, but compiling takes some ten seconds the first time"
@@ -96,11 +97,26 @@ def add(commands: Any) -> None:
     command.set_defaults(run=run, steps=0)
 
 
+def _check_csv(path: str) -> None:
+    check_table(path, "episodes", typed=False)
+
+
+def _check_events(path: str) -> None:
+    check_table(path, "events", typed=True)
+
+
+def _check_summary(path: str) -> None:
+    check_file(path, "summaries", UsageError, endings=(".json",), new=True)
+
+
+def _summary(text: str) -> str:
+    """The file of a summary, or STDOUT."""
+    return text if text == STDOUT else written(_check_summary)(text)
+
+
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
     options.episodes = options.episodes or 1  # not by argparse, which takes --steps beside its own default
-    if options.json not in (None, STDOUT):
-        checked_target(options.json, "summaries", (".json",))  # before anything is played
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     asked, place, out = scenario(options), _here if options.ray is None else _on_ray, sys.stdout
     with deaths:

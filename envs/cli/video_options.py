@@ -11,8 +11,9 @@ from typing import Any
 from ..films import Count, Looks
 from ..progress import Progress
 from ..rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL
+from ..rendering.video.writer import check_film
 from .grammar import Parser
-from .options import STOPPED, add_number, path, printable
+from .options import STOPPED, add_number, output, printable
 
 LOGGER = logging.getLogger(__name__)
 DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
@@ -23,7 +24,7 @@ def add(command: Parser, required: bool) -> None:
     command = command.group("pictures")
     text = "what to write: a film, NAME.mp4, NAME.webm, NAME.gif or NAME.apng; or, by any name without an ending, a "
     text += "folder of numbered PNG pictures"
-    command.add_argument("--out", type=path, required=required, metavar="PATH", help=text)
+    command.add_argument("--out", type=output(check_film), required=required, metavar="PATH", help=text)
     add_number(command, "--size", DEFAULTS["size"], "side of each world's picture in pixels, 64 to 4096")
     text = "rows and columns of worlds in a frame, such as 2x3 (default: nearly a square)"
     command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)

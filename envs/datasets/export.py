@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import RecordingError
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
+from ..storage.outputs import check_file
 from .samples import Selection, manifest, read_shards
 
 MINARI = "minari:"
@@ -49,15 +50,15 @@ def check_new(path: str) -> None:
             from .minari import new_place
 
             new_place(path.removeprefix(MINARI))
-        elif target.exists():
-            raise RecordingError(f"{path} exists; a dataset overwrites nothing: give another name, or delete it")
         elif target.suffix not in ("", ".parquet"):
             raise RecordingError(
                 f"{path}: there is no export to {target.suffix}; give a folder without an ending for .npz files, "
                 "NAME.parquet or minari:NAME-v0"
             )
-        elif not target.absolute().parent.is_dir():
-            raise RecordingError(f"{path}: there is no folder {target.parent}; no dataset was written")
+        else:
+            check_file(target, "datasets", RecordingError, new=True)
+            if target.suffix == ".parquet":
+                from . import parquet  # noqa: F401  # for the error if a library is missing
 
 
 @contextlib.contextmanager

@@ -23,6 +23,7 @@ from ..errors import RecordingError, install
 from ..recording import Replay
 from ..scenarios.serialize import rebuilt
 from ..storage import atomic_write
+from ..storage.outputs import check_folder
 from .samples import Samples, Selection, concatenate, manifest, read_samples
 
 try:
@@ -51,6 +52,7 @@ def new_place(name: str) -> Path:
     place = Path(get_dataset_path(name))
     if place.exists():
         raise RecordingError(f"there is a Minari dataset {name}; give another name, or `minari delete {name}`")
+    check_folder(place.parent, RecordingError)
     return place
 
 
@@ -115,7 +117,7 @@ def _staged(name: str, place: Path) -> Iterator[None]:
         if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
             create_namespace(namespace)
         place.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(hidden / name, place)
+        atomic_write.replace(hidden / name, place)
     finally:
         _restore(kept)
         atomic_write.remove(hidden)

@@ -1,6 +1,8 @@
 """Recording: what determines each tick is written to a file, with a digest of the state after the tick."""
 
+import contextlib
 import json
+import math
 import os
 import platform
 import time
@@ -19,6 +21,9 @@ from ..errors import RecordingError
 from ..scenarios.fingerprint import fingerprint
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes
+from ..storage.atomic_write import add, remove, temporary_path
+from ..storage.interrupts import interrupts_held
+from ..storage.outputs import check_file
 from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
 from .digests import WORLDS_PER_DIGEST, Digests
 from .policy_record import PolicyRecorder
@@ -28,13 +33,15 @@ Array = np.ndarray[Any, Any]
 
 MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written; a killed process loses them
 MAX_PENDING_SECONDS = 5.0  # after which waiting tick records are written with the next tick
+FLAGS = os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 
 class Recorder:
     """Runs the worlds of an environment, and records every tick in the file `path`; made by outlast.record.
 
     A context manager; `close` writes the remaining ticks. After that, it still runs the worlds, but records nothing.
-    Raises RecordingError if the file exists or cannot be created.
+    The file is there from the first tick on; without ticks there is none. Raises RecordingError if it exists or cannot
+    be written.
     """
 
     def __init__(
@@ -117,10 +124,10 @@ class Recorder:
         except OSError as error:
             self._finalizer.detach()
             self._file.abandon()
-            raise RecordingError(
-                f"{self.path}: {error.strerror}; the recording ends here, and the {self._file.written} ticks that are "
-                "in the file can be replayed. The environment goes on without it"
-            ) from error
+            written = self._file.written
+            kept = f", and the {written} ticks that are in the file can be replayed" if written else ""
+            wrong = f"{self.path}: {error.strerror}; the recording ends here{kept}"
+            raise RecordingError(f"{wrong}. The environment goes on without it") from error
         self._continuous = True
 
     def close(self) -> None:
@@ -158,33 +165,32 @@ class _Appender:
 
     Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at whatever moment, neither loses ticks
     nor writes them twice: a chunk that was only begun is written again from its beginning.
+
+    It is a temporary file until the first tick is in it, which is written at once: so no file without ticks is in the
+    way of the next command, even if this process is refused something else, or is killed.
     """
 
     def __init__(self, path: Path, header: dict[str, Any], form: TickFormat) -> None:
-        self._form, self._owner, self._since = form, os.getpid(), time.monotonic()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-        try:
-            self._descriptor = os.open(path, flags, 0o666)
-        except FileExistsError:
-            raise RecordingError(
-                f"{path} exists; a recording overwrites nothing: give another name, or delete it"
-            ) from None
-        except OSError as error:
-            raise RecordingError(f"{path}: {error.strerror}; no recording can be written there") from None
+        self._form, self._owner, self._since = form, os.getpid(), -math.inf
+        target = Path(os.path.realpath(check_file(path, "recordings", RecordingError, new=True)))
+        self._target: Path | None = target  # where the file goes; None: it is there
+        self._place = temporary_path(target)
         # offset of the end, ticks in the file, tick records that wait
         self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])
-        self._pending_bytes = 0
+        self._pending_bytes, self._descriptor = 0, -1
         try:
+            self._descriptor = os.open(self._place, FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
             self._write(MAGIC + encode_chunk(HEAD, json.dumps(header).encode(), 0, 0), 0)
         except OSError as error:
-            os.close(self._descriptor)
-            path.unlink()
-            raise RecordingError(f"{path}: {error.strerror}; no recording can be written there") from None
+            raise RecordingError(f"{path} cannot be written: {error.strerror}") from None
+        finally:
+            if not self._state[0]:
+                self.abandon()
 
     @property
     def written(self) -> int:
-        """Ticks in the file."""
-        return self._state[1]
+        """Ticks in the file, if it is there."""
+        return self._state[1] if self._target is None else 0
 
     @property
     def ticks(self) -> int:
@@ -200,27 +206,40 @@ class _Appender:
 
     def close(self) -> None:
         """Write what waits and DONE, and close the file. Raises OSError, after closing, if it cannot be written."""
-        try:
-            if os.getpid() == self._owner:
-                self._flush()
-                self._write(encode_chunk(DONE, b"", 0, self.ticks), 0)
-        except OSError:
-            self._cut()
-            raise
-        finally:
+        if os.getpid() != self._owner:
             os.close(self._descriptor)
+            return
+        try:
+            self._flush()
+            self._write(encode_chunk(DONE, b"", 0, self.ticks), 0)
+        finally:
+            self.abandon()
 
     def abandon(self) -> None:
-        """Close the file, and leave only complete chunks in it."""
-        self._cut()
-        os.close(self._descriptor)
+        """Close the file, and leave only complete chunks in it; without ticks, leave no file."""
+        if self._descriptor >= 0:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self._state[0])
+            os.close(self._descriptor)
+        if self._target is not None:
+            remove(self._place)
 
     def _flush(self) -> None:
         _, first, pending = self._state
         if pending:
             content, count = encode_ticks(pending, self._form), len(pending)
             self._write(encode_chunk(RECORDS, content, count, first, encode_policies(pending)), count)
+            if self._target is not None:
+                self._appear(self._target)
         self._pending_bytes, self._since = 0, time.monotonic()
+
+    def _appear(self, target: Path) -> None:
+        """Give the file its name. Raises OSError, as if another process has written one of that name meanwhile."""
+        with interrupts_held():
+            os.close(self._descriptor)  # on Windows, files that are open cannot be renamed
+            self._descriptor = -1
+            add(self._place, target)
+            self._descriptor, self._target = os.open(target, FLAGS), None
 
     def _write(self, content: bytes, ticks: int) -> None:
         offset, first, _ = self._state
@@ -229,9 +248,6 @@ class _Appender:
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
         self._state = (offset + len(content), first + ticks, [])
-
-    def _cut(self) -> None:
-        os.ftruncate(self._descriptor, self._state[0])
 
 
 def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, digests: Digests) -> dict[str, Any]:

@@ -3,7 +3,9 @@
 import contextlib
 import csv
 import io
+import os
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
@@ -12,6 +14,7 @@ import numpy as np
 from ..errors import UsageError, install
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
+from ..storage.outputs import check_file
 
 Array = np.ndarray[Any, Any]
 Table = Mapping[str, Array]
@@ -68,7 +71,7 @@ def table_file(
             missing for .parquet. If another process has made the file meanwhile, the rows are in a file with a number
             in its name, which the error names.
     """
-    target = checked_target(path, what, (".csv",) if types is None else TYPED)
+    target = check_table(path, what, typed=types is not None)
     held = contextlib.ExitStack()
     try:
         with held, atomic_write(target, new=True) as place, place.open("wb") as file:
@@ -84,15 +87,15 @@ def table_file(
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; there are no {what}") from error
 
 
-def checked_target(path: str, what: str, endings: Sequence[str]) -> Path:
-    """Return the path of a new file of `what`. Raises UsageError for another ending, an existing file, or no folder."""
-    target = Path(path)
-    if target.suffix not in endings:
-        raise UsageError(f"{path}: {what} are written as {' or '.join(f'NAME{ending}' for ending in endings)}")
-    if target.exists():
-        raise UsageError(f"{path} exists; {what} overwrite nothing: give another name, or delete it")
-    if not target.parent.is_dir():
-        raise UsageError(f"{path} cannot be written: there is no folder {target.parent}")
+def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:
+    """Return the path of a new table of `what`, if it can be written. typed: Whether it may be .parquet, too.
+
+    Raises:
+        UsageError: See table_file.
+    """
+    target = check_file(path, what, UsageError, endings=TYPED if typed else (".csv",), new=True)
+    if target.suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise UsageError(f"{target}: .parquet files need pyarrow: {install('data')}")
     return target
 
 
@@ -119,11 +122,9 @@ class _Parquet:
     """Writes columns of the given types, others as text; null where a CSV file is empty."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str], types: Mapping[str, str]) -> None:
-        try:
-            import pyarrow as pa
-            import pyarrow.parquet as pq
-        except ModuleNotFoundError:
-            raise UsageError(f".parquet files need pyarrow: {install('data')}") from None
+        import pyarrow as pa  # here, as it is optional
+        import pyarrow.parquet as pq
+
         kinds = [(name, pa.type_for_alias(types.get(name, "string"))) for name in columns]
         self._arrow, self._schema = pa, pa.schema(kinds)
         self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")

@@ -298,8 +298,6 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--with DropLast(offset=-2.0)", "drop_last.offset = -2.0: must be >= 0"),
         ("--with json:loads", "json:loads is function"),
         ("--import nowhere.py", "there is no file nowhere.py"),
-        ("--save-scenario a.txt", r"ends in \.json"),
-        ("--save-scenario /nowhere/a.json", "/nowhere/a.json cannot be written: No such file"),
     ],
 )
 def test_options_that_cannot_be(words: str, message: str) -> None:
@@ -320,6 +318,10 @@ def test_a_scenario_is_saved_by_any_command(tmp_path: Path, capsys: Any) -> None
     assert Scenario.load(path).name == "ffa_1-without_heals-melee_damage=7"
     assert main(["schedule", str(path)]) == 0
     assert [file.name for file in tmp_path.iterdir()] == ["mine.json"]
+    capsys.readouterr()
+    for name, wrong in (("a.txt", "scenarios are written as NAME.json"), ("none/a.json", "there is no folder")):
+        assert main([*words[:-1], str(tmp_path / name)]) == 2
+        assert wrong in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs links and devices of POSIX")

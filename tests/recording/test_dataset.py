@@ -293,7 +293,7 @@ def test_a_place_that_cannot_be_written_is_one_sentence(
 ) -> None:
     status, _, err = export(capsys, recorded[0], tmp_path / "nowhere" / name)
     assert (status, len(err.strip().splitlines())) == (2, 1)
-    assert "no dataset was written" in err
+    assert "cannot be written: there is no folder" in err
 
 
 def test_the_folder_of_minari_is_named_where_it_cannot_be(
@@ -332,7 +332,7 @@ def test_nothing_is_overwritten_and_nothing_left_half_written(
     out = tmp_path / name
     out.write_text("precious")
     status, _, err = export(capsys, recorded[0], out)
-    assert (status, "overwrites nothing" in err, out.read_text()) == (2, True, "precious")
+    assert (status, "overwrite nothing" in err, out.read_text()) == (2, True, "precious")
     out.unlink()
     monkeypatch.setattr(dataset, "SHARD_BYTES", 20_000)
     run, count = Replay._run, iter(range(STEPS // 2))

@@ -151,4 +151,4 @@ def test_thoughts_of_another_length_are_damage(tmp_path: Path, change: Callable[
     header, chunks = parts(tmp_path / "a.rec")
     changed = [(tag, *rest, change(thought) if tag == RECORDS else b"") for tag, *rest, thought in chunks]
     with pytest.raises(RecordingError, match="is damaged at byte"):
-        Recording.open(written(tmp_path / "b.rec", header, changed))
+        list(Recording.open(written(tmp_path / "b.rec", header, changed)).tick_records())

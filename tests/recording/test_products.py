@@ -112,7 +112,7 @@ def test_a_page_does_not_replace_its_recording(tmp_path: Path) -> None:
         with pytest.raises(PageError, match=r"a\.html is the recording itself"):
             outlast.replay_page(source, path, beside=beside)
     for name in ("b.rec", "page"):
-        with pytest.raises(PageError, match=r"a page is written as NAME\.html"):
+        with pytest.raises(PageError, match=r"pages are written as NAME\.html"):
             outlast.replay_page(path, tmp_path / name)
     with pytest.raises(PageError, match="title = 3: a text is needed"):
         outlast.replay_page(path, tmp_path / "page.html", title=3)  # type: ignore[arg-type]

@@ -95,7 +95,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monke
 
     env = make()
     monkeypatch.setattr(recorder.os, "write", full)
-    with pytest.raises(RecordingError, match="No space left on device; no recording can be written there"):
+    with pytest.raises(RecordingError, match="cannot be written: No space left on device"):
         outlast.record(env, tmp_path / "a.rec")
     assert list(tmp_path.iterdir()) == []
 

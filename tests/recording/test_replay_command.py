@@ -41,7 +41,7 @@ def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:
     assert out[out.index(" episodes ended") - 2 :] == again[again.index(" episodes ended") - 2 :]
     assert "std. error" in again
     status, _, err = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
-    assert (status, "overwrites nothing" in err) == (2, True)
+    assert (status, "overwrite nothing" in err) == (2, True)
 
 
 def test_a_difference_is_status_1(capsys: Any, path: Path, monkeypatch: Any) -> None:
@@ -74,7 +74,7 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--html", "page.txt"), "page.txt: a page is written as NAME.html"),
+        (("--html", "page.txt"), "page.txt: pages are written as NAME.html"),
         (("--data", "a.parquet", "--events", "a.parquet"), "--data and --events are both a.parquet: give another name"),
         (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
         (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),

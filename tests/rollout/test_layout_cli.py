@@ -54,7 +54,7 @@ def test_commands_take_a_layout(capsys: Any, tmp_path: Path) -> None:
     ("given", "words"),
     [
         (("layout", "nowhere", "--out", "x.png"), "layout nowhere: No such file or directory; maze, rooms, pillars"),
-        (("layout", "maze", "--out", "x.gif"), "a name that ends in .png, .html or .json is needed"),
+        (("layout", "maze", "--out", "x.gif"), "x.gif: layouts are written as NAME.png or NAME.html or NAME.json"),
         (("layout", "maze", "--size", "9999", "--out", "x.png"), "--size 9999: pixels from 64 to 4096"),
         (("layout", "maze", "--size", "200", "--out", "x.html"), "--size 200 is for pictures"),
         (("layout", "maze", "--worlds", "2", "--out", "x.json"), "is for the floor plan of one world"),

@@ -168,7 +168,11 @@ def test_a_full_disk_costs_no_statistics(capsys: Any, tmp_path: Path, monkeypatc
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(_Appender, "_flush", full)
+    def full_later(file: _Appender) -> None:
+        flush(file) if not file.written else full()
+
+    flush = _Appender._flush
+    monkeypatch.setattr(_Appender, "_flush", full_later)
     monkeypatch.setattr(table_file.TableFile, "flush", full)
     for option, name in (("--record", "a.rec"), ("--csv", "a.csv"), ("--events", "b.csv")):
         status, out, err = run(capsys, *COMMAND, option, tmp_path / name)

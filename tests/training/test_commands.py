@@ -49,7 +49,7 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     small = ("--episodes", 8, "--worlds", 4, *QUICK, "--out", out)
     assert evaluate("teams_3", tmp_path / "a.zip", "noop", "scripted", *small) == 0
     printed = capsys.readouterr()
-    assert "48/48" in printed.err  # the progress bar
+    assert "48 of 48 episodes" in printed.err  # the progress bar
     assert "6 pairings of 8 episodes; fewer (--episodes) take less time\n" in printed.err
     assert "6 pairings of 8 episodes, 2 in each of 4 worlds" in printed.out
     assert "wins of, against" in printed.out
@@ -111,12 +111,12 @@ def test_tables_of_what_is_complete_are_always_there(monkeypatch, tmp_path: Path
     assert (found["complete"], len(found["pairings"])) == (False, 3)
 
 
-def test_a_full_disk_is_reported(monkeypatch, capsys, tmp_path: Path) -> None:
+def test_a_place_that_tables_cannot_have_is_reported(monkeypatch, capsys, tmp_path: Path) -> None:
     (tmp_path / "figures.csv").mkdir()
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
-    with pytest.raises(TrainingError, match=f"{tmp_path}/figures.csv cannot be written: Is a directory"):
+    with pytest.raises(TrainingError, match=f"{tmp_path}/figures.csv cannot be written: it is a folder"):
         evaluate("ffa_1", "noop", "scripted", *small)
-    assert "1 pairings of 2 episodes" in capsys.readouterr().out
+    assert capsys.readouterr().out == ""  # ahead of the first game
 
 
 def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatch, tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
         (("runs/nowhere",), r"runs/nowhere is neither a folder of a run nor a checkpoint, FILE\.zip"),
         (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
         (("noop", "--film"), "films need a folder"),
-        (("noop", "--out", __file__), "cannot be a folder: File exists"),
+        (("noop", "--out", __file__), "cannot be a folder: .* is a file"),
     ],
 )
 def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
@@ -284,7 +284,7 @@ def test_nothing_complete_leaves_no_tables(capsys, monkeypatch, tmp_path: Path) 
     monkeypatch.setitem(POLICIES, "random", interrupted_after(3))
     assert evaluate("ffa_1", "random", "--episodes", 2, *QUICK, "--quiet", "--out", tmp_path / "out") == 130
     assert "no pairing is complete" in capsys.readouterr().out
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()
 
 
 def test_evaluations_in_one_call(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from outlast.ecs.available import available_cores
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import STOPPED, count, positive, seed
+from outlast.envs.cli.options import STOPPED, count, output, positive, seed
 from outlast.envs.errors import install
 from outlast.envs.progress import Progress, duration
 from outlast.envs.text_table import terminal_width, text_table
@@ -18,6 +18,7 @@ from outlast.envs.text_table import terminal_width, text_table
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
 from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
+from ..files import check_out
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
 from ..processes import results
@@ -84,10 +85,10 @@ def add(commands: Any) -> None:
     text = (
         f"run: folder for results (default {RESULTS}); table: for tables (default: that of the results); anchors: for "
     )
-    command.add_argument("--out", type=Path, metavar="FOLDER", help=f"{text}the anchors")
+    command.add_argument("--out", type=output(check_out), metavar="FOLDER", help=f"{text}the anchors")
     text = "table: also copy what is small enough to publish to this folder: all results, and the policy and one "
     text += "recording of each agent's first seed"
-    command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
+    command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     text = "run: how many entries run at the same time; score, verify: how many matches (default: cores)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "run: threads of the training of each entry (default: cores, at most 4; of several entries 1)"
@@ -111,6 +112,7 @@ def run(command: Parser, options: argparse.Namespace) -> int:
         name for name, value in vars(options).items() if name not in allowed and value != command.get_default(name)
     ]:
         raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
+    options.out, options.keep = (each and Path(each) for each in (options.out, options.keep))
     if options.action != "tasks":
         try:
             import torch  # noqa: F401  # all else plays policies

@@ -6,13 +6,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import STOPPED, add_scenario, positive, scenario, seed
+from outlast.envs.cli.options import STOPPED, add_scenario, output, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.text_table import terminal_width
 
 from ..columns import explained
 from ..errors import TrainingError
+from ..files import check_out
 
 logger = logging.getLogger("outlast")
 
@@ -46,7 +47,8 @@ def add(commands: Any) -> None:
     command.add_argument("--seed", type=seed, default=0, help="the same seed gives the same numbers (default 0)")
     text = "threads that share the worlds, with the same results (default 1)"
     command.add_argument("--threads", type=positive, default=1, help=text)
-    command.add_argument("--out", type=Path, metavar="FOLDER", help="write the tables to this folder, as CSV and JSON")
+    text = "write the tables to this folder, as CSV and JSON"
+    command.add_argument("--out", type=output(check_out), metavar="FOLDER", help=text)
     text = "with --out: also write a film and a page of a typical episode of each pairing"
     command.add_argument("--film", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="show no progress bar")

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs.available import available_cores
-from outlast.envs.cli.options import STOPPED, nonnegative, positive
+from outlast.envs.cli.options import STOPPED, nonnegative, output, positive
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 
 from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
+from ..files import check_out
 from ..live_view import LiveView
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
 
@@ -47,7 +48,7 @@ def add(commands: Any) -> None:
     text = "seed of the first run of each experiment (default 0)"
     command.add_argument("--first", type=nonnegative, default=0, metavar="SEED", help=text)
     text = "folder for runs, figures, tables and films (default paper)"
-    command.add_argument("--out", type=Path, default=Path("paper"), help=text)
+    command.add_argument("--out", type=output(check_out), default="paper", help=text)
     command.add_argument("--jobs", type=positive, help="how many runs train at the same time (default: cores)")
     text = "only print what would be trained, and about how long that takes"
     command.add_argument("--plan", action="store_true", help=text)
@@ -64,6 +65,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it; the exit status."""
+    options.out = Path(options.out)
     chosen = _chosen(options)
     plan = _plan(chosen, options)
     seconds, timed = expected_seconds([experiment for experiment, _ in plan])

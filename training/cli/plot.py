@@ -4,8 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.cli.options import output
+
 from ..errors import TrainingError
-from ..files import write_files
+from ..files import check_out, write_files
 from ..paper.report import figures_and_tables, report
 from ..paper.results import files_to_keep, group_runs, load_runs
 from ..plots.comparison import AXES
@@ -41,13 +43,13 @@ def add(commands: Any) -> None:
     text = "horizontal axis: agent-steps, or hours of training (default steps)"
     command.add_argument("--x", choices=AXES, default=AXES[0], help=text)
     text = "folder for figures and tables (default figures)"
-    command.add_argument("--out", type=Path, default=Path("figures"), help=text)
+    command.add_argument("--out", type=output(check_out), default="figures", help=text)
     command.add_argument("--format", choices=FORMS, default="png", help="format of the figures (default png)")
     text = "compare runs of the paper's variants with the paper: draw a figure for each variant and preset, and check "
     text += "the paper's claims"
     command.add_argument("--paper", action="store_true", help=text)
     text = "with --paper: also write the runs' curves and newest policies, without the rest, to this folder"
-    command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
+    command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.arrange(
         {
             "what is drawn": ("runs", "--by", "--curves", "--x", "--paper"),
@@ -67,6 +69,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 def run(options: argparse.Namespace) -> int:
     """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
+    options.out, options.keep = Path(options.out), options.keep and Path(options.keep)
     if options.paper:
         return _beside_the_paper(options)
     if options.keep:

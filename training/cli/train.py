@@ -11,7 +11,7 @@ from typing import Any
 
 from outlast.ecs.available import available_cores
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, positive, scenario, seed
+from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
@@ -20,6 +20,7 @@ from ..annealing import parse_anneal
 from ..children import RESUME, ChildRun, side_by_side
 from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TEACHERS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
+from ..files import check_out
 from ..hyperparameters import KINDS, parse_hyperparameters
 from ..live_view import LiveView
 from ..presets import DEAD, PRESETS
@@ -116,7 +117,7 @@ def add(commands: Any) -> None:
     text = "step one half of the worlds while the networks choose actions for the other half, with the same results up "
     command.add_argument("--halves", action="store_true", help=f"{text}to rounding")
     text = "folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED)"
-    command.add_argument("--out", type=Path, help=text)
+    command.add_argument("--out", type=output(check_out), help=text)
     text = "agent-steps between two checkpoints (default 1e6)"
     command.add_argument("--every", type=positive, default=1_000_000, help=text)
     text = "go on from the newest checkpoint in the folder of the run"
@@ -147,7 +148,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: {install('train')}") from error
     config = _config(options, chosen, options.seed[0], settings)
-    folder = options.out or usual_folder(config)
+    folder = Path(options.out) if options.out else usual_folder(config)
     training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0
     try:
@@ -185,7 +186,7 @@ def _train_several(
     Raises:
         TrainingError: Two runs would be the same; nothing has begun then.
     """
-    pairs, folder = list(itertools.product(chosen, options.seed)), options.out or Path("runs")
+    pairs, folder = list(itertools.product(chosen, options.seed)), Path(options.out or "runs")
     common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if options.threads is None else [])]
     runs = [
         ChildRun(

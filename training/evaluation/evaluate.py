@@ -11,6 +11,7 @@ from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
 from ..errors import TrainingError
+from ..files import check_out
 from . import report
 from .contenders import Given, contenders
 from .evaluation import Evaluation
@@ -75,16 +76,12 @@ def evaluate(
 
 
 def checked_folder(out: str | Path | None, film: bool) -> Path | None:
-    """Make the folder before anything is played, so that no evaluation is lost for want of it."""
+    """Return the folder, if tables can be written into it, so that no evaluation is lost for want of it."""
     if out is None:
         if film:
             raise TrainingError("films need a folder: name one as out (--out FOLDER)")
         return None
-    try:
-        Path(out).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrainingError(f"out: {out} cannot be a folder: {error.strerror}") from error
-    return Path(out)
+    return check_out(out)
 
 
 @contextlib.contextmanager

@@ -14,13 +14,13 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.text_table import text_table
 
 from ..errors import TrainingError
-from ..files import read_text, write_files
+from ..files import check_results, read_text, write_files
 from .contenders import Contender
 from .groups import Groups, group_policies
 from .pairing import Array, Estimates, Pairing
 
 RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
-TABLES = "evaluation.json"
+FILES = TABLES, FIGURES, RATINGS, GROUPS = "evaluation.json", "figures.csv", "ratings.csv", "groups.csv"
 FIRST = ("policy", "against")
 INTERVAL = ("value", "low", "high")
 CERTAIN = 3.0  # standard errors from which on a difference between the sides is worth a line
@@ -91,17 +91,21 @@ def write_tables(evaluation: Played, folder: Path) -> list[Path]:
     """
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
     contents = {
-        folder / TABLES: json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
-        folder / "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
-        folder / "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
-        folder / "groups.csv": _csv(("group", "runs", "against", "figure", *INTERVAL), _group_rows(evaluation)),
+        TABLES: json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
+        FIGURES: _csv((*FIRST, "figure", "mean", "error"), figures),
+        RATINGS: _csv(("policy", "elo", "error"), _rated(evaluation)),
+        GROUPS: _csv(("group", "runs", "against", "figure", *INTERVAL), _group_rows(evaluation)),
     }
-    write_files({path: content.encode() for path, content in contents.items()})
-    return list(contents)
+    write_files({folder / name: content.encode() for name, content in contents.items()})
+    return [folder / name for name in contents]
 
 
 def check_folder(evaluation: Played, folder: Path) -> None:
-    """Raise TrainingError if these tables would replace those of another evaluation, of another game or policies."""
+    """Raise TrainingError if tables cannot be written, or would replace those of another evaluation.
+
+    That is one of another game or of other policies.
+    """
+    check_results(folder / name for name in FILES)
     path, now = folder / TABLES, json.loads(json.dumps(_json(_played(evaluation))))
     if not path.exists():
         return

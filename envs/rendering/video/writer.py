@@ -15,6 +15,7 @@ from outlast.ecs.whole import is_whole
 from ...errors import FilmError
 from ...storage import atomic_write
 from ...storage.interrupts import interrupts_held
+from ...storage.outputs import check_file, check_folder
 from ..canvas import Image
 from ..modes import FPS
 from .codecs import CODECS, Codec, find_ffmpeg
@@ -26,12 +27,12 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     """Write a film, or a folder of pictures.
 
     It is written to a temporary file, read back, and moved into place: an error, Ctrl-C or a full disk leaves whatever
-    was there before.
+    was there before. If the path is a link, what it leads to is replaced.
 
     Args:
         path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`;
             .webm (VP8) and .apng (lossless) do not. A path without a suffix, or of an existing folder, is a folder of
-            pictures, frame_000000.png and so on; pictures of an earlier film in it are replaced.
+            pictures, frame_000000.png and so on; pictures of an earlier film in it go first.
         frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
             they are first kept on disk. In .mp4 and .webm, odd sizes get one more row or column.
         fps: Frames per second. A folder of pictures keeps none.
@@ -42,16 +43,17 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     Raises:
         FilmError: The path, frames or rate is not valid, FFmpeg is needed but missing, or the disk is full.
     """
-    target, codec = _checked(Path(path), fps)
+    given, codec = Path(path), _checked(path, fps)
+    target = Path(os.path.realpath(given))
     try:
         with _temporary_folder(target) as folder:
-            temporary = folder / f"film{ending(target)}"
+            temporary = folder / f"film{ending(given)}"
             stream = _FrameStream(frames, codec)
             codec.write(temporary, iter(stream), int(fps))
-            _verify(temporary, codec, stream, target)
+            _verify(temporary, codec, stream, given)
             _replace(temporary, target)
     except OSError as error:
-        raise FilmError(f"{target} cannot be written: {error.strerror or error}") from error
+        raise FilmError(f"{given} cannot be written: {error.strerror or error}") from error
     return stream.count
 
 
@@ -60,8 +62,9 @@ def ending(path: Path) -> str:
     return "" if path.is_dir() else path.suffix.lower()
 
 
-def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
-    """Return the absolute path and its codec. Raises FilmError, before any frame is drawn, if it cannot be written."""
+def check_film(path: str | os.PathLike[str]) -> Codec:
+    """Return the codec of a film that can be written there. Raises FilmError."""
+    target = Path(path)
     suffix = ending(target)
     if suffix not in CODECS:
         known = ", ".join(filter(None, CODECS))
@@ -70,16 +73,23 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
         raise FilmError(f"{target}: pictures are not written into the root folder; give a folder of their own")
     if target.exists() and not suffix and not target.is_dir():
         raise FilmError(f"{target} is a file: a folder of pictures needs another name")
-    if not target.absolute().parent.is_dir():
-        raise FilmError(f"{target}: there is no folder {target.parent}; make it first")
-    codec = CODECS[suffix]
+    if target.is_dir():
+        check_folder(target, FilmError)
+    else:
+        check_file(target, "films", FilmError)
+    if CODECS[suffix].extra:
+        find_ffmpeg(suffix)
+    return CODECS[suffix]
+
+
+def _checked(path: str | os.PathLike[str], fps: Any) -> Codec:
+    """Return the codec of a film of this rate. Raises FilmError, before any frame is drawn, if there cannot be one."""
+    suffix, codec = ending(Path(path)), check_film(path)
     if not is_whole(fps, 1, codec.fastest):
         raise FilmError(f"fps = {fps!r}: an integer from 1 to {codec.fastest} is needed for {suffix or 'a folder'}")
     if not suffix and fps != FPS:
-        raise FilmError(f"fps = {fps}: for films only; {target} is a folder of pictures, which keeps no rate")
-    if codec.extra:
-        find_ffmpeg(suffix)
-    return target.absolute(), codec
+        raise FilmError(f"fps = {fps}: for films only; {Path(path)} is a folder of pictures, which keeps no rate")
+    return codec
 
 
 class _FrameStream:

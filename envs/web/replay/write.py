@@ -13,6 +13,7 @@ from ...inspect.events import events
 from ...inspect.trace import Json, bodies_of, describe, snapshot
 from ...recording import Replay
 from ...storage.atomic_write import atomic_write
+from ...storage.outputs import check_file
 from ..assets import SHARED, assemble
 from .pack import PACKING, EpisodeTrack, Room, pack
 
@@ -129,11 +130,7 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
 
 def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
     """Return the path of a page that shows `sources`. Raises PageError, before anything runs, if it is not possible."""
-    target = Path(path)
-    if target.suffix != ".html":
-        raise PageError(f"{target}: a page is written as NAME.html")
+    target = check_file(path, "pages", PageError, endings=(".html",))
     if target.exists() and any(target.samefile(source) for source in sources if source.exists()):
         raise PageError(f"{target} is the recording itself: give another name for the page")
-    if target.is_dir() or not target.parent.is_dir():
-        raise PageError(f"{target} cannot be written: give a file name in a folder that is there")
     return target
