@@ -49,7 +49,7 @@ def solve(workspace: Any, settings: Settings, batch: ContactBatch, count: int) -
     """
     if not _valid(batch, count):
         return INVALID
-    world = Box2D.b2World(gravity=(0, 0), doSleep=True)
+    world = Box2D.b2World(gravity=(0, 0))
     world.continuousPhysics = bool(settings.continuous)
     rows = [batch[k] for k in range(count)]
     bodies = [_build(world, settings, row) for row in rows]
@@ -83,6 +83,7 @@ def _build(world: Any, settings: Settings, row: ContactBatch) -> Any:
         angularDamping=float(settings.angular_damping),
         linearVelocity=(float(row[VX]), float(row[VY])),
         angularVelocity=float(row[OMEGA]),
+        allowSleep=False,  # as the native backend, even if a tick lasts longer than Box2D's half second
     )
     body.CreateFixture(
         shape=_shape(row),

@@ -67,6 +67,7 @@ def solved(
     SETTINGS,
     Settings(substeps=4, velocity_iterations=3, position_iterations=2, friction=f4(0.9), restitution=f4(0.6)),
     Settings(dt=f4(1 / 30), linear_damping=f4(0), angular_damping=f4(40), continuous=0),
+    Settings(dt=f4(0.3), substeps=3, linear_damping=f4(3)),  # a tick in which Box2D would let bodies fall asleep
 ])  # fmt: skip
 def test_backends_agree(settings: Settings) -> None:
     workspace, results = box2d_native.make_workspace(), set()
