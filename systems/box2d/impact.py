@@ -6,6 +6,8 @@ from outlast.ecs.jit import noinline_kernel
 
 from . import layout as at
 
+_NEAREST = np.float32(0.01)  # metres: Box2D keeps the centres of discs smaller than a centimetre 6.25 mm from boxes
+
 
 @noinline_kernel
 def may_hit(workspace: int) -> bool:
@@ -33,6 +35,7 @@ def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
 
     Box2D stops a circle's centre at radius - 3.75 mm from the box; the whole radius leaves room for rounding.
     """
+    radius = max(radius, _NEAREST)
     c, s = at.load_f4(body + at.BODY_COS), at.load_f4(body + at.BODY_SIN)
     x, y = at.load_f4(body + at.BODY_POSITION), at.load_f4(body + at.BODY_POSITION + 4)
     ax, ay = at.load_f4(circle + at.BODY_CENTER0) - x, at.load_f4(circle + at.BODY_CENTER0 + 4) - y

@@ -83,6 +83,23 @@ def test_backends_agree(settings: Settings) -> None:
     assert results == {SOLVED, ABANDONED}
 
 
+@needs_native
+def test_backends_agree_about_discs_of_millimetres_beside_boxes() -> None:
+    """Box2D keeps the centres of such small discs further from boxes than their radius."""
+    rng, workspace = np.random.default_rng(2), box2d_native.make_workspace()
+    for _ in range(500):
+        radius, off = rng.uniform(0.0011, 0.02), rng.uniform(-0.01, 0.02)
+        batch = np.concatenate(
+            [circles((rng.uniform(0.03, 0.05) + radius, rng.uniform(-0.1, 0.1))), boxes((0, 0, 0.02, 0.1))]
+        )
+        batch[0, [RADIUS, MASS, INERTIA]] = radius, np.pi * radius**2, np.pi * radius**4 / 2
+        batch[0, VX] = (0.02 + radius - off - batch[0, X]) / (2 * SETTINGS.dt)
+        results = [
+            solved(backend, memory, batch) for backend, memory in ((box2d_native, workspace), (box2d_portable, None))
+        ]
+        assert results[0][1].tobytes() == results[1][1].tobytes()
+
+
 @backends
 def test_reach_exceeded_leaves_the_batch_untouched(backend: Any) -> None:
     batch = circles((0, 0), (0.9, 0))
