@@ -21,7 +21,7 @@ class Body(Component):
     coupled = (Coupled(HEADING, HEADING, TURN),)
     x: Array = column("f4")  # metres
     y: Array = column("f4")
-    angle: Array = column("f4")  # radians, unwrapped; 0 faces +x, counter-clockwise
+    angle: Array = column("f4")  # radians, unwrapped up to 10,000; 0 faces +x, counter-clockwise
     cosine: Array = column("f4", fill=1)  # cosine of angle
     sine: Array = column("f4")
     vx: Array = column("f4")  # metres/second
@@ -89,7 +89,7 @@ class Floor(Singleton):
 class Fault(Singleton):
     """An unrecoverable error in this world; if it is set, the environment raises an error."""
 
-    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, 1e6 and more, no size)
+    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, too large, no size, no mass)
 
 
 def room_sides(layout: Layout) -> tuple[float, float] | None:

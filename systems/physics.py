@@ -36,10 +36,11 @@ from outlast.ecs.jit import compiled, noinline_kernel
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits
 
 from .box2d import native, portable
-from .box2d.batch import COLUMNS, LIMIT, LONGEST, MAX_TRAVEL, SOLVED, IncompatibleBox2D, Settings
+from .box2d.batch import ANGLE, COLUMNS, LIMITS, LONGEST, MAX_TRAVEL, OMEGA, SOLVED, VX, IncompatibleBox2D, Settings, X
 from .box2d.transfer import gather, scatter
 from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
+from .geometry.bounds import clamp
 from .geometry.broad_phase import gap, outer_radius, travel
 from .geometry.spatial_index import FEW, build, make_scratch, query
 
@@ -47,6 +48,9 @@ MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins a
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
 PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
+USUAL = np.float32(1e4)  # metres, radians, and both a second: what bodies hardly ever exceed, see `contain`
+EDGE = np.float32(1e5)  # metres from the middle, where the plane ends: float32 tells apart places of 8 mm there
+TURNS = 2 * math.pi
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,7 @@ def broad_phase(
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            solid.max_travel[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
+            solid.max_travel[e] = min(travel(body, push, solid, e, substeps / rate), LONGEST * substeps) + MARGIN
     aabbs = compute_aabbs(half_extents, body, shape)  # not earlier: the processor stores the distances meanwhile
     index, crowded = (blocks, sides, scale, words, rows), count > FEW
     if crowded:
@@ -285,9 +289,10 @@ def fly(
                 inverse_mass, inverse_inertia = inverse(solid.mass[e]), inverse(solid.inertia[e])
                 for _ in range(substeps):
                     integrate(body, push, inverse_mass, inverse_inertia, e, dt, linear_scale, angular_scale, parts)
+            place, speed = abs(body.x[e]) + abs(body.y[e]), abs(body.vx[e]) + abs(body.vy[e])
+            if not place + speed + abs(body.angle[e]) + abs(body.omega[e]) < USUAL:
+                fault.physics[0] |= not contain(body, e)
             body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
-            if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
-                fault.physics[0] = 1  # also for NaN: such a body is near nothing, so Box2D never gets it
 
 
 @kernel
@@ -325,3 +330,21 @@ def slowed(vx: Real, vy: Real, omega: Real, dt: Real) -> tuple[Real, Real, Real]
     if turn * turn > MOST * MOST:
         omega *= MOST / abs(turn)
     return vx, vy, omega
+
+
+@noinline_kernel
+def contain(body: Array, e: int) -> bool:
+    """Keep a body on the plane, and take whole turns off a large angle, of which float32 would lose the fraction.
+
+    Return False for a body that physics cannot take: NaN, or larger than LIMITS.
+    """
+    held = abs(body.x[e]) <= LIMITS[X] and abs(body.y[e]) <= LIMITS[X] and abs(body.angle[e]) <= LIMITS[ANGLE]
+    held = held and abs(body.vx[e]) <= LIMITS[VX] and abs(body.vy[e]) <= LIMITS[VX]
+    if not (held and abs(body.omega[e]) <= LIMITS[OMEGA]):
+        return False
+    body.x[e], body.vx[e] = clamp(body.x[e], body.vx[e], EDGE, EDGE)
+    body.y[e], body.vy[e] = clamp(body.y[e], body.vy[e], EDGE, EDGE)
+    if abs(body.angle[e]) > USUAL:
+        angle = np.float64(body.angle[e])
+        body.angle[e] = np.float32(angle - TURNS * np.floor(angle / TURNS))
+    return True

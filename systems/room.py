@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,12 +18,12 @@ from outlast.ecs import (
     Singleton,
     System,
     Write,
-    kernel,
     number,
 )
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .geometry.blocks import alive_bits, first_row
+from .geometry.bounds import clamp
 from .geometry.broad_phase import outer_radius
 
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
@@ -111,17 +110,3 @@ def keep_inside(
             room_x, room_y = max(inside_x - shape.bound[e], ZERO), max(inside_y - shape.bound[e], ZERO)
             body.x[e], body.vx[e] = clamp(body.x[e], body.vx[e], middle_x, room_x)
             body.y[e], body.vy[e] = clamp(body.y[e], body.vy[e], middle_y, room_y)
-
-
-@kernel
-def clamp(position: Any, speed: Any, middle: Any, room: Any) -> Any:
-    """Correct position and speed along one axis of a body whose centre may be beyond the middle of a wall.
-
-    Beyond it, the position becomes `room`, and only speed away from the wall is kept. middle, room: distances from the
-    centre of the room.
-    """
-    if position > middle:
-        return room, min(speed, ZERO)
-    if position < -middle:
-        return -room, max(speed, ZERO)
-    return position, speed

@@ -30,9 +30,9 @@ def check_faults(worlds: Worlds, first_world: int) -> None:
     if Fault in worlds and (faulty := (worlds[Fault].physics[:, 0] != 0) & (worlds.mode != SKIP)).any():
         w = int(faulty.argmax())
         raise FaultError(
-            f"world {first_world + w}: a body has a position, speed, size or mass that physics cannot take (NaN, 1e6 "
-            "and more, no size, or no mass where it moves); a mechanic wrote it into Body, Shape or Solid. Reset the "
-            "world: it starts afresh"
+            f"world {first_world + w}: a body has a position, speed, size or mass that physics cannot take (NaN, a "
+            "million metres and more, no size, or no mass where it moves); a mechanic wrote it into Body, Shape or "
+            "Solid. Reset the world: it starts afresh"
         )
 
 

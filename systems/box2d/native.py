@@ -13,6 +13,7 @@ from .batch import (
     ABANDONED,
     ANGLE,
     CAPACITY,
+    COLUMNS,
     DYNAMIC,
     HALF_HEIGHT,
     HALF_WIDTH,
@@ -21,7 +22,7 @@ from .batch import (
     JTURN,
     JX,
     JY,
-    LIMIT,
+    LIMITS,
     MASS,
     MAX_TRAVEL,
     OMEGA,
@@ -88,10 +89,8 @@ def _valid(batch: ContactBatch, count: int) -> bool:
         return False
     valid = True
     for k in range(count):
-        for column in range(MAX_TRAVEL):
-            valid &= abs(batch[k, column]) < LIMIT
-        for column in range(JX, JTURN + 1):
-            valid &= abs(batch[k, column]) < LIMIT
+        for column in range(COLUMNS):
+            valid &= abs(batch[k, column]) <= LIMITS[column]
         box = batch[k, HALF_WIDTH] > SMALLEST and batch[k, HALF_HEIGHT] > SMALLEST
         valid &= batch[k, RADIUS] > SMALLEST or (batch[k, RADIUS] == 0 and box)
         valid &= batch[k, DYNAMIC] == 0 or (batch[k, MASS] > 0 and batch[k, INERTIA] > 0)

@@ -20,7 +20,7 @@ from .batch import (
     JTURN,
     JX,
     JY,
-    LIMIT,
+    LIMITS,
     MASS,
     MAX_TRAVEL,
     OMEGA,
@@ -67,7 +67,7 @@ def solve(workspace: Any, settings: Settings, batch: ContactBatch, count: int) -
 
 def _valid(batch: ContactBatch, count: int) -> bool:
     rows = batch[:count]
-    bounded = (np.abs(np.delete(rows, MAX_TRAVEL, axis=1)) < LIMIT).all()
+    bounded = (np.abs(rows) <= LIMITS).all()
     box = (rows[:, HALF_WIDTH] > SMALLEST) & (rows[:, HALF_HEIGHT] > SMALLEST) & (rows[:, RADIUS] == 0)
     weighed = (rows[:, DYNAMIC] == 0) | ((rows[:, MASS] > 0) & (rows[:, INERTIA] > 0))
     return bool(count <= CAPACITY and bounded and ((rows[:, RADIUS] > SMALLEST) | box).all() and weighed.all())

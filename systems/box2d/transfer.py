@@ -66,11 +66,11 @@ def gather(
             batch[count, RADIUS] = shape.radius[e]
             batch[count, HALF_WIDTH], batch[count, HALF_HEIGHT] = shape.half_width[e], shape.half_height[e]
             batch[count, DYNAMIC] = solid.dynamic[e]
-            batch[count, MASS], batch[count, INERTIA] = solid.mass[e], solid.inertia[e]
             batch[count, JX], batch[count, JY] = push.x[e] / substeps, push.y[e] / substeps
             batch[count, JTURN] = push.turn[e] / substeps
-            batch[count, MAX_TRAVEL] = ZERO
+            batch[count, MASS], batch[count, INERTIA], batch[count, MAX_TRAVEL] = ZERO, ZERO, ZERO
             if solid.dynamic[e]:
+                batch[count, MASS], batch[count, INERTIA] = solid.mass[e], solid.inertia[e]
                 batch[count, MAX_TRAVEL] = clearance(aabbs, body, shape, solid, entities, solids, LONGEST * substeps, e)
             count += 1
     return count

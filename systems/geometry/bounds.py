@@ -1,10 +1,14 @@
 """How far from the middle of the room a position can be, along x and along y, and what fits into the room."""
 
 import math
+from typing import Any
+
+import numpy as np
 
 from outlast.components.body import room_sides
-from outlast.ecs import Layout, NumberError
+from outlast.ecs import Layout, NumberError, kernel
 
+ZERO = np.float32(0)
 ROUNDING = 1 + 2.0**-22  # sums and means of a few float32 are at most this many times as large as exact ones
 
 
@@ -36,3 +40,17 @@ def check_fits(layout: Layout, name: str, value: float, width: float) -> None:
     if width > (size := min(floor_sides(layout))):
         most = value / width * size
         raise NumberError(f"{name} = {value:g} does not fit into a room of side {size:g}: at most {most:g} is possible")
+
+
+@kernel
+def clamp(position: Any, speed: Any, middle: Any, room: Any) -> Any:
+    """Correct position and speed along one axis of a body whose centre may be beyond a line, as the middle of a wall.
+
+    Beyond it, the position becomes `room`, and only speed towards the centre is kept. middle, room: distances from the
+    centre of the room.
+    """
+    if position > middle:
+        return room, min(speed, ZERO)
+    if position < -middle:
+        return -room, max(speed, ZERO)
+    return position, speed

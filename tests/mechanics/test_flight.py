@@ -81,14 +81,51 @@ def test_what_is_no_number_is_a_fault(column: str, value: float) -> None:
 
 @pytest.mark.parametrize("column", ["x", "y"])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_what_is_a_million_metres_away_is_a_fault(column: str, sign: int) -> None:
+def test_a_body_stops_at_the_edge_of_the_plane_and_beyond_a_million_metres_is_a_fault(column: str, sign: int) -> None:
     alone = ScenarioBuilder("ffa_1", n_agents=1, n_heals=1, room_walls=False)
     alone.put("agent", 0, 0, 0)
-    getattr(alone.column(Body), column)[0, 0] = sign * 0.999e6
+    place, speed = (getattr(alone.column(Body), name)[0] for name in (column, f"v{column}"))
+    place[0], speed[0] = sign * (physics.EDGE - 1), sign * 60
     alone.step()
-    getattr(alone.column(Body), column)[0, 0] = sign * 1e6
+    assert (place[0], speed[0]) == (sign * physics.EDGE, 0)
+    place[0] = sign * 1.001e6
     with pytest.raises(FaultError, match="world 0"):
         alone.step()
+
+
+def test_whole_turns_are_taken_off_large_angles() -> None:
+    """And the heading is that of the angle."""
+    alone, turned = ScenarioBuilder("ffa_1"), 10_000 * 2 * math.pi
+    body = alone.column(Body)
+    for angle in (turned + 1, -turned - 1):
+        alone.put("agent", 0, 0, 0, angle)
+        alone.step()
+        assert body.angle[0, 0] == pytest.approx(angle - math.floor(angle / 2 / math.pi) * 2 * math.pi, abs=0.01)
+        assert body.cosine[0, 0] == np.cos(body.angle[0, 0])
+        assert abs(body.angle[0, 0]) < 7
+
+
+@pytest.mark.parametrize("size", [200.0, 10_000.0])
+def test_agents_stop_at_the_walls_of_any_room(size: float) -> None:
+    game = ScenarioBuilder("ffa_2", room_size=size, safe_zone_damage=0)
+    inside = size / 2 * 0.99
+    game.put("agent", 0, inside - 0.7, 0)
+    game.step({0: "ahead"}, times=60)
+    assert game.state(0)[0] == pytest.approx(inside - 0.5, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "thrust", [{"motors_give": give, "motors_turn": 1e5, "motors_ahead": 1e5} for give in ("evenly", "at once")]
+)
+def test_agents_of_two_millimetres_are_held_to_box2ds_speed(thrust: dict[str, Any]) -> None:
+    """At most 2 m and a quarter turn a substep, in the open and beside a wall."""
+    game = ScenarioBuilder("ffa_2", agents_radius=0.002, agents_density=0.001, safe_zone_damage=0, **thrust)
+    for x in (0, 12.3):
+        game.put("agent", 0, x, 0, math.pi / 2)
+        game.step({0: "ahead"})
+        assert game.state(0)[1] == pytest.approx(4, abs=0.1)
+        game.step({0: "turn"})
+        assert game.state(0)[2] - math.pi / 2 == pytest.approx(math.pi, abs=0.1)
 
 
 def test_physics_takes_as_many_bodies_as_a_batch_holds() -> None:

@@ -22,7 +22,7 @@ from outlast.systems.box2d import workspace as box2d_workspace
 
 from outlast.systems.box2d.batch import (  # isort: skip
     ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INERTIA, INVALID, JTURN, JX, MASS, OMEGA, RADIUS,
-    MAX_TRAVEL, SOLVED, VX, VY, X, Y, IncompatibleBox2D, ContactBatch, Settings,
+    LIMITS, MAX_TRAVEL, SOLVED, VX, VY, X, Y, IncompatibleBox2D, ContactBatch, Settings,
 )  # fmt: skip
 
 SETTINGS = Settings()
@@ -100,6 +100,40 @@ def test_backends_agree_about_discs_of_millimetres_beside_boxes() -> None:
         assert results[0][1].tobytes() == results[1][1].tobytes()
 
 
+def far_batch(rng: np.random.Generator) -> ContactBatch:
+    """A random batch with sizes of millimetres to kilometres, far away, with the highest speeds and any density."""
+    batch = random_batch(rng)
+    size, density = (np.exp(rng.uniform(*np.log(ends))) for ends in ((0.01, 1e4), (1e-3, 1e6)))
+    batch[:, [X, Y, RADIUS, HALF_WIDTH, HALF_HEIGHT]] *= size
+    sizes = batch[:, RADIUS : HALF_HEIGHT + 1]
+    sizes[sizes > 0] = np.maximum(sizes[sizes > 0], 0.0011)
+    batch[:, X : Y + 1] += rng.choice([0, 1e5, 9e5]) * rng.uniform(-1, 1, 2)
+    area = np.where(batch[:, RADIUS] > 0, batch[:, RADIUS] ** 2, batch[:, HALF_WIDTH] * batch[:, HALF_HEIGHT])
+    batch[:, MASS], batch[:, INERTIA] = density * area, density * area**2
+    batch[:, VX : OMEGA + 1] *= rng.choice([1, 1e6, 1e12], 3)
+    batch[:, ANGLE] *= rng.choice([1, 1e5])
+    batch[:, JX:] *= rng.choice([1, 1e5])
+    batch[:, MAX_TRAVEL] = np.inf
+    return np.clip(batch, -LIMITS, LIMITS)
+
+
+@backends
+def test_what_is_within_the_limits_stays_finite(backend: Any) -> None:
+    rng, workspace, worst = (
+        np.random.default_rng(4),
+        backend.make_workspace(),
+        Settings(friction=f4(1e5), restitution=f4(1)),
+    )
+    for k in range(200):
+        batch = far_batch(rng)
+        settings = (SETTINGS, worst, worst._replace(dt=f4(1)), worst._replace(dt=f4(1e-4)))[k % 4]
+        result, after = solved(backend, workspace, batch, settings)
+        assert result == SOLVED
+        assert np.isfinite(after[:, X : OMEGA + 1]).all()
+        if backend is box2d_native:
+            np.testing.assert_array_equal(after, solved(box2d_portable, None, batch, settings)[1])
+
+
 @backends
 def test_reach_exceeded_leaves_the_batch_untouched(backend: Any) -> None:
     batch = circles((0, 0), (0.9, 0))
@@ -115,7 +149,7 @@ def test_reach_exceeded_leaves_the_batch_untouched(backend: Any) -> None:
 @backends
 @pytest.mark.parametrize(
     ("column", "value"),
-    [(X, np.nan), (VY, np.inf), (X, 2e6), (RADIUS, -1), (JTURN, np.nan), (MASS, 0), (INERTIA, -1)],
+    [(X, np.nan), (VY, np.inf), (X, 2e6), (RADIUS, -1), (JTURN, np.nan), (MASS, 0), (INERTIA, -1), (INERTIA, 1e27)],
 )
 def test_what_box2d_would_reject_is_invalid(backend: Any, column: int, value: float) -> None:
     batch = circles((0, 0), (0.9, 0))
