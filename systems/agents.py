@@ -23,7 +23,7 @@ from outlast.components import (
     Spawned,
 )
 from outlast.components.health import MOST, Died
-from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
+from outlast.components.limits import CROWD, FAR, HEAVY, LIGHT
 from outlast.components.sight import MASKED, OMNISCIENT
 from outlast.ecs import (
     Archetype,
@@ -53,7 +53,7 @@ from .observation_rows import write_rows
 class Agents(Module):
     """The agents: their number, size and health (paper, section 3.1)."""
 
-    count: int = number(2, low=1, high=MANY, about="number of agents")
+    count: int = number(2, low=1, high=CROWD, about="number of agents")
     radius: float = number(0.5, low=0.002, high=FAR, per_agent=True, unit="metres", about="radius of an agent")
     density: float = number(
         1.0,

@@ -63,11 +63,11 @@ class Physics(Module):
 
     # More substeps and iterations than these would go on for very long, and could not be stopped.
     rate: float = number(
-        60.0, low=1, high=1e6, unit="substeps per second", about="how often bodies are moved and collide"
+        60.0, low=1, high=10_000, unit="substeps per second", about="how often bodies are moved and collide"
     )
-    substeps: int = number(2, low=1, high=1000, unit="substeps per tick", about="length of a tick")
-    velocity_iterations: int = number(10, low=1, high=10_000, about="iterations of Box2D's solver for velocities")
-    position_iterations: int = number(10, low=1, high=10_000, about="iterations of Box2D's solver for positions")
+    substeps: int = number(2, low=1, high=100, unit="substeps per tick", about="length of a tick")
+    velocity_iterations: int = number(10, low=1, high=1000, about="iterations of Box2D's solver for velocities")
+    position_iterations: int = number(10, low=1, high=1000, about="iterations of Box2D's solver for positions")
     friction: float = number(0.2, low=0, high=STRONG, about="coefficient of friction between bodies")
     restitution: float = number(0.0, low=0, high=1, about="0: bodies stop at each other, 1: they bounce off")
     linear_damping: float = number(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.components import Body, Floor, Shape, Wall
+from outlast.components.limits import FAR
 from outlast.ecs import Entity, Module, Worlds
 from outlast.ecs.errors import did_you_mean
 from outlast.ecs.whole import is_whole
@@ -61,7 +62,7 @@ class FloorPlan:
         if len(walls) + len(starts) > MOST:
             raise ScenarioError(f"a floor plan of {len(walls) + len(starts)} rectangles: at most {MOST} are possible")
         for name in ("width", "height"):
-            if not 0 <= _real(name, getattr(self, name)) <= 1e5:
+            if not 0 <= _real(name, getattr(self, name)) <= FAR:
                 raise ScenarioError(f"{name} = {getattr(self, name)!r}: metres are needed, or 0 for any room")
         if bool(self.width) != bool(self.height):
             sides = f"width = {self.width:g}, height = {self.height:g}"
@@ -279,8 +280,8 @@ def _start(name: str, given: Any) -> tuple[int | str, float, float, float, float
 
 
 def _real(name: str, number: Any) -> float:
-    if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e5:
-        raise ScenarioError(f"{name} has {number!r:.60}: a number of at most 100000 is needed")
+    if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= FAR:
+        raise ScenarioError(f"{name} has {number!r:.60}: a number of at most {FAR:g} is needed")
     if not math.isfinite(number):
         raise ScenarioError(f"{name} has {number!r}: a finite number is needed")
     return float(number)

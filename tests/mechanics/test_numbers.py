@@ -10,20 +10,20 @@ from outlast import systems
 from outlast.ecs import Module, NumberError
 
 POINTS, SOME_POINTS = "[0,1e+06]", "[1,1e+06]"  # hit points: the sum of a tick's fits into 32 bits
-MANY, POSITIVE, FAR, STRONG = "[1,65536]", "(0,inf)", "(0,1e5]", "[0,1e5]"  # see components/limits.py
-DENSITY, RADIUS, TICKS, REWARD = "[0.001,1e6]", "[0.002,1e5]", "[0,1e9]", "[-1e9,1e9]"
+MANY, POSITIVE, FAR, FROM_0, STRONG = "[1,65536]", "(0,inf)", "(0,1e4]", "[0,1e4]", "[0,1e5]"  # components/limits.py
+DENSITY, RADIUS, TICKS, REWARD = "[0.001,1e6]", "[0.002,1e4]", "[0,1e9]", "[-1e9,1e9]"
 SWITCH = ""
 NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Agents": {
-        "count": (2, MANY), "radius": (0.5, RADIUS), "density": (1.0, DENSITY), "health": (100, SOME_POINTS),
+        "count": (2, "[1,4096]"), "radius": (0.5, RADIUS), "density": (1.0, DENSITY), "health": (100, SOME_POINTS),
     },
     "Pickup": {"reach": (0.5, FAR), "touch": (True, SWITCH)},
     "Behaviour": {"cells": (8, "[1,32]"), "need": (0.5, "[0,1]")},
     "Boxes": {
-        "count": (8, MANY), "width": (1.0, FAR), "width_deviation": (1.0, STRONG),
-        "height": (1.5, FAR), "height_deviation": (1.5, STRONG), "least": (0.1, "[0.003,1e5]"),
+        "count": (8, MANY), "width": (1.0, FAR), "width_deviation": (1.0, FROM_0),
+        "height": (1.5, FAR), "height_deviation": (1.5, FROM_0), "least": (0.1, "[0.003,1e4]"),
         "toughness": (5, SOME_POINTS), "owned": (True, SWITCH), "dynamic": (False, SWITCH),
-        "density": (1.0, DENSITY), "offset": (0.0, STRONG), "item_radius": (0.25, RADIUS),
+        "density": (1.0, DENSITY), "offset": (0.0, FROM_0), "item_radius": (0.25, RADIUS),
         "settles": (False, SWITCH), "corners": ("lower left", ("lower left", "rolled")),
     },
     "Cameras": {
@@ -31,24 +31,24 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "items_occlude": (True, SWITCH), "mode": ("masked", ("masked", "revealed", "omniscient")),
     },
     "Physics": {
-        "rate": (60.0, "[1,1e6]"), "substeps": (2, "[1,1000]"), "velocity_iterations": (10, "[1,10000]"),
-        "position_iterations": (10, "[1,10000]"), "friction": (0.2, STRONG),
+        "rate": (60.0, "[1,1e4]"), "substeps": (2, "[1,100]"), "velocity_iterations": (10, "[1,1000]"),
+        "position_iterations": (10, "[1,1000]"), "friction": (0.2, STRONG),
         "restitution": (0.0, "[0,1]"), "linear_damping": (0.8, STRONG), "angular_damping": (0.8, STRONG),
         "continuous": (True, SWITCH), "backend": ("auto", ("auto", "native", "portable")),
     },
-    "DeathDrop": {"radius": (0.5, STRONG), "scatter": ("disc", ("disc", "rim"))},
-    "DropLast": {"offset": (1.0, STRONG)},
+    "DeathDrop": {"radius": (0.5, FROM_0), "scatter": ("disc", ("disc", "rim"))},
+    "DropLast": {"offset": (1.0, FROM_0)},
     "Ending": {"rule": ("all dead", ("all dead", "last alive", "never")), "limit": (0, TICKS)},
     "FreeForAll": {},
     "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
     "Inventory": {"slots": (4, MANY), "capacity": (0, "[0,65536]")},
     "Lidar": {
-        "rays": (16, "[1,1024]"), "angle": (2 * math.pi, f"(0,{2 * math.pi}]"), "depth": (10.0, "[0.01,1e5]"),
+        "rays": (16, "[1,1024]"), "angle": (2 * math.pi, f"(0,{2 * math.pi}]"), "depth": (10.0, "[0.01,1e4]"),
         "targets": ("walls", ("walls", "solids", "bodies")),
     },
     "Maze": {
-        "columns": (6, "[1,32]"), "rows": (6, "[1,32]"), "loops": (0.1, "[0,1]"), "thickness": (0.4, "[0.004,1e5]"),
+        "columns": (6, "[1,32]"), "rows": (6, "[1,32]"), "loops": (0.1, "[0,1]"), "thickness": (0.4, "[0.004,1e4]"),
         "blocks": (0, "[0,450]"),
     },
     "Melee": {
@@ -61,7 +61,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "give": ("evenly", ("evenly", "at once")),
     },
     "Pillars": {
-        "count": (12, "[1,450]"), "least": (0.8, "[0.004,1e5]"), "most": (1.6, "[0.004,1e5]"), "gap": (1.2, "(0,1e5]"),
+        "count": (12, "[1,450]"), "least": (0.8, "[0.004,1e4]"), "most": (1.6, "[0.004,1e4]"), "gap": (1.2, "(0,1e4]"),
     },
     "ObserveRoles": {"count": (2, MANY)},
     "Preparation": {
@@ -75,12 +75,12 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "basis": ("side", ("side", "members")), "outlive": (0.0, REWARD),
     },
     "Room": {
-        "size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]"),
-        "width": (0.0, "0 or [1,1e5]"), "height": (0.0, "0 or [1,1e5]"),
+        "size": (25.0, "[1,1e4]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]"),
+        "width": (0.0, "0 or [1,1e4]"), "height": (0.0, "0 or [1,1e4]"),
     },
     "Rooms": {
-        "columns": (3, "[1,32]"), "rows": (3, "[1,32]"), "doors": (0.5, "[0,1]"), "door": (1.6, "(0,1e5]"),
-        "thickness": (0.4, "[0.004,1e5]"), "blocks": (0, "[0,450]"),
+        "columns": (3, "[1,32]"), "rows": (3, "[1,32]"), "doors": (0.5, "[0,1]"), "door": (1.6, "(0,1e4]"),
+        "thickness": (0.4, "[0.004,1e4]"), "blocks": (0, "[0,450]"),
     },
     "SafeZone": {
         "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, TICKS),
@@ -108,8 +108,8 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [*spec], ["", *range(len(spec))]
     if spec == "whole numbers":
         return [(), (1, 3)], [(0, 1), (1, 0.5)]
-    if spec == "0 or [1,1e5]":
-        return [0.0, 1.0, 1e5], [-1.0, 0.5, 1.1e5]
+    if spec == "0 or [1,1e4]":
+        return [0.0, 1.0, 1e4], [-1.0, 0.5, 1.1e4]
     one = (*default, 0.0)[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)

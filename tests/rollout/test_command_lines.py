@@ -124,7 +124,7 @@ LINES = {
     f"{FEW} --worlds": "--worlds: expected one argument",
     f"{FEW} --worlds 0": "--worlds: 0: an integer of at least 1 is needed",
     "rollout ffa_1 --worlds 1e12": "there is not enough memory, take fewer --worlds",
-    f"{FEW} --set room_size=1e30": "room.size = 1e+30: must be >= 1 and <= 100000",
+    f"{FEW} --set room_size=1e30": "room.size = 1e+30: must be >= 1 and <= 10000",
     f"{FEW} --set n_agents=100": "115 bodies (100 agent, 15 heal) do not fit into spawn_grid.cells = 8 x 8 = 64 cells",
     "rollout ffa_1 --set mele_damage=3": "no number 'mele_damage'; did you mean melee_damage",
     "rollout ffa_1 --set n_heals=0": f"heals.count = 0: {NONE} heals",
