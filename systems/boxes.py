@@ -127,7 +127,7 @@ class Boxes(Module):
         layout.check_count(Box, "boxes")
         layout.check_count(BoxItem, "boxes")
         check_fits(layout, "boxes.item_radius", self.item_radius, 2 * self.item_radius)
-        for name in ("width", "height", "least"):
+        for name in ("width", "width_deviation", "height", "height_deviation", "least"):
             check_fits(layout, f"boxes.{name}", getattr(self, name), getattr(self, name))
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
