@@ -43,7 +43,7 @@ class Maze(InnerWalls):
         whole, sides, cells = self.whole(layout), self.inside(layout), (self.columns, self.rows)
         for side, inner, count, what in zip(whole, sides, cells, ("columns", "rows"), strict=True):
             thick = max(self.thickness, (side - inner + self.thickness) / 2)  # of both walls beside it, half each
-            self.check_passage(layout, "a corridor", side / count - thick, f"fewer {what} or thinner walls")
+            self.check_passage(layout, "a corridor", side / count - thick, f"fewer maze.{what} or less maze.thickness")
 
 
 @Maze.system(Phase.SPAWN, before=(Body, Shape, Entity))

@@ -40,7 +40,7 @@ from .box2d.batch import ANGLE, COLUMNS, LIMITS, LONGEST, MAX_TRAVEL, OMEGA, SOL
 from .box2d.transfer import gather, scatter
 from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
-from .geometry.bounds import clamp
+from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 from .geometry.spatial_index import FEW, build, make_scratch, query
 
@@ -103,8 +103,8 @@ class Physics(Module):
     def check(self, layout: Layout) -> None:
         if (bodies := len(layout.rows(Solid))) > native.CAPACITY:
             raise NumberError(
-                f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics takes at most "
-                f"{native.CAPACITY}; take fewer agents or boxes"
+                f"{bodies} bodies that take part in contacts ({count_kinds(layout, Solid)}): physics takes at most "
+                f"{native.CAPACITY}; take fewer"
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:

@@ -68,9 +68,9 @@ class Pillars(InnerWalls):
         free = max(0.0, width - self.gap) * max(0.0, height - self.gap)
         if self.count * math.pi * around**2 > FILLED * free:
             raise NumberError(
-                f"pillars.count = {self.count}: with a gap of {self.gap:g} m around each they do not fit into "
-                f"{width:.3g} x {height:.3g} m; take at most {int(FILLED * free / (math.pi * around**2))}, smaller "
-                "ones, or a larger room"
+                f"pillars.count = {self.count}: with pillars.most = {self.most:g} and a gap of {self.gap:g} m around "
+                f"each they do not fit into {width:.3g} x {height:.3g} m; take at most "
+                f"{int(FILLED * free / (math.pi * around**2))}, smaller ones, or a larger room"
             )
 
 

@@ -56,7 +56,10 @@ class Preparation(Module):
 
     def check(self, layout: Layout) -> None:
         if not (self.frozen or self.blind):
-            raise NumberError("preparation: neither frozen nor blind would change nothing; set one, or leave it out")
+            raise NumberError(
+                "preparation.frozen and preparation.blind are both False, so that it changes nothing; set one of them, "
+                "or leave it out"
+            )
         if len({*self.sides}) < len(self.sides):
             raise NumberError(f"preparation.sides = {self.sides}: a side stands twice; take it once")
         known = layout.dims.get("sides", 0)

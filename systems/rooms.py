@@ -51,7 +51,8 @@ class Rooms(InnerWalls):
             if stays < thick:
                 raise NumberError(
                     f"rooms.door = {self.door:g}: a wall of a room is {side / count:.3g} m long, and beside the door "
-                    f"{max(0, 8 * thick):.3g} m must stay; take fewer {what}, a smaller door or thinner walls"
+                    f"{max(0, 8 * thick):.3g} m must stay; take fewer rooms.{what}, a smaller door or less "
+                    "rooms.thickness"
                 )
 
 

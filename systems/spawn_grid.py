@@ -7,6 +7,8 @@ from outlast.components import Body, Floor, Phase, Spawned
 from outlast.ecs import Array, Entity, Layout, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
 from outlast.ecs.random import integer
 
+from .geometry.bounds import count_kinds
+
 SIDE = 256  # the most cells on a side: their square is limits.MANY
 
 
@@ -39,11 +41,9 @@ class SpawnGrid(Module):
             )
         bodies = len(layout.rows(Spawned))
         if bodies > self.cells**2:
-            kinds = [a for a in layout.archetypes.values() if any(isinstance(part, Spawned) for part in a.parts)]
-            what = ", ".join(f"{kind.count} {kind.name}" for kind in kinds)
             raise NumberError(
-                f"{bodies} bodies ({what}) do not fit into spawn_grid.cells = {self.cells} x {self.cells} = "
-                f"{self.cells**2} cells; take fewer bodies or more cells"
+                f"{bodies} bodies ({count_kinds(layout, Spawned)}) do not fit into spawn_grid.cells = {self.cells} x "
+                f"{self.cells} = {self.cells**2} cells; take fewer bodies or more cells"
             )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components.body import room_sides
-from outlast.ecs import Layout, NumberError, kernel
+from outlast.ecs import Component, Layout, NumberError, kernel
 
 ZERO = np.float32(0)
 ROUNDING = 1 + 2.0**-22  # sums and means of a few float32 are at most this many times as large as exact ones
@@ -40,6 +40,12 @@ def check_fits(layout: Layout, name: str, value: float, width: float) -> None:
     if width > (size := min(floor_sides(layout))):
         most = value / width * size
         raise NumberError(f"{name} = {value:g} does not fit into a room of side {size:g}: at most {most:g} is possible")
+
+
+def count_kinds(layout: Layout, component: type[Component]) -> str:
+    """Return how many entities of each kind have a component, in words: "2 agent, 4 wall"."""
+    kinds = [kind for kind in layout.archetypes.values() if any(isinstance(part, component) for part in kind.parts)]
+    return ", ".join(f"{kind.count} {kind.name}" for kind in kinds)
 
 
 @kernel

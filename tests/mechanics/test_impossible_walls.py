@@ -21,7 +21,7 @@ BAD: dict[str, tuple[Any, tuple[str, ...]]] = {
     "starts overlap": (lambda: level((0, 0, 4, 4, 0, 1), (1, 1, 4, 4, 0, 2)), ("overlaps that of side 0", "apart")),
     "start in a wall": (lambda: level((0, 0, 6, 6, 0, 0), (0, 0, 4, 4, 0, 1)), ("side 0 have no free place",)),
     "no floor": (lambda: level((0, 0, 24.9, 24.9, 0, 0)), ("leaves 0 square metres", "agents")),
-    "corridors": (lambda: systems.Maze(columns=20), ("maze: a corridor", "fewer columns", "1.1 m")),
+    "corridors": (lambda: systems.Maze(columns=20), ("maze: a corridor", "fewer maze.columns", "1.1 m")),
     "blocks": (lambda: systems.Maze(blocks=3), ("maze.blocks = 3", "6 x 6 cells need 25")),
     "a door": (lambda: systems.Rooms(door=0.9), ("rooms: a door would be 0.9 m wide", "larger rooms.door")),
     "a door as wide as a room": (lambda: systems.Rooms(door=8.0), ("rooms.door = 8", "must stay")),
