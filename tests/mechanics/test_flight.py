@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import Box2D
@@ -177,6 +178,22 @@ def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) ->
         speeds.append(game.state(0)[4])
     assert speeds[0] > 0.07
     assert speeds[1] == pytest.approx(speeds[0], rel=1e-5)
+
+
+def test_box2d_stops_a_body_that_sleeps_and_the_page_says_how_far_ours_turns_on() -> None:
+    """A tick of turning, and 259 of nothing."""
+    world = Box2D.b2World(gravity=(0, 0))
+    body = world.CreateDynamicBody(linearDamping=0.8, angularDamping=0.8)
+    body.CreateCircleFixture(radius=0.5, density=1)
+    body.ApplyAngularImpulse(0.0125, True)
+    for _ in range(2 * 260):
+        world.Step(1 / 60, 10, 10)
+    game = ScenarioBuilder("ffa_1", safe_zone_damage=0)
+    game.put("agent", 0, 0, 0)
+    game.step({0: "turn"}).step(times=259)
+    page = (Path(__file__).parents[2] / "docs/paper.md").read_text("utf-8")
+    assert f"heading of {body.angle:.4f} radians there and {game.state(0)[2]:.4f} here" in page
+    assert body.angularVelocity == 0 < game.state(0)[5]
 
 
 # ---- no agent leaves the room
