@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from outlast.envs.storage.interrupts import ignored
+from outlast.envs.storage.interrupts import children_awaited, ignored
 
 from .errors import TrainingError
 
@@ -30,6 +30,11 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
     if count <= 1:
         yield from (job() for job in jobs)
         return
+    with children_awaited():
+        yield from _in_processes(jobs, count)
+
+
+def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
     pool = ProcessPoolExecutor(count, context, _end_with_parent)

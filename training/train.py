@@ -10,6 +10,7 @@ from outlast.envs.rollout.mixture import checked_entries, parse_mixture
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
+from outlast.envs.storage.interrupts import children_awaited
 
 from .annealing import Anneal, parse_anneal
 from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig
@@ -142,8 +143,9 @@ def train(
         levels=levels,
     )
     place = Path(folder) if folder is not None else usual_folder(config)
-    run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
-    shown(run, quiet=quiet)
+    with children_awaited():
+        run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
+        shown(run, quiet=quiet)
     return TrainedRun(place, newest(place), run.saved, run.tags or _logged_last(place))
 
 

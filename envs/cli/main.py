@@ -20,7 +20,7 @@ from ..errors import (
     StateError,
     UsageError,
 )
-from ..storage.interrupts import save_requests, stops_as_ctrl_c
+from ..storage.interrupts import children_awaited, save_requests, stops_as_ctrl_c
 from . import check, completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
 from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable, save_scenario
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143, SIGHUP 129.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for PyTorch, which is not loaded yet: its threads wait asleep
-    with standard_streams(), save_requests(), stops_as_ctrl_c() as came:
+    with standard_streams(), children_awaited(), save_requests(), stops_as_ctrl_c() as came:
         status = _run(arguments)
     return SIGNALLED + came[0] if status == STOPPED and came else status
 

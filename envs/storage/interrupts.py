@@ -1,4 +1,4 @@
-"""Contexts that make Ctrl-C wait, drop a second Ctrl-C, treat other signals as Ctrl-C, collect or ignore them."""
+"""Contexts that make Ctrl-C wait, drop a second Ctrl-C, treat other signals as Ctrl-C, collect, ignore or heed them."""
 
 import contextlib
 import math
@@ -124,6 +124,17 @@ def save_requests() -> Iterator[list[int]]:
 def ignored(*names: str) -> Iterator[None]:
     """Ignore signals in this process and, from the beginning on, in those that it starts; not in other threads."""
     with _handled(_numbers(*names), signal.SIG_IGN):
+        yield
+
+
+@contextlib.contextmanager
+def children_awaited() -> Iterator[None]:
+    """Keep the statuses of processes that end until they are waited for, even if SIGCHLD is ignored; in this thread.
+
+    Ray's workers and children of some daemons ignore it. Then Python takes a process that failed for a success, or
+    goes on waiting for one that has ended.
+    """
+    with _handled((each for each in _numbers("SIGCHLD") if signal.getsignal(each) is signal.SIG_IGN), signal.SIG_DFL):
         yield
 
 

@@ -5,13 +5,16 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from outlast.envs.errors import FilmError
+from outlast.envs.rendering.video.codecs import _ffmpeg
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.storage.interrupts import ignored, interrupts_held, save_requests, stops_as_ctrl_c
+from outlast.envs.storage.interrupts import children_awaited, ignored, interrupts_held, save_requests, stops_as_ctrl_c
 from tests.conftest import interrupted_after, run
 
 STOPS = (signal.SIGTERM, signal.SIGHUP) if sys.platform != "win32" else ()
@@ -91,6 +94,21 @@ def test_requests_to_save_reach_the_inner_of_two_contexts() -> None:
             signal.raise_signal(signal.SIGUSR1)
         signal.raise_signal(signal.SIGUSR1)
     assert (len(outer), len(inner)) == (2, 1)
+
+
+def test_children_keep_their_status_where_sigchld_is_ignored() -> None:
+    """As in Ray's workers: without that, a process that failed counts as a success, and one that ended as alive."""
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        with children_awaited():
+            assert subprocess.run(["false"]).returncode == 1
+        assert signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN
+        with pytest.raises(FilmError, match="FFmpeg failed"):
+            _ffmpeg(Path("none.mp4"), "-nothing")
+        with ThreadPoolExecutor(1) as pool:  # signals are the main thread's
+            assert pool.submit(children_awaited().__enter__).result() is None
+    finally:
+        signal.signal(signal.SIGCHLD, before)
 
 
 def test_a_process_that_is_started_ignores_a_signal_until_it_handles_it() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import FilmError, install
 from ...progress import Messages
+from ...storage.interrupts import children_awaited
 from .. import opencv as cv2
 from ..canvas import Image
 from .apng import count_apng, write_apng
@@ -186,6 +187,7 @@ def _encode(path: Path, frames: Iterator[Image], fps: int, options: tuple[str, .
     _ffmpeg(path, *raw, *options, frames=itertools.chain([first], frames))
 
 
+@children_awaited()
 def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
     """Run FFmpeg in the folder of `path`, to write that file. The terminal's Ctrl-C does not reach it."""
     command = [find_ffmpeg(path.suffix), "-y", "-loglevel", "error", *options, path.name]
