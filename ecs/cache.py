@@ -36,6 +36,7 @@ LOGGER = logging.getLogger("outlast")
 REPORT = 10.0  # seconds between messages of progress
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
 FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
+ENDING = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))  # signals that end a fork
 FORKS = "forks"  # what a process claims that forks
 CURE = "OUTLAST_CACHE_DIR can name another folder"
 
@@ -70,8 +71,9 @@ class CompiledUnits:
     @property
     def missing(self) -> list[str]:
         """Labels of the units whose machine code is neither loaded nor on disk."""
-        folders = cache_folders().readable
-        return [label for label, key in self._keys.items() if key not in ADDRESSES and not self._read(label, folders)]
+        pending = [label for label, key in self._keys.items() if key not in ADDRESSES]
+        folders = cache_folders().readable if pending else []
+        return [label for label in pending if not self._read(label, folders)]
 
     def load(self) -> None:
         """Load what is not loaded yet, and compile what is not on disk either. Raises what numba raises."""
@@ -234,7 +236,7 @@ def _fork(work: Callable[[], None]) -> int:
         try:
             for number in signal.valid_signals():
                 if callable(signal.getsignal(number)):  # the program's, which would run twice
-                    signal.signal(number, signal.SIG_DFL)
+                    signal.signal(number, signal.SIG_DFL if number in ENDING else signal.SIG_IGN)
             logging.disable()
             warnings.simplefilter("ignore")
             gc.freeze()  # what is never searched for garbage is not copied

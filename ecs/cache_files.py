@@ -27,6 +27,7 @@ TEMPORARY = re.compile(r"tmp\w{8}\.tmp")
 LONGEST = 80  # characters of a label in the name of its file
 PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
 PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # neither follows a link nor waits for a FIFO
+WARNED: list[str] = []  # the warning of this process
 DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that the first line of its file has
 
 
@@ -98,9 +99,6 @@ def warn(text: str) -> None:
     if not WARNED:
         WARNED.append(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-
-WARNED: list[str] = []
 
 
 @contextlib.contextmanager

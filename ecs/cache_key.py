@@ -65,13 +65,16 @@ class CacheKey:
         self._callees: dict[FunctionType, list[FunctionType]] = {}
         self._dispatchers: dict[FunctionType, Any] = {}  # numba's dispatchers of those that are kernels
         self._roots: dict[str, FunctionType] = {}
-        self._engine = _engine()
         for self._label, kernel in kernels.items():
             self._roots[self._label] = self._add(kernel, self._label)
 
     def key(self, label: str, source: str) -> str:
         """Hash of a system's kernel, its unit's source, the engine, the processor, versions and numba's flags."""
         return hashlib.sha256(f"{self._engine} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
+
+    @functools.cached_property
+    def _engine(self) -> str:
+        return _engine()
 
     def size(self, label: str) -> int:
         """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""

@@ -188,18 +188,19 @@ def test_where_no_process_can_be_made_this_one_does_all(forks: Forks, monkeypatc
     assert [label for _, label in forks.done()] == [f"unit{k}" for k in range(16)]
 
 
-def test_handlers_of_the_program_do_not_run_in_a_fork(forks: Forks) -> None:
-    """It ends, and this process goes on."""
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, -signal.SIGTERM), (signal.SIGUSR1, 0)])
+def test_handlers_of_the_program_do_not_run_in_a_fork(forks: Forks, number: int, status: int) -> None:
+    """SIGTERM ends the fork, and what would not end this process does not end it either."""
     owner = os.getpid()
 
     def work(label: str) -> None:
         forks.meet()
         if os.getpid() != owner:
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), number)
 
-    with handled(signal.SIGTERM, lambda *_: forks.log("handler")):
+    with handled(number, lambda *_: forks.log("handler")):
         forks.spread(2, work)
-    assert [os.waitstatus_to_exitcode(status) for status in forks.ended] == [-signal.SIGTERM]
+    assert [os.waitstatus_to_exitcode(status) for status in forks.ended] == [status]
     assert not (forks.folder / "log").exists()
 
 
