@@ -4,7 +4,7 @@ import contextlib
 import copy
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,8 @@ class Player:
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
-        self._noise: EpisodeNoise | None = None
+        self._noise: Callable[[], Array] | None = None  # see `key_by`
+        self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
 
     def _make_policies(self, files: dict[str, bytes]) -> list[ActorCritic]:
         """The policies in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
@@ -156,8 +157,9 @@ class Player:
         """
         (logs,) = self._ask(observations, _logs)
         with one_thread(), torch.inference_mode():
-            batch_last = torch.from_numpy(logs).permute(1, 2, 0)
-            actions: Array = self.policies[0].choose(batch_last, self._uniform(len(logs), logs.shape[2])).numpy()
+            batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), self._uniform(len(logs), logs.shape[2])
+            numbers = [uniform if uniform is None else uniform + shift for shift in self._shifts]
+            actions: Array = torch.cat([self.policies[0].choose(batch_last, each) for each in numbers], 1).numpy()
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
@@ -166,6 +168,14 @@ class Player:
         agents: The indices of the agents that it plays in each world, integers (agents,).
         """
         self._noise = EpisodeNoise(env, agents)
+
+    def doubted(self, slack: float) -> None:
+        """Return three choices from now on: by numbers that are smaller by `slack`, as drawn, and larger by it.
+
+        Where the cumulative probabilities of another machine differ by less, its choice lies between the first and the
+        last. Actions become int64 (..., agents, 3 * actions).
+        """
+        self._shifts = (-slack, 0.0, slack)
 
     def _uniform(self, *shape: int) -> torch.Tensor | None:
         """Uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""

@@ -17,7 +17,9 @@ from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.evaluation.contenders import contenders, labels  # noqa: E402
+from outlast.training import checkpoint, resume  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.evaluation.contenders import Contender, contenders, labels  # noqa: E402
 from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
 from outlast.training.evaluation.pairing import ratio  # noqa: E402
@@ -25,6 +27,7 @@ from outlast.training.evaluation.ratings import anchored, elo  # noqa: E402
 from outlast.training.evaluation.showcase import film_players  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -179,6 +182,26 @@ def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> No
     assert runs[0].episodes == 8  # as many in every world
     alone = evaluated("teams_3", *texts[:2], episodes=6, worlds=4, seed=1)  # whatever else is rated
     np.testing.assert_equal([alone.pairings[1].estimates(0)], [runs[0].pairings[1].estimates(0)])
+
+
+@pytest.mark.parametrize("memory", [0, 4])
+@pytest.mark.parametrize("keyed", [True, False])
+def test_keyed_policies_play_each_world_for_itself(tmp_path: Path, memory: int, keyed: bool) -> None:
+    """A generator serves all worlds: what happens in one changes all others, except where it draws for all agents."""
+    trainer = Trainer(TrainingConfig(quick("ffa_2"), "fast", worlds=4, rollout=256, memory=memory))
+    torch.nn.init.zeros_(trainer.policies[0].actor.last.weight)  # all actions are equally likely, to the last bit
+    checkpoint.write_checkpoint(tmp_path / "a.zip", resume.capture(trainer, {}))
+
+    def figures(moves: bool) -> list[bytes]:
+        env = make_vec(quick("ffa_2"), 4, seed=0, autoreset_mode="Disabled")
+        act = Contender("a", str(tmp_path / "a.zip")).act(env, 7, keyed=keyed)
+        still: Any = lambda seen, where: act(seen, where) * ((where[0] > 0) | moves)[:, None]  # noqa: E731
+        found = Match(env, [still], 1, 5).play().figures.values()
+        return [np.stack([figure[w] for figure in found]).tobytes() for w in range(4)]
+
+    same = [one == other for one, other in zip(figures(True), figures(False), strict=True)]
+    assert not same[0]
+    assert all(same[1:]) == (keyed or memory > 0)
 
 
 def test_a_policy_against_itself_wins_half() -> None:

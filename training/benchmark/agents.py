@@ -98,8 +98,8 @@ class Made(Contender):
         self._make: Callable[[SurvivalVectorEnv, int], Policy] = make
         self._seed = seed
 
-    def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """Make the policy for these worlds."""
+    def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
+        """Make the policy for these worlds. It draws as it likes, so `keyed` and `slack` have no effect."""
         policy = self._make(env, self._seed)
         if not callable(policy):
             raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")

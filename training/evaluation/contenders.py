@@ -17,8 +17,9 @@ from outlast.envs.rollout.policies import POLICIES, Policy
 from outlast.envs.rollout.saved import SAVED, newest, runs_in
 
 from ..errors import TrainingError
+from ..noise import EpisodeNoise
 from ..player import Player
-from .matches import Act
+from .matches import Act, AgentIndices
 
 Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a run or around several, or a function
 
@@ -45,8 +46,16 @@ class Contender:
         if self.player is not None:
             self.player.check(env)
 
-    def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """The function that plays the policy, with a random generator of that seed."""
+    def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
+        """Return the function that plays the policy.
+
+        Args:
+            env: The worlds.
+            seed: The seed of its random generator.
+            keyed: Whether a saved policy draws by the keys of worlds instead, see EpisodeNoise: then what happens in a
+                world depends on no other one.
+            slack: If not 0, a saved policy returns three choices side by side, see Player.doubted.
+        """
         player = self.player
         if player is None:
             whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
@@ -55,10 +64,19 @@ class Contender:
         player.reset = player._reset if player.memory else None
         if player.generator is not None:  # without one it takes the likeliest actions
             player.generator = torch.Generator().manual_seed(seed)
+        if slack:
+            player.doubted(slack)
+        noise = EpisodeNoise(env, np.arange(env.num_agents)) if keyed and player.generator else None
         if player.memory:  # memory moves on for all agents, whichever of them it plays
-            remembering = told(player, env)
+            player._noise, remembering = noise, told(player, env)
             return lambda seen, indices: np.asarray(remembering(seen)[indices])
-        return lambda seen, indices: player({key: values[indices] for key, values in seen.items()})
+
+        def act(seen: Arrays, indices: AgentIndices) -> Actions:
+            if noise is not None:
+                player._noise = lambda: noise().reshape(env.num_worlds, env.num_agents, -1)[indices]
+            return player({key: values[indices] for key, values in seen.items()})
+
+        return act
 
     def _checked(self, function: Policy, env: SurvivalVectorEnv) -> Policy:
         """A user's function, whose actions are checked."""
