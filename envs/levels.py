@@ -140,7 +140,7 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
         for each in content["levels"]:
             strict_json.check_keys(each, LEVEL_KEYS)
         found = decoded(content["levels"])
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except strict_json.BROKEN as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None
     try:
         _check_playable(found, scenario)

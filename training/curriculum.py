@@ -13,6 +13,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.levels import Level, check_all, check_free, decoded, encoded
 from outlast.envs.rollout.policies import hashed
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage import strict_json
 
 from .config import Choose
 from .errors import TrainingError
@@ -113,7 +114,7 @@ class Curriculum:
         """Go on from what `state` returned. Raises TrainingError for anything else."""
         try:
             self.take(decoded(json.loads(given)))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except strict_json.BROKEN as error:
             raise TrainingError(f"levels in rest.pt of the checkpoint are none: {error}") from None
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.storage import strict_json
+
 from .errors import EmptyRunError, TrainingError
 from .files import read_text
 from .log_file import LAST, read_log
@@ -148,7 +150,7 @@ def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
         about = json.loads(first[2:])
         heads, *rows = csv.reader(io.StringIO(rest), strict=True)
         return about, _columns(heads, rows)
-    except (ValueError, RecursionError, csv.Error) as error:
+    except (*strict_json.BROKEN, csv.Error) as error:
         raise TrainingError(f"{path} does not hold the curves of a run: {error}") from None
 
 

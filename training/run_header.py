@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.ecs.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
-from outlast.envs.storage import safe_npz
+from outlast.envs.storage import safe_npz, strict_json
 
 from .errors import TrainingError
 from .observation_layout import MASK, OWN, current_key
@@ -53,7 +53,7 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
     wrong = f"{path} does not describe a run"
     try:
         header = json.loads(content[: LONGEST + 1])
-    except (ValueError, RecursionError) as error:
+    except strict_json.BROKEN as error:
         raise TrainingError(f"{wrong}: {error}") from error
     if not isinstance(header, dict):
         raise TrainingError(f"{wrong}: it holds {type(header).__name__}")

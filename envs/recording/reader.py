@@ -18,6 +18,7 @@ from ..scenarios.mechanics import foreign
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes, current_classes, planned, rebuilt
+from ..storage import strict_json
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .policy_record import is_policy, policy_dtype
 from .recorder import MAX_PENDING_BYTES
@@ -167,7 +168,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     try:
         header = json.loads(content)
         valid = _is_valid(header)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except strict_json.BROKEN:
         valid = False
     if not valid:
         raise RecordingError(f"{path} is not a recording: its header does not say what was recorded")

@@ -175,7 +175,7 @@ class FloorPlan:
             text = content.decode()
             return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
         # UnicodeDecodeError and JSONDecodeError are ValueErrors
-        except (ScenarioError, ValueError, RecursionError) as error:
+        except (ScenarioError, *strict_json.BROKEN) as error:
             raise ScenarioError(f"{name} is no floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:

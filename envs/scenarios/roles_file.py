@@ -27,7 +27,7 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
         found = from_plain(given)
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, RecursionError) as error:
+    except strict_json.BROKEN as error:
         said = f"{error}; " if isinstance(error, NumberError) else ""
         raise ScenarioError(f"{name} does not say roles: {said}as in {FORM}") from error
     try:

@@ -317,7 +317,7 @@ class Scenario:
             return cls._from_form(strict_json.parse(text))
         except (ScenarioError, NumberError):
             raise
-        except (KeyError, TypeError, AttributeError, RecursionError, ValueError) as error:
+        except strict_json.BROKEN as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
 
     @classmethod

@@ -10,10 +10,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from . import strict_json
+
 Array = np.ndarray[Any, Any]
 BROKEN = (  # the errors that reading a broken file may raise
-    *(zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError, OSError, OverflowError, struct.error),
-    *(NotImplementedError, RuntimeError, RecursionError),
+    *(*strict_json.BROKEN, zipfile.BadZipFile, EOFError, OSError, OverflowError, struct.error),
+    *(NotImplementedError, RuntimeError),
 )
 START = b"\x93NUMPY\x01\x00"
 NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False, 'shape': \(([0-9, ]*)\), } *\n")

@@ -6,6 +6,9 @@ from typing import Any
 
 from ..errors import ScenarioError
 
+# The errors that reading JSON of another form may raise: they are about the file, not about this process.
+BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError)
+
 
 def parse(text: str) -> Any:
     """Return what the text holds. Raises ValueError: not JSON, a number too long, or a name twice in an object."""

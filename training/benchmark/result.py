@@ -12,6 +12,7 @@ from typing import Any
 
 from outlast.ecs.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
+from outlast.envs.storage import strict_json
 
 from ..errors import TrainingError
 from ..files import write_files
@@ -124,7 +125,7 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
         fault = wrong(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except strict_json.BROKEN as error:
         fault = f"{type(error).__name__}: {error}"
     if fault:
         raise TrainingError(f"{path} is no result of the benchmark: {fault:.200}")
@@ -197,6 +198,8 @@ def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against"
         return "numbers of games that cannot be"
     if match["won"] + match["drawn"] + match["lost"] != match["games"] or not match["games"]:
         return "games that were won, drawn and lost are not all games"
+    if type(match.get("keyed", False)) is not bool:
+        return "a way of drawing that is none"
     if DIGEST.fullmatch(match["recording"]) is None or DIGEST.fullmatch(match["opponent"] or "0" * 64) is None:
         return "digests that are none"
     pairs = [pair for figures in match["figures"] for pair in figures.values()]

@@ -11,6 +11,7 @@ import numpy as np
 
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage import strict_json
 from outlast.envs.text_table import text_table
 
 from ..errors import TrainingError
@@ -115,7 +116,7 @@ def check_folder(evaluation: Played, folder: Path) -> None:
         there = {key: found[key] for key in now}
         who = ", ".join(policy["policy"] for policy in there["policies"])
         about = f"{there['scenario']['name']} with {who}"
-    except (ValueError, TypeError, LookupError):
+    except (*strict_json.BROKEN, LookupError):
         raise TrainingError(f"{path} is no evaluation, and would be replaced: {cure}") from None
     if there != now:
         raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")

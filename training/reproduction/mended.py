@@ -10,6 +10,7 @@ import numpy as np
 
 from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage import strict_json
 from outlast.systems import Behaviour
 
 from ..errors import TrainingError
@@ -128,5 +129,5 @@ def _read(folder: Path) -> dict[str, Any]:
     try:
         found: dict[str, Any] = json.loads(read_text(folder / TABLES))
         return found
-    except ValueError as error:
+    except strict_json.BROKEN as error:
         raise TrainingError(f"{folder / TABLES} is no evaluation: {error}") from error

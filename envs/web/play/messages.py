@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import MessageError
+from ...storage import strict_json
 
 LONGEST = 512  # bytes of a message: more than the longest valid one
 STEER = "steer"  # the command by which a page takes over
@@ -60,7 +61,7 @@ def _loaded(text: Any) -> dict[str, Any]:
         raise MessageError("messages are text, not bytes")
     try:
         content = json.loads(text)
-    except (ValueError, RecursionError):
+    except strict_json.BROKEN:
         raise MessageError("messages are JSON") from None
     if not isinstance(content, dict):
         raise MessageError("messages are JSON objects")

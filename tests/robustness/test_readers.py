@@ -1,0 +1,64 @@
+"""Readers of JSON that run out of memory or of stack: an error about the file, not about this process."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast import variant
+from outlast.envs import levels
+from outlast.envs.errors import MessageError, RecordingError, ScenarioError
+from outlast.envs.recording import Recording
+from outlast.envs.recording.container import HEAD, MAGIC, encode_chunk
+from outlast.envs.scenarios.floor_plan import FloorPlan
+from outlast.envs.scenarios.roles_file import with_roles
+from outlast.envs.web.play import messages
+from outlast.training import curves, run_header
+from outlast.training.benchmark import result
+from outlast.training.errors import TrainingError
+
+DEEP = "{" + '"a":[' * 100_000
+Reader = tuple[Callable[[Path], Any], type[Exception], str]
+
+
+def recording(path: Path) -> Any:
+    path.write_bytes(MAGIC + encode_chunk(HEAD, DEEP.encode(), 0, 0))
+    return Recording.open(path)
+
+
+def run(path: Path) -> Any:
+    return run_header.parse_header(path, path.read_bytes(), ())
+
+
+READERS: dict[str, Reader] = {
+    "levels": (lambda path: levels.load(path, variant("ffa_2")), ScenarioError, "is no file of levels"),
+    "scenario": (outlast.Scenario.load, ScenarioError, "does not hold a scenario"),
+    "roles": (lambda path: with_roles(variant("ffa_2"), path), ScenarioError, "does not say roles"),
+    "floor plan": (FloorPlan.load, ScenarioError, "is no floor plan"),
+    "recording": (recording, RecordingError, "is not a recording"),
+    "message": (lambda path: messages.parse(path.read_text(), {}), MessageError, "messages are JSON"),
+    "result": (result.read, TrainingError, "is no result of the benchmark"),
+    "run": (run, TrainingError, "does not describe a run"),
+    "curves": (curves.read_curves, TrainingError, "does not hold the curves of a run"),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("error", [RecursionError, MemoryError])
+def test_what_a_reader_has_no_room_for_is_an_error_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, error: type[Exception]
+) -> None:
+    """RecursionError comes from a real file; memory is not really used up."""
+    (read, expected, words), path = READERS[name], tmp_path / "a.json"
+    path.write_text(f"# {DEEP}" if name == "curves" else DEEP)
+
+    def exhausted(*given: Any, **options: Any) -> Any:
+        raise MemoryError
+
+    if error is MemoryError:
+        monkeypatch.setattr(json, "loads", exhausted)
+    with pytest.raises(expected, match=words):
+        read(path)
