@@ -114,7 +114,7 @@ def check_state(given: Any, like: Any, name: str) -> None:
 def tensor_bytes(content: Any) -> bytes:
     """What torch.save writes for the content, as bytes."""
     buffer = io.BytesIO()
-    torch.save(content, buffer)
+    torch.save(content, buffer, pickle_protocol=2)  # whose instructions safe_torch knows, whatever torch's default is
     return buffer.getvalue()
 
 

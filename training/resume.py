@@ -84,6 +84,12 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
             raise TrainingError(WRONG)
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
+        past, each = (
+            _get(rest, "opponents", "past"),
+            sum(weight.nbytes for policy in trainer.policies for weight in policy.state_dict().values()),
+        )
+        if isinstance(past, dict) and len(past) * each > len(files["rest.pt"]):
+            raise TrainingError(f"{WRONG}: it is too small for {len(past)} past selves")
         trainer.opponents.restore(rest.get("opponents"), trainer.policies, header["plan"].get("opponents", ""))
         if trainer.curriculum is not None:
             trainer.curriculum.restore(rest.get("levels"))

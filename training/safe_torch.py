@@ -26,6 +26,9 @@ KINDS = {
 }
 TENSOR, DICT = "torch._utils _rebuild_tensor_v2", "collections OrderedDict"
 BROKEN = (*safe_npz.BROKEN, IndexError)
+# Bounds, far above what torch.save writes for a run: instructions (two million take a minute and 200 MB), the lengths
+# that a tensor has, and whole numbers.
+INSTRUCTIONS, DIMENSIONS, LARGEST = 2**18, 8, 2**63
 
 
 class Name(str):
@@ -58,7 +61,11 @@ class _Machine:
         self.storages: dict[str, Tensor] = {}
 
     def run(self, code: bytes) -> Any:
-        for instruction, argument, _ in pickletools.genops(code):
+        for number, (instruction, argument, _) in enumerate(pickletools.genops(code)):
+            if number == INSTRUCTIONS:
+                raise ValueError(f"more than {INSTRUCTIONS} instructions")
+            if isinstance(argument, int) and abs(argument) >= LARGEST:
+                raise ValueError("a number of more than 63 bits")
             if instruction.name == "STOP":
                 return self.stack[-1]
             if instruction.name not in KNOWN:
@@ -87,7 +94,7 @@ class _Machine:
 
     def name(self, name: str) -> None:
         if name not in (*KINDS, TENSOR, DICT):
-            raise ValueError(f"the name {name}, which tensors do not need")
+            raise ValueError(f"the name {name:.80}, which tensors do not need")
         self.push(Name(name))
 
     def extend(self, values: list[Any]) -> None:
@@ -110,7 +117,7 @@ class _Machine:
     def storage(self) -> None:
         """Push the numbers of one storage, all in a row; there must be as many as it says."""
         ((word, kind, key, _, count),) = self.last(1)
-        if word != "storage" or not isinstance(kind, Name) or kind not in KINDS or not isinstance(key, str):
+        if word != "storage" or kind not in KINDS or not isinstance(key, str) or type(count) is not int:
             raise TypeError("a storage that is none")
         content = self.files[f"{self.root}/data/{key}"]
         if key not in self.storages:
@@ -122,9 +129,19 @@ class _Machine:
 
 
 def _tensor(storage: Any, offset: Any, size: Any, stride: Any) -> Tensor:
-    """A tensor over the numbers of a storage, with no more elements than that has."""
-    if not isinstance(storage, Tensor) or math.prod(size) > len(storage):
-        raise ValueError(f"a tensor of size {size!r:.80}")
+    """A tensor over the numbers of a storage, with no more elements than that has.
+
+    Nothing is computed, nor printed, before all is known to be whole numbers, and few.
+    """
+    if not isinstance(storage, Tensor) or not all(isinstance(each, tuple) for each in (size, stride)):
+        raise TypeError("a tensor that is none")
+    if len(size) != len(stride) or len(size) > DIMENSIONS:
+        raise ValueError(f"a tensor of {len(size)} sizes and {len(stride)} strides")
+    if not all(type(number) is int and number >= 0 for number in (*size, *stride, offset)):
+        raise TypeError("a tensor whose size, strides and offset are not whole numbers")
+    last = offset + sum((count - 1) * step for count, step in zip(size, stride, strict=True))
+    if math.prod(size) > len(storage) or (math.prod(size) and last >= len(storage)):
+        raise ValueError(f"a tensor of size {size}, out of bounds of its {len(storage)} numbers")
     return torch.as_strided(storage, size, stride, offset)
 
 

@@ -63,6 +63,18 @@ def test_tensors_are_those_that_torch_reads() -> None:
             assert getattr(one, "dtype", None) == getattr(other, "dtype", None)
 
 
+@pytest.mark.parametrize("default", [2, 4, 5])
+def test_what_is_written_can_be_read_whatever_the_default_of_torch(
+    monkeypatch: pytest.MonkeyPatch, default: int
+) -> None:
+    save = torch.save
+    monkeypatch.setattr(
+        torch, "save", lambda *files, pickle_protocol=default: save(*files, pickle_protocol=pickle_protocol)
+    )
+    (found,) = load_tensors(checkpoint.tensor_bytes([torch.arange(12.0).reshape(3, 4)[1:, ::2]]))
+    assert found.tolist() == [[4, 6], [8, 10]]
+
+
 def flat(content: Any) -> list[Any]:
     if isinstance(content, dict):
         return [*content, *flat(list(content.values()))]
@@ -86,6 +98,10 @@ class Large:
         return bytearray, (10**12,)
 
 
+NEST = b")" + b"".join(b"q%ch%c\x86" % (k, k) for k in range(50, 100))  # a tuple of the one before, twice
+LONG = b"\x8a\xff" + b"\x7f" * 255  # an integer
+
+
 def with_pickle(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
     inner = unzipped(content)
     name = next(name for name in inner if name.endswith("data.pkl"))
@@ -107,14 +123,23 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
         with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
             load_tensors(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
     assert not (tmp_path / "made").exists()
-    size = b"Kd\x85"  # a tuple of 100
+    size, text = b"Kd\x85", b"X\x03\x00\x00\x00abc\x85"  # a tuple of 100, and one of a text
     changes: tuple[tuple[Callable[[bytes], bytes], str], ...] = (
         (put(b"FloatStorage", b"DoubleStorage"), "a storage of 100 numbers in 400 bytes"),
         (put(b"FloatStorage", b"HalfStorage"), "the name torch HalfStorage"),
         (put(b"Kdt", b"Ket"), "a storage of 101 numbers in 400 bytes"),
         (put(b"Kdt", b"J\xff\xff\xff\xfft"), "a storage of -1 numbers in 400 bytes"),
         (put(size, b"J\xff\xff\xff\x7f\x85"), "a tensor of size"),
-        (put(size, b"J\xff\xff\xff\xff\x85"), "negative|size"),
+        (put(size, b"J\xff\xff\xff\xff\x85"), "not whole numbers"),
+        (put(size, b"(]NaJ\x00\x00\x00\x10t"), "2 sizes and 1 strides"),
+        (put(size, b"]Na\x85"), "not whole numbers"),  # a list of 2**28 was made where it was multiplied
+        (put(size, text), "not whole numbers"),
+        (put(size, b"(" + b"K\x02" * 3000 + b"t"), "3000 sizes and 1 strides"),
+        (put(size, LONG + b"\x85"), "more than 63 bits"),
+        (put(size, b"J\x00\x00\x00\x10K\x00\x86"), "2 sizes"),
+        (put(b"Kdt", NEST + b"t"), "a storage that is none"),  # printed, it has 2**50 brackets
+        (put(size, NEST), "2 sizes and 1 strides"),
+        (put(size, NEST + b"\x85"), "not whole numbers"),
         (put(b"K\x00Kd", b"K\x01Kd"), "out of bounds"),
         (lambda code: code[:-1], "exhausted"),
         (lambda _: b"\x80\x02.", "out of range"),
@@ -124,6 +149,8 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
     for change, reason in changes:
         with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
             load_tensors(with_pickle(plain, change))
+    with memory_limit(2**26), pytest.raises(BROKEN, match="more than 262144 instructions"):
+        load_tensors(with_pickle(plain, lambda code: code[:2] + b"(" * 300_000 + code[2:]))
     for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
         with pytest.raises(BROKEN):
             load_tensors(content)
@@ -217,6 +244,10 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "a long name": (
         lambda rest: past(rest, 7, name="past@" + "9" * 5000),
         "opponents in rest.pt .* are not what a run",
+    ),
+    "many pasts": (
+        lambda rest: [past(rest, k) for k in range(7, 1007)],
+        "is not what a run goes on with: it is too small for 1000 past selves",
     ),
     "past weights": (lambda rest: past(rest, 7, weights=[{}]), "past@16 in rest.pt .* does not hold the weights"),
     "size": (
