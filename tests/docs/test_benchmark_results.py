@@ -21,5 +21,6 @@ def test_tables_are_those_of_the_kept_results() -> None:
 
 @pytest.mark.nightly
 def test_kept_results_are_as_recorded(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["benchmark", "verify", str(KEPT), "--quiet"]) == 0
-    assert " 0 wrong, " in capsys.readouterr().out
+    """Nothing but what is not kept is missing: of each agent and task, the recording and the policy of one seed are."""
+    assert main(["benchmark", "verify", str(KEPT), "--quiet", "--allow-missing"]) == 0
+    assert " checks: 24 as recorded, 0 wrong, " in capsys.readouterr().out

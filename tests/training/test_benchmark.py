@@ -19,7 +19,7 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark import described, result, scores, suite, table, tasks  # noqa: E402
+from outlast.training.benchmark import described, matches, result, scores, suite, table, tasks, verify  # noqa: E402
 from outlast.training.benchmark import entry as entries  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
 from outlast.training.benchmark.anchors import make  # noqa: E402
@@ -29,6 +29,8 @@ from outlast.training.benchmark.result import Content, Result  # noqa: E402
 from outlast.training.benchmark.verify import checks, cross_checks  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.evaluation.contenders import Contender  # noqa: E402
+from outlast.training.evaluation.matches import Act  # noqa: E402
 from outlast.training.evaluation.ratings import anchored  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -114,10 +116,11 @@ def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.Cap
     EntryRun(entry(results, seed=1), lambda *_: pytest.fail("there was nothing to do")).run()
     assert main(["benchmark", "score", str(results), "--quiet"]) == 0
     assert times(results) == before
-    assert main(["benchmark", "verify", str(results), "--quiet", "--jobs=2"]) == 0
-    total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
+    assert main(["benchmark", "verify", str(results), "--quiet", "--jobs=2", "--allow-missing"]) == 0
+    total = 9 + 9 + 8 + 3 + 3 + 1 + 1  # matches, entries, cross-play and all of it, scores
+    function = 8 + 1 + 2 + 1  # what it played is not asked
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last == f"{total} checks: {total - 1} as recorded, 0 wrong, 1 with missing files"  # that of the function
+    assert last == f"{total} checks: {total - function} as recorded, 0 wrong, {function} not verified"
 
 
 def times(folder: Path) -> dict[Path, tuple[int, str]]:
@@ -186,6 +189,36 @@ def test_a_true_result_is_as_recorded(first: Result) -> None:
     assert [bool(check().missing) for check in checks(first)] == [False, *[True] * len(first.matches)]
 
 
+def test_what_cannot_be_verified_is_no_success(first: Result, capsys: pytest.CaptureFixture[str]) -> None:
+    """All matches are won, and no recording is there that says otherwise."""
+    for match in first.matches:
+        match |= {"won": match["games"], "drawn": 0, "lost": 0}
+        first.recording(match).unlink()
+    first.write()
+    words = ["benchmark", "verify", str(first.folder.parents[3]), "--quiet"]
+    assert main(words) == 2
+    *lines, last = capsys.readouterr().out.splitlines()
+    names = [f"quick-v1 fast/0, {match['game']} against {match['against']}" for match in first.matches]
+    whole = f"quick-v1 fast/0: of {len(names)} matches, {len(names)} are not verified"
+    assert lines == [*(f"{name}: its recording is not here" for name in names), whole]
+    assert last == f"{len(names) + 1} checks: 0 as recorded, 0 wrong, {len(names) + 1} not verified"
+    assert main([*words, "--allow-missing"]) == 0
+    assert capsys.readouterr().out == f"{last}\n"
+
+
+def test_scores_that_do_not_follow_from_the_results_are_found(first: Result) -> None:
+    place = first.folder.parents[3]
+    found = scores.scores(place)
+    result.write_json(place / scores.NAME, found)
+    assert verify._of_scores(place).wrong == ""
+    found["budgets"][str(BUDGET)]["tasks"][NAME]["agents"]["fast"]["score"]["mean"] += 0.01
+    result.write_json(place / scores.NAME, found)
+    assert verify._of_scores(place).wrong == "the results have other scores: run `outlast benchmark score` again"
+    first.matches.pop()
+    first.write()
+    assert verify._of_scores(place).missing.endswith("is missing; run it again, to go on")
+
+
 def test_an_edited_outcome_is_found(first: Result) -> None:
     match = first.against["trained", "scripted"]
     lost = match["lost"]
@@ -206,12 +239,79 @@ def test_another_recording_is_found(first: Result) -> None:
     match |= {"recording": digest(target)}
     match |= {key: first.against["trained", "random"][key] for key in ("won", "drawn", "lost", "figures")}
     (found,) = wrong(first)
-    assert "scripted did not play it: it chooses other actions in" in found
+    assert re.match(r"scripted did not play it: in world \d+, tick \d+, agent \d it chooses \[.*\], not \[", found)
     shutil.copy(first.folder / "strong-blows-scripted.rec", target)
     match |= {"recording": digest(target)}
     (found,) = wrong(first)
     assert "trained-scripted.rec is of another game" in found
     assert "what numbers are drawn from is" in found
+
+
+class Altered(Contender):
+    """A policy whose choices are changed: a function of those of a call and the number of the call."""
+
+    def __init__(self, policy: str, change: Callable[[Any, int], Any], slack: float = 0.0, keyed: bool = True) -> None:
+        super().__init__(Path(policy).stem, policy)
+        self.change, self.slack, self.keyed = change, slack, keyed
+
+    def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
+        act, calls = super().act(env, seed, keyed=self.keyed, slack=self.slack), itertools.count()
+        return lambda seen, indices: self.change(act(seen, indices), next(calls))
+
+
+def one_other(actions: Any, call: int) -> Any:
+    """One action of the first world changes; so does all that follows in it."""
+    actions = np.array(actions)
+    actions[:1, 0] = (actions[:1, 0] + (call == 0)) % 3
+    return actions
+
+
+def with_match(first: Result, *pair: Contender, games: int = 64) -> Result:
+    """The entry with one match, against scripted, of so many games that each side has more than a thousand actions."""
+    path = first.recording(first.against["trained", "scripted"])
+    path.unlink(missing_ok=True)
+    match = {"game": "trained", "against": "scripted", "opponent": ""}
+    match |= matches.play(tasks.task_of(NAME).game("trained"), pair, games, path)
+    return Result(first.folder, first.content | {"matches": [match]})
+
+
+@pytest.mark.parametrize("side", ["policy.zip", "scripted"])
+def test_one_altered_action_is_found(first: Result, side: str) -> None:
+    """So nobody can play a match again until it goes well: of neither side, not even one action of a thousand."""
+    names = [str(first.folder / "policy.zip"), "scripted"]
+    pair = [Altered(name, one_other) if name.endswith(side) else Contender("other", name) for name in names]
+    (found,) = [each.wrong for check in checks(with_match(first, *pair)) if (each := check()).wrong]
+    assert re.search(rf"{side} did not play it: in world 0, tick 1, agent [01] it chooses \[.*\], not \[", found)
+
+
+@pytest.mark.parametrize("keyed", [True, False])
+@pytest.mark.parametrize("rounded", [1, 1000])
+def test_of_networks_what_is_within_rounding_is_counted(
+    first: Result, monkeypatch: pytest.MonkeyPatch, rounded: int, keyed: bool
+) -> None:
+    """A few actions, as on another machine: but not more, nor where one action changes all games that follow."""
+    differ = [0]
+
+    def change(choices: Any, call: int) -> Any:
+        """The last of three choices, until enough of them differ."""
+        _, choice, last = np.swapaxes(np.reshape(choices, (len(choices), 3, -1)), 0, 1)
+        if differ[0] >= rounded:
+            return choice
+        differ[0] += int((choice != last).any(1).sum())
+        return last
+
+    altered = Altered(str(first.folder / "policy.zip"), change, 2**-8, keyed)
+    entry = with_match(first, altered, Contender("scripted", "scripted"))
+    entry.matches[0]["keyed"] = keyed
+    monkeypatch.setattr(matches, "ROUNDING", 2**-7)
+    whole, match = (check() for check in checks(entry))
+    assert (match.wrong, match.differing, match.drawn > 1000) == ("", differ[0], True)
+    share = f"{differ[0] / match.drawn:.1e}"
+    assert str(match).endswith(f"; {differ[0]} of {match.drawn:,} actions differ by rounding ({share})")
+    assert bool(match.missing) == (not keyed)
+    assert whole.of([match]).wrong == ("" if differ[0] <= 3 else "more of its actions differ than rounding explains")
+    monkeypatch.setattr(matches, "ROUNDING", 2**-30)
+    assert "policy.zip did not play it" in checks(entry)[1]().wrong
 
 
 def test_another_policy_is_found(first: Result, results: Path) -> None:
@@ -295,14 +395,15 @@ def test_matches_that_were_not_played_are_missing(first: Result) -> None:
 def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     folder = tmp_path / NAME
     shutil.copytree(results / str(BUDGET) / NAME, folder, ignore=shutil.ignore_patterns("trained", BEST))
-    entries = {each.name: each for each in result.find(folder)}
+    entries = result.find(folder)
     path = folder / "cross.json"
     content = json.loads(path.read_text())
     match = content["matches"][0]
     match |= {"won": match["lost"], "lost": match["won"], "drawn": match["drawn"]}
     shutil.copy(folder / "cross" / "fast-0-mine-1.rec", folder / "cross" / "fast-1-mine-1.rec")
     path.write_text(json.dumps(content))
-    found = [str(each) for check in cross_checks(folder, entries, entries) if (each := check()).wrong]
+    every = cross_checks(folder, entries, [each.name for each in entries])
+    found = [str(each) for check in every if (each := check()).wrong]
     assert len(found) >= 1
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
@@ -313,13 +414,13 @@ def test_what_is_of_an_unknown_task_is_said_of_its_entries(results: Path, tmp_pa
     first = result.read(results / str(BUDGET) / NAME / "fast/0" / result.NAME)
     later = Result(folder / "fast/0", first.content | {"task": "later-v9"})
     assert [check().wrong[:32] for check in checks(later)] == ["there is no task 'later-v9'; kno"]
-    assert cross_checks(folder, {later.name: later}, {later.name}) == []
+    assert cross_checks(folder, [later], [later.name]) == []
 
 
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
-    entries = {each.name: each for each in result.find(folder) if each.name != "mine/1"}
-    every = [check() for check in cross_checks(folder, entries, entries)]
+    entries = [each for each in result.find(folder) if each.name != "mine/1"]
+    every = [check() for check in cross_checks(folder, entries, [each.name for each in entries])]
     found = {each.what: (each.wrong, each.missing) for each in every}
     assert found["quick-v1 fast/0 against fast/1"] == ("", "")
     for one in ("fast/0", "fast/1"):
@@ -330,11 +431,11 @@ def test_a_part_of_the_results_can_be_verified_from_within(
     results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(results / str(BUDGET) / NAME / "mine")
-    assert main(["benchmark", "verify", "1", "--jobs=1"]) == 0
+    assert main(["benchmark", "verify", "1", "--jobs=1"]) == 2
     *lines, last = capsys.readouterr().out.splitlines()
-    assert sum("quick-v1 fast/" in line and "against mine/1: as recorded" in line for line in lines) == 2
+    assert sum("against mine/1: a policy that played it is not here" in line for line in lines) == 2
     assert not any("fast/0 against fast/1" in line for line in lines)
-    assert last == "11 checks: 10 as recorded, 0 wrong, 1 with missing files"
+    assert last == "12 checks: 0 as recorded, 0 wrong, 12 not verified"
 
 
 # ---- what is read of others

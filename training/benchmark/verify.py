@@ -1,9 +1,11 @@
 """Verification: every match is played again from its recording, bit for bit, and compared with what the result says."""
 
+import json
 import math
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,39 +13,100 @@ from outlast.envs.errors import RecordingError, UsageError
 
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
-from . import crossplay
+from ..processes import results
+from . import crossplay, scores
 from .described import described, wrong_with_response
-from .matches import ROUNDING, digest, repeat
-from .result import BEST, POLICY, RESPONSE, SELF, Content, Result
+from .matches import digest, repeat
+from .result import BEST, POLICY, RESPONSE, SELF, Content, Result, find, read_json
 from .suite import Member, missing, other_games, suite
 from .tasks import Game, Task, task_of
 
 NEAR = 1e-4  # relative: figures that differ by less are the same, as machines round sums differently
+# Of the actions of saved policies, the share that may differ where another machine rounds otherwise, beside a few. Of
+# the policies of matches.ROUNDING, 1.3e-6 at most would; one who looks for actions to alter finds 5e-5.
+SHARE, FEW = 5e-6, 3
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found out about a match, or about an entry as a whole.
+    """What was found out about a match, or about an entry or a cross-play as a whole.
 
     Attributes:
         what: "ffa_2-v1 fast/0, trained against scripted".
         wrong: What is not as the result says; empty if nothing is.
-        missing: What is not here, so that not all could be verified; empty if everything is.
+        missing: What could not be verified, as it is not here; empty if everything was.
+        differing: How many actions are within rounding of what saved policies choose.
+        drawn: How many actions saved policies chose.
     """
 
     what: str
     wrong: str = ""
     missing: str = ""
+    differing: int = 0
+    drawn: int = 0
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.wrong or self.missing or 'as recorded'}"
+        text = f"{self.what}: {self.wrong or self.missing or 'as recorded'}"
+        if not self.drawn:
+            return text
+        share = f" ({self.differing / self.drawn:.1e})" if self.differing else ""
+        return f"{text}; {self.differing:,} of {self.drawn:,} actions differ by rounding{share}"
+
+    def of(self, matches: Sequence["Finding"]) -> "Finding":
+        """Return the finding about what these matches belong to, in which more may differ than rounding explains."""
+        differing, drawn = (sum(getattr(match, name) for match in matches) for name in ("differing", "drawn"))
+        wrong, missing = (sum(bool(getattr(match, name)) for match in matches) for name in ("wrong", "missing"))
+        rest = "more of its actions differ than rounding explains" if differing > FEW + SHARE * drawn else ""
+        return Finding(
+            self.what,
+            self.wrong or (f"of {len(matches)} matches, {wrong} are wrong" if wrong else rest),
+            self.missing or (f"of {len(matches)} matches, {missing} are not verified" if missing else ""),
+            differing,
+            drawn,
+        )
 
 
 Check = Callable[[], Finding]  # can be pickled
 
 
+def verify(place: Path, at_once: int = 1) -> Iterator[Finding]:
+    """Verify all results in a folder, and yield the findings: of matches and then of what they belong to.
+
+    Args:
+        place: A folder of results, or one in it, such as that of an entry.
+        at_once: How many processes play.
+
+    Raises:
+        TrainingError: There are no results, or what is there cannot be read.
+    """
+    plans: list[list[Check]] = []
+    for own in scores.by_budget(place).values():
+        for folder, entries in scores.task_folders(own).items():
+            plans += [checks(entry) for entry in entries]
+            plans.append(cross_checks(folder, find(folder), [entry.name for entry in entries]))
+    found = results([check for plan in plans for check in plan], at_once)
+    for plan in filter(None, plans):
+        whole, matches = next(found), []
+        for match in islice(found, len(plan) - 1):
+            matches.append(match)
+            yield match
+        yield whole.of(matches)
+    if (place / scores.NAME).exists():
+        yield _of_scores(place)
+
+
+def _of_scores(place: Path) -> Finding:
+    """Compare the scores beside the results with those that follow from the results."""
+    what = str(place / scores.NAME)
+    try:
+        same = json.loads(json.dumps(scores.scores(place))) == read_json(place / scores.NAME, lambda content: "")
+    except TrainingError as error:
+        return Finding(what, missing=str(error))
+    return Finding(what, "" if same else "the results have other scores: run `outlast benchmark score` again")
+
+
 def checks(entry: Result) -> list[Check]:
-    """The checks of an entry, each with one finding: game and policies, which are compared at once, and matches."""
+    """The checks of an entry, each with one finding: first games and policies, compared at once, then matches."""
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
@@ -54,40 +117,45 @@ def checks(entry: Result) -> list[Check]:
     found: list[Check] = [partial(Finding, name, *own)]
     for match in entry.matches:
         what = f"{name}, {match['game']} against {match['against']}"
-        found.append(partial(_of_match, what, entry.recording(match), _wrong_with_match, entry, match, task, members))
+        found.append(partial(_of_match, what, entry.recording(match), _of_entry, entry, match, task, members))
     return found
 
 
-def cross_checks(folder: Path, entries: Mapping[str, Result], chosen: Container[str]) -> list[Check]:
-    """The checks of a task's cross-play.
+def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str]) -> list[Check]:
+    """The checks of a task's cross-play, each with one finding: first all of it, then its matches.
 
     Args:
         folder: Of the task.
-        entries: All entries of the task, by name.
+        entries: All entries of the task.
         chosen: Names of entries, whose matches are checked.
     """
-    found: list[Check] = []
     try:
         task = task_of(folder.name)
     except TrainingError:  # the checks of the entries say so
-        return found
-    for (one, other), match in crossplay.load(folder).items():
-        what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
-        if one not in chosen and other not in chosen:
+        return []
+    by_name = {entry.name: entry for entry in entries}
+    pairs = [(one.name, other.name) for one, other in crossplay.pairs(entries)]
+    known, found, absent = crossplay.load(folder), list[Check](), ""
+    wanted = [pair for pair in dict.fromkeys([*known, *pairs]) if not {*pair}.isdisjoint(chosen)]
+    for one, other in wanted:
+        if (match := known.get((one, other))) is None:
+            absent = f"{one} has not played against {other}: run `outlast benchmark score`"
             continue
-        if gone := [name for name in (one, other) if name not in entries]:
+        what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
+        if gone := [name for name in (one, other) if name not in by_name]:
             found.append(partial(Finding, what, missing=f"the entry {gone[0]} is not here"))
         else:
-            pair = entries[one], entries[other]
-            found.append(partial(_of_match, what, path, _wrong_with_cross, task, match, path, *pair))
-    return found
+            found.append(partial(_of_match, what, path, _of_cross, task, match, path, by_name[one], by_name[other]))
+    whole = partial(Finding, f"{folder.name}, cross-play", missing=absent)
+    return [whole, *found] if wanted else []
 
 
-def _of_match(what: str, recording: Path, wrong: Callable[..., str], *arguments: Any) -> Finding:
+def _of_match(what: str, recording: Path, judge: Callable[..., Finding], *arguments: Any) -> Finding:
+    """The finding about a match. judge: Returns it without `what`."""
     if not recording.exists():
         return Finding(what, missing="its recording is not here")
     try:
-        return Finding(what, wrong(*arguments))
+        return replace(judge(*arguments), what=what)
     except (RecordingError, UsageError) as error:
         return Finding(what, str(error))
 
@@ -119,29 +187,29 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
     return ""
 
 
-def _wrong_with_match(entry: Result, match: Content, task: Task, members: Mapping[str, Member]) -> str:
+def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, Member]) -> Finding:
     game = next((game for game in task.games if game.name == match["game"]), None)
     if game is None:
-        return f"{task.name} has no game '{match['game']}'"
+        return Finding("", f"{task.name} has no game '{match['game']}'")
     own, against = _saved(entry.folder / POLICY), match["against"]
     if against == SELF:
-        return _wrong_with_games(game, [own], match, entry.recording(match))
+        return _of_games(game, [own], match, entry.recording(match))
     if against == BEST:
         known, other = (entry.content["response"] or {}).get("digest"), _saved(entry.folder / RESPONSE)
     elif against in members:
         known, other = members[against].digest, members[against].contender()
     else:
-        return f"there is no {against} in the suite of {task.name}"
+        return Finding("", f"there is no {against} in the suite of {task.name}")
     if match["opponent"] != known:
-        return f"it was played against another {against} than that of the suite, or of the entry"
-    return _wrong_with_games(game, [own, other], match, entry.recording(match))
+        return Finding("", f"it was played against another {against} than that of the suite, or of the entry")
+    return _of_games(game, [own, other], match, entry.recording(match))
 
 
-def _wrong_with_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> str:
+def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Finding:
     if not crossplay.is_of(match, one, other):
-        return "it was played by other policies than those of the entries"
+        return Finding("", "it was played by other policies than those of the entries")
     pair = [_saved(entry.folder / POLICY) for entry in (one, other)]
-    return _wrong_with_games(task.games[0], pair, match, path)
+    return _of_games(task.games[0], pair, match, path)
 
 
 def _saved(path: Path) -> Contender | None:
@@ -149,22 +217,28 @@ def _saved(path: Path) -> Contender | None:
     return Contender(path.stem, str(path)) if path.exists() else None
 
 
-def _wrong_with_games(game: Game, pair: list[Contender | None], match: Content, path: Path) -> str:
-    """Where the recording of a match contradicts the result; empty if it does not."""
+def _of_games(game: Game, pair: list[Contender | None], match: Content, path: Path) -> Finding:
+    """Compare a match with its recording."""
     if digest(path) != match["recording"]:
-        return "its recording is another file than the one that was made"
-    found = repeat(game, pair, match["games"], path)
+        return Finding("", "its recording is another file than the one that was made")
+    keyed = match.get("keyed", False)
+    found = repeat(game, pair, match["games"], path, keyed)
+    missing = "a policy that played it is not here, and is not asked what it would do" if None in pair else ""
+    if found.differing and not keyed:
+        missing = "an earlier version drew its games from one generator: verify it on a machine like that which played"
+    return Finding("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
+
+
+def _wrong_with_outcome(match: Content, outcome: Content) -> str:
+    """Where the recording of a match contradicts the result; empty if it does not."""
     for key in ("games", "won", "drawn", "lost"):
-        if found.outcome[key] != match[key]:
-            return f"{key} is {match[key]} in the result, and {found.outcome[key]} in the recording"
-    for figures, recorded in zip(match["figures"], found.outcome["figures"], strict=True):
+        if outcome[key] != match[key]:
+            return f"{key} is {match[key]} in the result, and {outcome[key]} in the recording"
+    for figures, recorded in zip(match["figures"], outcome["figures"], strict=True):
         for name in sorted(figures.keys() | recorded.keys()):
             one, two = figures.get(name, (math.nan,)), recorded.get(name, (math.nan,))
             if not _follows(one, two):
                 return f"{name} is {one[0]:g} in the result, and {two[0]:g} in the recording"
-    for policy, share in zip(pair, found.others, strict=True):
-        if policy is not None and share > ROUNDING:
-            return f"{policy.text} did not play it: it chooses other actions in {100 * share:.3g} % of its ticks"
     return ""
 
 

@@ -21,13 +21,12 @@ from ..errors import TrainingError
 from ..files import check_out
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
-from ..processes import results
 
 ACTIONS = {
     "tasks": (),
     "run": ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
     "score": ("jobs", "quiet"),
-    "verify": ("jobs", "quiet"),
+    "verify": ("jobs", "quiet", "allow_missing"),
     "table": ("out", "keep"),
     "anchors": ("policies", "games", "out", "quiet"),
 }  # and the options that have an effect on each
@@ -93,12 +92,14 @@ def add(commands: Any) -> None:
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "run: threads of the training of each entry (default: cores, at most 4; of several entries 1)"
     command.add_argument("--threads", type=positive, metavar="N", help=text)
+    text = "verify: take matches for verified whose files or policies are not here, as in a copy that --keep made"
+    command.add_argument("--allow-missing", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="run, score, verify, anchors: show no progress")
     command.arrange(
         {
             "what is entered": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
             "the protocol": ("--budget", "--games"),
-            "output": ("--out", "--keep", "--quiet"),
+            "output": ("--out", "--keep", "--allow-missing", "--quiet"),
             "machine": ("--jobs", "--threads"),
         }
     )
@@ -275,26 +276,21 @@ def _score(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    """Verify; the exit status is 1 if anything is not what it claims."""
-    from ..benchmark import scores
-    from ..benchmark.result import find
-    from ..benchmark.verify import checks, cross_checks
+    """Verify; the exit status is 1 if anything is not what it claims, else 2 if anything could not be verified."""
+    from ..benchmark.verify import verify
 
-    counts = {"as recorded": 0, "wrong": 0, "with missing files": 0}
+    fine, wrong, missing = "as recorded", "wrong", "not verified"
+    counts = {fine: 0, wrong: 0, missing: 0}
     for place in _places(options):
-        folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
-        jobs = []
-        for folder, entries in folders:
-            jobs += [check for entry in entries for check in checks(entry)]
-            every = {entry.name: entry for entry in find(folder)}
-            jobs += cross_checks(folder, every, {entry.name for entry in entries})
-        for found in results(jobs, _jobs(options)):
-            fine, wrong, partly = counts
-            counts[wrong if found.wrong else partly if found.missing else fine] += 1
-            if found.wrong or not options.quiet:
+        for found in verify(place, _jobs(options)):
+            kind = wrong if found.wrong else missing if found.missing else fine
+            counts[kind] += 1
+            if not options.quiet or kind == wrong or (kind == missing and not options.allow_missing):
                 print(found, flush=True)
     print(f"{sum(counts.values())} checks:", ", ".join(f"{number} {name}" for name, number in counts.items()))
-    return int(counts["wrong"] > 0)
+    if counts[missing] and not options.allow_missing:
+        print("what was not verified is no success: put its files back, or take --allow-missing", file=sys.stderr)
+    return 1 if counts[wrong] else 2 if counts[missing] and not options.allow_missing else 0
 
 
 def _table(options: argparse.Namespace) -> int:
