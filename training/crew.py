@@ -117,7 +117,7 @@ class Member(Crew):
 
     def _gather(self, own: Array) -> Array:
         """The bytes of all processes, equally many from each: uint8 (processes, bytes)."""
-        found = torch.zeros((self.size, len(own)), dtype=torch.uint8)
+        found = torch.zeros((self.size, len(own)), dtype=torch.uint8, device="cpu")
         self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
         gathered: Array = found.numpy()
         return gathered

@@ -55,10 +55,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
     """
     header, _ = run_header.read_checkpoint(path, (), ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
-    import torch  # imported here, so that the command line does not wait for it
-
-    with torch.random.fork_rng(devices=[]):  # networks draw their first weights from PyTorch's global random numbers
-        player = outlast.load_policy(path, seed)
+    player = outlast.load_policy(path, seed)
     game = player.scenario(game)
     mode = AutoresetMode.DISABLED
     env = outlast.make_vec(game, 1, seed=seed, autoreset_mode=mode, copy=False, check_actions=False)

@@ -16,6 +16,7 @@ from .networks import Extractor
 from .observation_layout import MASK, OWN, ObservationLayout
 from .policy import NEVER, ActorCritic
 from .rows import Observed, Rows
+from .torch_settings import FLOAT, INDEX
 
 Array = np.ndarray[Any, Any]
 Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and its memory afterwards
@@ -77,7 +78,7 @@ class Explainer:
             logs, values, after = policy(seen, memory, begins)
         else:  # its critic needs the state of the world, which is not there in play
             logs, after = policy.logs(seen, memory, begins)
-            values = torch.full((len(seen),), torch.nan)
+            values = torch.full((len(seen),), torch.nan, **FLOAT)
         likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
         attention = attended(cast(Extractor, policy.extractors[0]), seen)
         return [values.numpy(), likely.numpy(), attention.numpy()], after
@@ -101,13 +102,13 @@ def attended(extractor: Extractor, seen: Observed) -> Tensor:
     if isinstance(seen, Rows):
         embedded = extractor._active(seen.entities @ torch.cat([weight, bias]))
         rows = pad_sequence(list(torch.split(embedded, seen.known.tolist())), batch_first=True)
-        visible = torch.arange(rows.shape[1]) < seen.count[:, None]
-        shares = _shares(extractor, rows, visible, torch.where(visible, 0.0, NEVER))
+        visible = torch.arange(rows.shape[1], **INDEX) < seen.count[:, None]
+        shares = _shares(extractor, rows, visible, (~visible).float() * NEVER)
         return functional.pad(shares, (0, extractor.layout.rows - rows.shape[1]))
     matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
     parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
     known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
-    padding = torch.zeros(len(seen), 1, weight.shape[1])  # a row that all rows see, and that attends like them
+    padding = torch.zeros(len(seen), 1, weight.shape[1], **FLOAT)  # a row that all rows see, and that attends like them
     visible = functional.pad(seen.seen, (0, 1), value=1.0)
     return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
 

@@ -24,6 +24,7 @@ from .opponents import Opponents, Plain
 from .packer import Packer
 from .policy import ActorCritic
 from .rows import Observed
+from .torch_settings import FLOAT
 
 Array = np.ndarray[Any, Any]
 NOBODY = -1  # the learner of a sample on which nobody is trained
@@ -124,7 +125,7 @@ class Lane:
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
         self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
-        self.memory = torch.zeros((self.agents, opponents.memory))
+        self.memory = torch.zeros((self.agents, opponents.memory), **FLOAT)
         self.begins = np.ones(self.agents, bool)
         self.assign()
         self._draw(np.ones(env.num_worlds, bool))
@@ -137,15 +138,15 @@ class Lane:
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
             rewards=np.zeros(shape, np.float32),
-            log_probs=torch.zeros(shape),
-            values=torch.zeros(shape),
-            later=torch.zeros(shape),
+            log_probs=torch.zeros(shape, **FLOAT),
+            values=torch.zeros(shape, **FLOAT),
+            later=torch.zeros(shape, **FLOAT),
             ends=np.zeros(shape, bool),
             begins=np.zeros(shape, bool),
             alive=np.zeros(shape, bool),
             learner=np.zeros(shape, np.int16),
-            memory=torch.zeros((chunks, self.agents, memory)),
-            last=torch.zeros(self.agents),
+            memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
+            last=torch.zeros(self.agents, **FLOAT),
             games=[],
         )
 
@@ -285,7 +286,7 @@ class Lane:
 
     def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
         """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
-        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents)
+        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, **FLOAT)
         for (index, number), group in self.groups.items():
             if not index:
                 policy, part = policies[number], self._part(seen, group)

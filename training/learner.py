@@ -16,6 +16,7 @@ from .minibatches import Chunks, Minibatch, Samples
 from .policy import ActorCritic
 from .rollout import Rollout
 from .rows import Rows
+from .torch_settings import INDEX
 
 Array = np.ndarray[Any, Any]
 CPU = torch.device("cpu")
@@ -90,7 +91,7 @@ class Learner:
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
             self.epochs += 1
-            shuffled = units[torch.randperm(len(units), generator=self.generator)]
+            shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
             for part in shuffled.tensor_split(batches):
                 figures.append(self._differentiate(samples, part))
                 going = not self._diverged(figures[-1])
@@ -120,7 +121,7 @@ class Learner:
         """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
         batch = samples.select(part)
         if batch is None:  # all of its samples are other processes'
-            figures: Tensor = torch.zeros(len(Loss.TAGS), device=self.device)
+            figures: Tensor = torch.zeros(len(Loss.TAGS), dtype=torch.float32, device=self.device)
             gradients: Sequence[Tensor] = [torch.zeros_like(parameter) for parameter in self.parameters]
         elif self.graphs is not None and isinstance(batch.seen, Rows):
             figures, gradients = self.graphs(self._gradients, batch)

@@ -10,6 +10,7 @@ from .config import CHUNK
 from .loss import normalised
 from .rollout import Rollout
 from .rows import Observed, moved
+from .torch_settings import INDEX
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Samples:
 
     def select(self, part: Tensor) -> Minibatch | None:
         """This process's share of the minibatch of some units; None if it has none of them."""
-        return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64))
+        return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu"))
 
     def _select(self, index: Tensor, weights: Tensor) -> Minibatch | None:
         """The same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
@@ -101,7 +102,7 @@ class Chunks(Samples):
     def select(self, part: Tensor) -> Minibatch | None:
         """This process's share of the minibatch of some units: step after step of all units."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
-        index = (first + torch.arange(CHUNK)[:, None] * self.agents).flatten()
+        index = (first + torch.arange(CHUNK, **INDEX)[:, None] * self.agents).flatten()
         weights = self.mine.index_select(0, index).double()
         return self._select(index, weights / weights.sum())
 

@@ -16,6 +16,7 @@ from . import leaky
 from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed, Rows
+from .torch_settings import FLOAT
 
 ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
 GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
@@ -32,20 +33,22 @@ class Extractor(nn.Module):
         if preset.leaky and not (preset.padded and preset.activation == "tanh"):
             raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as leaky.attend does")
         self.layout, self.preset, width = layout, preset, preset.width
-        self.own = nn.Linear(layout.own, width)
+        self.own = nn.Linear(layout.own, width, **FLOAT)
         widths = [kind.features for kind in layout.kinds]
-        self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
-        self.bias = nn.Parameter(torch.zeros(len(widths), width))
-        self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True)  # only its parameters are used
-        self._constant("own_scale", torch.ones(layout.own))
-        self._constant("scale", torch.ones(sum(widths), 1))
+        self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, one below the other
+        self.bias = nn.Parameter(torch.zeros(len(widths), width, **FLOAT))
+        self.attention = nn.MultiheadAttention(
+            width, preset.heads, batch_first=True, **FLOAT
+        )  # only its parameters are used
+        self._constant("own_scale", torch.ones(layout.own, **FLOAT))
+        self._constant("scale", torch.ones(sum(widths), 1, **FLOAT))
         self.set_scales(scales)
         self._initialise(widths)
 
     def set_scales(self, scales: tuple[Any, Any]) -> None:
         """Set what inputs are multiplied by, if the preset scales them: see observation_layout.scales."""
         if self.preset.scaled:
-            own, kinds = (torch.as_tensor(each, dtype=torch.float32) for each in scales)
+            own, kinds = (torch.as_tensor(each, **FLOAT) for each in scales)
             self.own_scale.copy_(own)
             self.scale.copy_(kinds[:, None])
 
@@ -90,7 +93,7 @@ class Extractor(nn.Module):
 
     def _initialise(self, widths: list[int]) -> None:
         for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
-            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0]), GAIN).T)
+            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
         for layer in (self.own, self.attention.out_proj):
             orthogonal(layer.weight, GAIN)
             nn.init.zeros_(layer.bias)
@@ -101,7 +104,7 @@ class Memory(nn.GRUCell):
 
     def __init__(self, features: int, width: int) -> None:
         """features: How many there are in a step. width: How many numbers the memory has."""
-        super().__init__(features, width)
+        super().__init__(features, width, **FLOAT)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
                 orthogonal(gate, 1.0)
@@ -132,9 +135,9 @@ class Tower(nn.Module):
     def __init__(self, preset: Preset, inputs: int, outputs: int, gain: float) -> None:
         super().__init__()
         self.activation = ACTIVATIONS[preset.activation]
-        self.first = nn.Linear(inputs, preset.hidden)
-        self.second = nn.Linear(preset.hidden, preset.hidden)
-        self.last = nn.Linear(preset.hidden, outputs)
+        self.first = nn.Linear(inputs, preset.hidden, **FLOAT)
+        self.second = nn.Linear(preset.hidden, preset.hidden, **FLOAT)
+        self.last = nn.Linear(preset.hidden, outputs, **FLOAT)
         for layer, own in ((self.first, GAIN), (self.second, GAIN), (self.last, gain)):
             orthogonal(layer.weight, own)
             nn.init.zeros_(layer.bias)
@@ -155,7 +158,7 @@ class Tower(nn.Module):
 
 def dense(inputs: int, outputs: int) -> nn.Linear:
     """Make a dense layer with orthogonal weights and a bias of 0."""
-    layer = nn.Linear(inputs, outputs)
+    layer = nn.Linear(inputs, outputs, **FLOAT)
     orthogonal(layer.weight, GAIN)
     nn.init.zeros_(layer.bias)
     return layer

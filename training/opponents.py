@@ -211,7 +211,7 @@ class Opponents:
     def state(self) -> dict[str, Any]:
         """What a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
         figures = {
-            k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64)
+            k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()
         }
         past = {
@@ -255,7 +255,9 @@ class Opponents:
             for policy, own in zip(pool[number].policies, weights, strict=True):
                 load_weights(policy, own, f"{name} in rest.pt")
         figures = given.get("figures")
-        check_state(figures, {number: torch.zeros(4, dtype=torch.float64) for number in pool}, "opponents")
+        check_state(
+            figures, {number: torch.zeros(4, dtype=torch.float64, device="cpu") for number in pool}, "opponents"
+        )
         for rating, won, games, total in (kept.tolist() for kept in figures.values()):
             if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
                 raise TrainingError(WRONG)

@@ -3,7 +3,6 @@
 import contextlib
 import copy
 import math
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -31,25 +30,9 @@ from .packer import Packer
 from .policy import ActorCritic
 from .presets import preset
 from .rows import Observed
+from .torch_settings import FLOAT, playing
 
 Array = np.ndarray[Any, Any]
-THREADS_LOCK = threading.RLock()  # held while PyTorch has another number of threads than the user has set
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Run PyTorch on one thread, and restore the number of threads, which is also that of the user's own networks.
-
-    Networks this small are slower on several threads, much slower where cores are busy, as threads wait for each other.
-    And on one thread, sums come out the same wherever it runs. The change itself takes less than a microsecond.
-    """
-    with THREADS_LOCK:
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            yield
-        finally:
-            torch.set_num_threads(threads)
 
 
 class Player:
@@ -90,7 +73,7 @@ class Player:
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
         try:
-            with one_thread():
+            with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
                 self.policies = self._make_policies(files)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
@@ -156,7 +139,7 @@ class Player:
                 that episodes begin there.
         """
         (logs,) = self._ask(observations, _logs)
-        with one_thread(), torch.inference_mode():
+        with playing():
             batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), self._uniform(len(logs), logs.shape[2])
             numbers = [uniform if uniform is None else uniform + shift for shift in self._shifts]
             actions: Array = torch.cat([self.policies[0].choose(batch_last, each) for each in numbers], 1).numpy()
@@ -181,7 +164,7 @@ class Player:
         """Uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
         if self._noise is not None:
             return torch.from_numpy(self._noise())
-        return None if self.generator is None else torch.rand(shape, generator=self.generator)
+        return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
 
     def explainer(self) -> Explainer:
         """Make an explainer of how the policy acts, with a memory of its own; for outlast.record(policy=player)."""
@@ -217,7 +200,7 @@ class Player:
         begins = torch.from_numpy(np.repeat(self._begins.ravel(), agents))
         self._begins[...] = False
         if self._remembered is None:
-            self._remembered = torch.zeros(len(begins), self.memory)
+            self._remembered = torch.zeros(len(begins), self.memory, **FLOAT)
         if len(self._remembered) != len(begins):
             raise TrainingError(
                 f"the policy has a memory of {len(self._remembered)} agents, and observes {len(begins)}: "
@@ -236,7 +219,7 @@ class Player:
             if self.memory:
                 leading = observations[OWN].shape[:-1]
                 memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
-        with one_thread(), torch.inference_mode():
+        with playing():
             return self._answers(self.packer(observations), memory, begins, question)
 
     def _answers(

@@ -11,6 +11,7 @@ from .networks import Extractor, Memory, Tower, dense
 from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed
+from .torch_settings import FLOAT, INDEX
 
 NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
@@ -31,14 +32,14 @@ class MultiCategorical(nn.Module):
         """sizes: how many values each action has."""
         super().__init__()
         self.shape, start = (max(sizes), len(sizes)), 0
-        where, never = torch.zeros(self.shape, dtype=torch.long), torch.full(self.shape, NEVER)
+        where, never = torch.zeros(self.shape, **INDEX), torch.full(self.shape, NEVER, **FLOAT)
         for k, size in enumerate(sizes):
-            where[:size, k] = torch.arange(start, start + size)
+            where[:size, k] = torch.arange(start, start + size, **INDEX)
             never[:size, k] = 0
             start += size
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
-        beyond = torch.arange(1, max(sizes))[:, None, None] >= torch.tensor(sizes)[:, None]
+        beyond = torch.arange(1, max(sizes), **INDEX)[:, None, None] >= torch.tensor(sizes, **INDEX)[:, None]
         self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
@@ -187,7 +188,8 @@ class ActorCritic(nn.Module):
                 own.own.weight.mul_(its.own_scale / own.own_scale)
                 own.weight.mul_(its.scale / own.scale)
             if self.overview is not None:
-                self.overview.weight.mul_(torch.as_tensor(scale, device=self.overview.weight.device))
+                weight = self.overview.weight
+                weight.mul_(torch.as_tensor(scale, dtype=weight.dtype, device=weight.device))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Set other scales of inputs: those that the weights were trained with."""

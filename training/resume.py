@@ -23,6 +23,7 @@ from .checkpoint import (
 )
 from .errors import TrainingError
 from .learner import Learner
+from .torch_settings import FLOAT
 from .trainer import Trainer
 
 LAST = 2**53  # the most updates of an optimiser, which counts them in float32
@@ -143,7 +144,7 @@ def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
         if not isinstance(kept, dict) or kept.keys() != {"step", "exp_avg", "exp_avg_sq"}:
             raise TrainingError("rest.pt of the checkpoint is not of an optimiser of this policy")
         for name, value in kept.items():
-            like = parameters[k] if name != "step" else torch.zeros(())
+            like = parameters[k] if name != "step" else torch.zeros((), **FLOAT)
             check_like(value, like, f"{name} of parameter {k} in rest.pt")
             if not torch.isfinite(value).all():
                 raise TrainingError(f"{name} of parameter {k} in rest.pt of the checkpoint is not finite")

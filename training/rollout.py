@@ -102,7 +102,7 @@ class RewardScale:
     def state(self) -> dict[str, torch.Tensor]:
         """What a checkpoint keeps: float64 tensors by name."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
-        return {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+        return {name: torch.tensor(value, dtype=torch.float64, device="cpu") for name, value in numbers.items()}
 
     def restore(self, given: Any) -> None:
         """Go on from what `state` returned. Raises TrainingError for anything else."""

@@ -70,7 +70,7 @@ class Rows:
     @cached_property
     def agent(self) -> Tensor:
         """int64 (rows,), the agent that each row belongs to."""
-        owners = torch.arange(self.owners, device=self.count.device)
+        owners = torch.arange(self.owners, dtype=torch.int64, device=self.count.device)
         return owners.repeat_interleave(self._counts(len(self.entities)), output_size=len(self.entities))
 
     @cached_property
@@ -85,11 +85,11 @@ class Rows:
     @cached_property
     def pairs(self) -> tuple[Tensor, Tensor]:
         """The pairs of rows of one agent, int64 (pairs,) each: all with the first row, all with the second ..."""
-        rows = torch.arange(len(self.entities), device=self.count.device)
+        rows = torch.arange(len(self.entities), dtype=torch.int64, device=self.count.device)
         first = rows.repeat_interleave(self.each, output_size=self.room)
         start = self.start if self.room is None else functional.pad(self.start, (0, 1), value=len(rows) - 1)
         shift = start.index_select(0, self.agent) - (self.each.cumsum(0) - self.each)
-        second = torch.arange(len(first), device=first.device) + shift.index_select(0, first)
+        second = torch.arange(len(first), dtype=torch.int64, device=first.device) + shift.index_select(0, first)
         return first, second if self.room is None else second.clamp(max=len(rows) - 1)
 
     def select(self, index: Tensor) -> Rows:
@@ -104,7 +104,7 @@ class Rows:
         if self.room is not None:
             shift = functional.pad(shift, (0, 1))
         rows = shift.repeat_interleave(found._counts(size), output_size=size)
-        rows += torch.arange(size, device=rows.device)
+        rows += torch.arange(size, dtype=torch.int64, device=rows.device)
         found.entities = self.entities.index_select(0, rows if self.room is None else rows.clamp(max=last))
         return found
 

@@ -29,6 +29,7 @@ from .hyperparameters import Hyperparameters
 from .logs import RunLog
 from .presets import preset
 from .resume import capture, knows_opponents, restore
+from .torch_settings import learning
 from .trainer import Trainer
 
 WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
@@ -86,6 +87,7 @@ class TrainingRun:
         now: What the run is doing, in a word or two.
     """
 
+    @learning()
     def __init__(
         self,
         config: TrainingConfig,
@@ -148,6 +150,7 @@ class TrainingRun:
         self.asked: list[int] = []  # signals that ask for a checkpoint
 
     @one_interrupt()
+    @learning()
     def train(self, progress: Progress = lambda run: None) -> None:
         """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
 

@@ -374,7 +374,7 @@ def _device(name: Any) -> torch.device:
     """The device of that name. Raises TrainingError if there is none."""
     try:
         device = torch.device(name)
-        torch.empty(0, device=device)
+        torch.empty(0, dtype=torch.float32, device=device)
     except (RuntimeError, AssertionError) as error:
         raise TrainingError(f"there is no {name} here; take cpu") from error
     return device
