@@ -1,8 +1,5 @@
 """The mechanics of the game, one per file. They share components, but do not import each other."""
 
-import warnings
-from typing import Any
-
 from .agents import Agents
 from .behaviour import Behaviour
 from .boxes import Boxes
@@ -70,12 +67,3 @@ __all__ = [
     "Teams",
     "Walls",
 ]
-
-RENAMED = {"AutoPickup": "Pickup", "Contacts": "Physics"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in RENAMED:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warnings.warn(f"outlast.systems.{name} is now outlast.systems.{RENAMED[name]}", DeprecationWarning, stacklevel=2)
-    return globals()[RENAMED[name]]

@@ -18,9 +18,10 @@ from outlast.envs.storage.atomic_write import atomic_write
 
 from . import run_header, safe_torch
 from .errors import TrainingError
-from .observation_layout import Array, ObservationLayout, earlier_scales, scales
+from .observation_layout import Array, ObservationLayout, scales
 from .policy import ActorCritic
 
+NEEDED = "version", "steps", "preset", "scenario", "observations", "fields", "actions", "team", "memory", "state"
 HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, from which no action can be chosen
 
 
@@ -33,18 +34,17 @@ def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
 
 def read_checkpoint(path: Path, names: Collection[str] = ("policy.pt", "rest.pt", "worlds.npz")) -> dict[str, bytes]:
     """Read files of a checkpoint. run.json is checked here, the others when they are used. Raises TrainingError."""
-    needed = ("version", "steps", "observations", "actions", "preset", "scenario")
-    return run_header.read_checkpoint(path, names, needed)[1]
+    return run_header.read_checkpoint(path, names, NEEDED)[1]
 
 
 def header_of(files: dict[str, bytes]) -> run_header.Header:
-    """Return run.json of a checkpoint, with an empty plan if it has none."""
+    """Return run.json of a checkpoint, with an empty plan if it was not made by a run."""
     return {"plan": {}, **run_header.parse_header(Path(run_header.NAME), files[run_header.NAME], ())}
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
-    """Raise TrainingError if observations have other fields here than in training. Older files name no fields."""
-    for key, fields in header.get("fields", {}).items():
+    """Raise TrainingError if observations have other fields here than in training."""
+    for key, fields in header["fields"].items():
         known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
         if known != here:
             raise TrainingError(
@@ -54,18 +54,10 @@ def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
 
 def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tuple[Array, Array]:
     """Return the scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
-    if "fields" in header:
-        try:
-            return scales(layout, header["fields"])
-        except ValueError as error:
-            raise TrainingError(f"run.json has observations that no scenario has: {error}") from None
     try:
-        own, kinds = earlier_scales(layout, header["scenario"]["numbers"])
-    except (KeyError, TypeError, ValueError, ArithmeticError):
-        raise TrainingError("run.json has numbers that no scenario has") from None
-    if (len(own), len(kinds)) != (layout.own, sum(kind.features for kind in layout.kinds)):
-        raise TrainingError("run.json has observations that no scenario has")
-    return own, kinds
+        return scales(layout, header["fields"])
+    except ValueError as error:
+        raise TrainingError(f"run.json has observations that no scenario has: {error}") from None
 
 
 def policies_in(files: dict[str, bytes]) -> list[Any]:

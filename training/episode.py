@@ -2,20 +2,17 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast.ecs import Worlds
 from outlast.envs.rollout.memory import told
-from outlast.envs.scenarios import renamed
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import planned, rebuilt
-from outlast.envs.scenarios.variants import variant
 
 from . import run_header
 from .errors import TrainingError
@@ -86,24 +83,12 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
         does not differ.
 
     Raises:
-        TrainingError: The scenario has mechanics of the user's own that are not imported; or the file is of an earlier
-            version, which names no mechanics, and the scenario is no variant.
+        TrainingError: The scenario has mechanics of the user's own that are not imported.
     """
     given = header["scenario"]
     try:
-        made = rebuilt(given, header["modules"], strict=False) if "modules" in header else _variant(given)
+        made = rebuilt(given, header["modules"], strict=False)
         planned(made)
     except ValueError as error:
         raise TrainingError(f"the scenario {given['name']!r} cannot be made from a checkpoint: {error}") from error
     return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name
-
-
-def _variant(given: dict[str, Any]) -> Scenario:
-    """The variant that a fingerprint names, with the numbers of the fingerprint. Raises ValueError."""
-    plain = variant(given["name"])
-    if given.get("code"):
-        raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
-    numbers = renamed.current_numbers(given["numbers"])
-    known = {name: value for name, value in numbers.items() if name in plain.numbers()}
-    made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
-    return replace(made, name=given.get("label") or plain.name, about=plain.about)

@@ -12,15 +12,7 @@ from outlast.ecs import Fields
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
 OWN = "own"  # what an agent observes of itself
-RENAMED_KEYS = {"self": OWN}  # observation keys of older files: their names now; keys of masks change with them
-SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales in files of outlast 0.1
 FieldTable = Mapping[str, Mapping[str, Sequence[float]]]  # size and scale by key and name, in order of columns
-
-
-def current_key(key: str) -> str:
-    """Return the present name of an observation key in an older file."""
-    stem = key.removesuffix(MASK)
-    return RENAMED_KEYS.get(stem, stem) + key[len(stem) :]
 
 
 @dataclass(frozen=True)
@@ -48,7 +40,7 @@ class ObservationLayout:
         """Lay them out.
 
         Args:
-            shapes: Shapes of one agent's observations by current key; a key with a companion key_mask is a kind.
+            shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind.
             fields: What the rows hold, where that matters.
         """
         self.fields = fields or {}
@@ -135,32 +127,6 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
         if len(row) != layout.shapes[key][-1]:
             raise ValueError(f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}")
         return np.tile(row, width // len(row))
-
-    return _joined(layout, factors)
-
-
-def earlier_scales(layout: ObservationLayout, numbers: Mapping[str, Any]) -> tuple[Array, Array]:
-    """The factors for a file of outlast 0.1, which does not have the fields, only the scenario's numbers.
-
-    Its rule goes by position: `known` has the scales of the last numbers of a row; those before are ids and sides.
-    """
-    half = numbers["room_size"] / 2 if "room_size" in numbers else 1.0
-    agent = (numbers["agents_health"], half, half, math.pi, SPEED, SPEED, SPIN)
-    vertices = (2.0,) * 8
-    known = {
-        OWN: agent,
-        "others": agent,
-        "zone": (half,) * 6,
-        "heals": (half, half),
-        "heal_slot": (numbers.get("heals_amount") or 1.0,),
-        "boxes": (*vertices, half, half, math.pi),
-        "box_items": (*vertices, half, half),
-        "box_slot": vertices,
-    }
-
-    def factors(key: str, width: int) -> Array:
-        last = known.get(key, ())
-        return 1 / np.array([1.0] * (width - len(last)) + list(last))
 
     return _joined(layout, factors)
 

@@ -120,7 +120,7 @@ class Opponents:
                 self._add(Opponent(name, weights[name], plain=plain(name, env)))
         for name, player in players.items():
             player.check(env)
-            team = player.team if len(player.policies) > 1 else np.zeros(env.num_agents, int)  # 0.1.0 saved no team
+            team = player.team if len(player.policies) > 1 else np.zeros(env.num_agents, int)
             self._add(Opponent(name, weights[name], player.policies, player.packer, team))
         self.past: list[int] = []
         self.dropped = 0
@@ -231,7 +231,7 @@ class Opponents:
         if not isinstance(past, dict):
             raise TrainingError(WRONG)
         pool = {number: one for number, one in self.all.items() if not one.past}
-        saved = given.get("saved", {})  # checkpoints of 0.1.0 have none
+        saved = given.get("saved")
         if not isinstance(saved, dict) or not saved.keys() <= pool.keys():
             raise TrainingError(WRONG)
         for number, weights in saved.items():
@@ -261,7 +261,7 @@ class Opponents:
         for rating, won, games, total in (kept.tolist() for kept in figures.values()):
             if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
                 raise TrainingError(WRONG)
-        dropped = given.get("dropped", 0)  # checkpoints of 0.1.0 have none
+        dropped = given.get("dropped")
         if type(dropped) is not int or not 0 <= dropped <= MOST:
             raise TrainingError(WRONG)
         self.dropped = dropped

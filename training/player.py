@@ -64,11 +64,11 @@ class Player:
         self._origin = "" if isinstance(path, dict) else f"{path}: "
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
-        self.layout = ObservationLayout(self.shapes, self.header.get("fields"))
+        self.layout = ObservationLayout(self.shapes, self.header["fields"])
         self.preset = preset(self.header["preset"])
         self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
-        self.memory: int = self.header.get("memory", 0)
-        self.state: int = self.header.get("state", 0)
+        self.memory: int = self.header["memory"]
+        self.state: int = self.header["state"]
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
@@ -84,8 +84,8 @@ class Player:
     def _make_policies(self, files: dict[str, bytes]) -> list[ActorCritic]:
         """The policies in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
         layout, actions, weights = self.layout, self.header["actions"], checkpoint.policies_in(files)
-        self.team = np.array(self.header.get("team", [0]))
-        self.id = list(self.header.get("fields", {}).get(OWN, {"id": 1})).index("id") if len(weights) > 1 else 0
+        self.team = np.array(self.header["team"])
+        self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
             raise TrainingError(f"run.json has a team of other policies than the {len(weights)} in policy.pt")
         inputs = layout.own + sum(kind.features for kind in layout.kinds)

@@ -53,12 +53,6 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
     }
 
 
-def knows_opponents(files: dict[str, bytes]) -> bool:
-    """Whether a checkpoint says which policies were in the files of opponents; then `restore` compares them."""
-    rest = load_tensors(files, "rest.pt")
-    return isinstance(rest, dict) and isinstance(opponents := rest.get("opponents"), dict) and "saved" in opponents
-
-
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     """Make a new trainer of the same config go on from a checkpoint.
 
@@ -69,7 +63,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     factors = recorded_scales(header, trainer.layout)
     if not isinstance(rest, dict):
         raise TrainingError(WRONG)
-    learners = rest.get("learners", [_earlier(rest)])
+    learners = rest.get("learners")
     if not isinstance(learners, list) or not len(learners) == len(weights) == len(trainer.learners):
         raise TrainingError(f"the checkpoint has {len(weights)} policies; here are {len(trainer.learners)}")
     optimisers = [_checked_learner(*pair) for pair in zip(trainer.learners, learners, strict=True)]
@@ -80,23 +74,22 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         learner.optimizer.load_state_dict(optimiser)
         learner.generator.set_state(given["minibatches"].clone())
         learner.epochs = given["epochs"]
-    if "learners" in rest:
-        if type(rest.get("updates")) is not int:
-            raise TrainingError(WRONG)
-        trainer.updates = rest["updates"]
-        trainer.collector.scale.restore(rest.get("rewards"))
-        past, each = (
-            _get(rest, "opponents", "past"),
-            sum(weight.nbytes for policy in trainer.policies for weight in policy.state_dict().values()),
-        )
-        if isinstance(past, dict) and len(past) * each > len(files["rest.pt"]):
-            raise TrainingError(f"{WRONG}: it is too small for {len(past)} past selves")
-        trainer.opponents.restore(rest.get("opponents"), trainer.policies, header["plan"].get("opponents", ""))
-        if trainer.curriculum is not None:
-            trainer.curriculum.restore(rest.get("levels"))
-        like = {name: torch.from_numpy(values) for name, values in trainer.captured_lanes().items()}
-        check_state(rest.get("lane"), like, "lane")
-        trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
+    if type(rest.get("updates")) is not int:
+        raise TrainingError(WRONG)
+    trainer.updates = rest["updates"]
+    trainer.collector.scale.restore(rest.get("rewards"))
+    past, each = (
+        _get(rest, "opponents", "past"),
+        sum(weight.nbytes for policy in trainer.policies for weight in policy.state_dict().values()),
+    )
+    if isinstance(past, dict) and len(past) * each > len(files["rest.pt"]):
+        raise TrainingError(f"{WRONG}: it is too small for {len(past)} past selves")
+    trainer.opponents.restore(rest.get("opponents"), trainer.policies, header["plan"].get("opponents", ""))
+    if trainer.curriculum is not None:
+        trainer.curriculum.restore(rest.get("levels"))
+    like = {name: torch.from_numpy(values) for name, values in trainer.captured_lanes().items()}
+    check_state(rest.get("lane"), like, "lane")
+    trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]
 
 
@@ -112,15 +105,6 @@ def _learner_state(learner: Learner) -> dict[str, Any]:
         "optimiser": learner.optimizer.state_dict(),
         "minibatches": learner.generator.get_state(),
         "epochs": learner.epochs,
-    }
-
-
-def _earlier(rest: dict[str, Any]) -> dict[str, Any]:
-    """The one learner in a file of outlast 0.1."""
-    return {
-        "optimiser": rest.get("optimiser"),
-        "minibatches": _get(rest, "random", "minibatches"),
-        "epochs": rest.get("updates"),
     }
 
 

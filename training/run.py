@@ -28,7 +28,7 @@ from .film import film_checkpoint
 from .hyperparameters import Hyperparameters
 from .logs import RunLog
 from .presets import preset
-from .resume import capture, knows_opponents, restore
+from .resume import capture, restore
 from .torch_settings import learning
 from .trainer import Trainer
 
@@ -117,7 +117,7 @@ class TrainingRun:
         if files is None:
             config.check_teacher()
         else:
-            self._check_plan(checkpoint.header_of(files), moved=knows_opponents(files))
+            self._check_plan(checkpoint.header_of(files))
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
         else:
@@ -318,13 +318,9 @@ class TrainingRun:
                 cure = "make room there, and go on with --resume"
             raise TrainingError(f"{wrong}; {cure}") from error
 
-    def _check_plan(self, header: run_header.Header, moved: bool = False) -> None:
-        """Refuse to go on with another plan: it would not be the same run. What is not in a plan had its default.
-
-        moved: Whether the files of opponents may have moved. The file of a warm start may in any case.
-        """
-        usual = TrainingConfig(self.config.scenario, self.config.preset)
-        plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
+    def _check_plan(self, header: run_header.Header) -> None:
+        """Refuse to go on with another plan: it would not be the same run. Files of policies may have moved."""
+        plans = header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
         differ = [key for key in now if now[key] != then.get(key) and key not in free]
@@ -332,7 +328,7 @@ class TrainingRun:
             differ.remove("settings")  # other ones are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
-        if moved and FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
+        if FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
             differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)

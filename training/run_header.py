@@ -11,7 +11,7 @@ from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz, strict_json
 
 from .errors import TrainingError
-from .observation_layout import MASK, OWN, current_key
+from .observation_layout import MASK, OWN
 from .presets import PRESETS
 
 NAME = "run.json"
@@ -49,7 +49,7 @@ def read_run_folder(folder: Path) -> Header:
 
 
 def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
-    """Parse the content of run.json; observation keys become today's. Raises TrainingError if it is not valid."""
+    """Parse the content of run.json. Raises TrainingError if it is not valid."""
     wrong = f"{path} does not describe a run"
     try:
         header = json.loads(content[: LONGEST + 1])
@@ -61,8 +61,6 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
         raise TrainingError(f"{path} has version {header['version']!r:.20}: {VERSION} is needed")
     if missing := set(needed) - header.keys():
         raise TrainingError(f"{wrong}: its {', '.join(sorted(missing))} is missing")
-    if isinstance(observations := header.get("observations"), dict):
-        header["observations"] = {current_key(key): shape for key, shape in observations.items()}
     for key, is_valid in VALIDATORS.items():
         if key in header and not is_valid(header[key]):
             raise TrainingError(f"{wrong}: its {key} cannot be {header[key]!r:.80}")

@@ -7,7 +7,6 @@
 The names in `__all__` are public, and docs/api.md describes them; everything else may change between versions.
 """
 
-import warnings
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -168,9 +167,6 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
 
                 cure = f"outlast.{name} needs {error.name}: {install('train')}"
                 raise ModuleNotFoundError(cure, name=error.name) from error
-        if name == "FIXES":
-            warnings.warn("outlast.FIXES is called outlast.ABLATIONS", DeprecationWarning, stacklevel=2)
-            return ABLATIONS
         raise AttributeError(f"module 'outlast' has no attribute '{name}'")
 
     # names whose libraries are not installed would raise in `from outlast import *`, and as tools list the members

@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 
 from ..core.agents import present
 from ..core.spaces import statistics
-from ..core.validation import Array, renamed
+from ..core.validation import Array
 from ..scenarios.naming import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import PerAgentVectorEnv, requested
@@ -97,7 +97,6 @@ def make_agents(
     Raises:
         ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
-    autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalAgentVectorEnv(
         requested(make_agents, scenario, numbers, max_episode_steps),
         num_worlds,

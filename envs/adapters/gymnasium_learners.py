@@ -10,7 +10,7 @@ from outlast.ecs.whole import is_whole
 
 from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics
-from ..core.validation import Array, check_choice, check_count, renamed
+from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
@@ -82,8 +82,6 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         action_masks: bool = False,
         **numbers: Number,
     ) -> None:
-        scenario = renamed(numbers, "variant", "scenario", scenario)
-        autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
         checked_others(others)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.validation import Array, check_choice, keys, renamed
+from ..core.validation import Array, check_choice, keys
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.notebook import Pictured
@@ -92,7 +92,6 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         **numbers: Number,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
-        scenario = renamed(numbers, "variant", "scenario", scenario)
         scenario = requested(type(self).__init__, scenario, numbers)
         options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
         options |= {"max_episode_steps": max_episode_steps, "actions": actions, "observations": observations}

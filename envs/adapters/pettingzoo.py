@@ -1,7 +1,6 @@
 """PettingZoo: one world as a ParallelEnv, or, by PettingZoo's own conversion, as an AECEnv."""
 
 import copy
-import warnings
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any, Self
@@ -362,9 +361,6 @@ def parallel_env(
         if max_episode_steps is not None:
             raise ValueError("max_cycles and max_episode_steps are the same number: give one of them")
         max_episode_steps = max_cycles
-    if dead == "remove":
-        warnings.warn("dead='remove' is now called dead='end'", DeprecationWarning, stacklevel=2)
-        dead = "end"
     scenario = requested(parallel_env, scenario, numbers, max_episode_steps)
     return SurvivalParallelEnv(
         scenario,

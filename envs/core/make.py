@@ -6,7 +6,6 @@ from gymnasium.vector import AutoresetMode
 
 from ..scenarios.naming import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Number, Scenario
-from .validation import renamed
 from .vector_env import SurvivalVectorEnv
 
 
@@ -63,7 +62,6 @@ def make_vec(
         ScheduleError: The order of the scenario's systems is ambiguous, or `interpret` names a system it does not have.
         ValueError: An option is out of its range.
     """
-    autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalVectorEnv(
         resolve(scenario, numbers, options_of(make_vec)),
         num_worlds,

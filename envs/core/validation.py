@@ -9,7 +9,6 @@ from gymnasium.vector import AutoresetMode
 from outlast.ecs.whole import is_whole
 
 from ..errors import ActionError
-from ..scenarios.renamed import warn
 
 Array = np.ndarray[Any, Any]
 
@@ -37,14 +36,6 @@ def check_flags(**flags: Any) -> None:
     for name, value in flags.items():
         if not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"{name} = {value!r}: allowed are True and False")
-
-
-def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
-    """Return `value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
-    if old not in options:
-        return value
-    warn(old, new, "the keyword {} is now called {}")
-    return options.pop(old)
 
 
 def autoreset_mode(mode: Any) -> AutoresetMode:

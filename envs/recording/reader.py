@@ -17,7 +17,7 @@ from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_
 from ..scenarios.mechanics import foreign
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, current_classes, planned, rebuilt
+from ..scenarios.serialize import classes, planned, rebuilt
 from ..storage import strict_json
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .policy_record import is_policy, policy_dtype
@@ -54,7 +54,7 @@ class Recording:
             *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
             *(len(self.components), header["digests"]["repeat"]),
             policy_dtype(header["actions"], header["policy"]) if "policy" in header else None,
-            header.get("given", 0),
+            header["given"],
         )
         self.entities = [(str(key), int(rows)) for key, rows in header.get("policy", {"entities": []})["entities"]]
         lost = size - chunks[-1].end
@@ -178,7 +178,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
-    numbers.append(header.get("given", 0))  # recordings of earlier versions do not have it
+    numbers.append(header["given"])
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -194,7 +194,7 @@ def _is_valid(header: Any) -> bool:
         and ("policy" not in header or is_policy(actions, header["policy"]))
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
-        and header.get("given", 0) <= MAX_HEADER
+        and header["given"] <= MAX_HEADER
         and len(digests["components"]) <= MAX_HEADER
     )
 
@@ -210,7 +210,7 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -
             raise RecordingError(f"{path}: {error}") from None
     if other := difference(header["scenario"], fingerprint(given)):
         raise RecordingError(f"{path} is of another scenario {other}")
-    if current_classes(header["modules"]) != classes(given):
+    if sorted(header["modules"]) != classes(given):
         raise RecordingError(f"{path} was made with {header['modules']}: the scenario given has {classes(given)}")
     return given
 

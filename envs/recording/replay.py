@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Iterator
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from ..core.validation import check_count
 from ..errors import RecordingError, ReplayError, ScenarioError
 from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
-from ..scenarios import renamed
 from .digests import Digests
 from .reader import Recording
 from .selection import last_tick
@@ -63,14 +61,9 @@ class Replay:
         self.episodes = np.zeros(self.worlds.count, np.int64)
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
-        self._check("words of given numbers", recording.header.get("given", 0), self.worlds.dims.get(GIVEN_DIM, 0))
+        self._check("words of given numbers", recording.header["given"], self.worlds.dims.get(GIVEN_DIM, 0))
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
-        names = self._digests.names
-        there = [
-            mine if renamed.COMPONENTS.get(name) == mine else name
-            for name, mine in zip_longest(recording.components, names[: len(recording.components)])
-        ]
-        self._check("components", there, names)
+        self._check("components", recording.components, self._digests.names)
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; no world runs
 

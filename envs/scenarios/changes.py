@@ -11,8 +11,6 @@ from outlast.ecs import Distribution, Module, NumberError, Roles
 from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 from outlast.ecs.errors import meant
 
-from . import renamed
-
 ELSEWHERE = {  # names that users take for numbers, and what to use instead
     "max_episode_steps": "the time limit of a scenario is its number ending_limit",
     "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else",
@@ -46,11 +44,11 @@ def changes(before: Sequence[Module], after: Sequence[Module], began: Mapping[st
 
 def find_number(scenario: Any, asked: str, options: Iterable[str]) -> tuple[str, str]:
     """Return the module and the number of that name, see Scenario.find_number. Raises NumberError."""
-    for key in (in_full(asked), renamed.NUMBERS.get(in_full(asked), "")):
-        for module in scenario.modules:
-            name = key.removeprefix(f"{module.name}_")
-            if name != key and any(item.name == name for item in dataclasses.fields(module)):
-                return module.name, name
+    key = in_full(asked)
+    for module in scenario.modules:
+        name = key.removeprefix(f"{module.name}_")
+        if name != key and any(item.name == name for item in dataclasses.fields(module)):
+            return module.name, name
     hint = ELSEWHERE.get(asked) or meant(asked, scenario.known_numbers(), options)
     raise NumberError(f"{scenario.name} has no number '{asked}'; {hint}")
 
@@ -61,7 +59,7 @@ def in_full(name: str) -> str:
 
 
 def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return given values by the numbers' full names ("agents_count"); warn of names from earlier versions.
+    """Return given values by the numbers' full names ("agents_count").
 
     Args:
         find: Scenario.find_number.
@@ -74,8 +72,6 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
     for name, value in given:
         if (full := "_".join(find(str(name)))) in found:
             raise NumberError(f"{full} is given twice; say one of them")
-        if full != in_full(str(name)):
-            renamed.warn(str(name), full)
         found[full] = value
     return found
 

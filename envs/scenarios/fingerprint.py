@@ -10,7 +10,6 @@ from outlast.ecs.identity import PYTHON, code_digest, full_name
 from outlast.ecs.references import is_outside
 
 from .differing import plain
-from .renamed import current_numbers
 from .scenario import Scenario
 
 LONGEST = 200  # characters of a name, and entries of an order, at most
@@ -97,10 +96,7 @@ def is_word(given: Any) -> bool:
 
 
 def difference(given: Any, own: dict[str, Any]) -> str:
-    """Return the name in that fingerprint and its first difference from the own one; "" if there is no difference.
-
-    A fingerprint of an earlier version, without code, agrees only with scenarios of outlast's own mechanics.
-    """
+    """Return the name in that fingerprint and its first difference from the own one; "" if there is no difference."""
     if not is_fingerprint(given):
         return "(it does not name one)"
     found = next(_differences(given, own), "")
@@ -108,7 +104,7 @@ def difference(given: Any, own: dict[str, Any]) -> str:
 
 
 def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
-    numbers = current_numbers(given["numbers"], own["numbers"])
+    numbers = given["numbers"]
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:

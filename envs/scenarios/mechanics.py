@@ -10,21 +10,15 @@ from outlast.ecs import Module
 from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
-from .renamed import CLASSES, current_numbers
 
 KNOWN: dict[str, type[Module]] = {
     full_name(kind): kind for kind in (getattr(systems, name) for name in systems.__all__)
 }
 
 
-def current_class(name: str) -> str:
-    """Return the present full name of a class for its name in any version."""
-    return CLASSES.get(name, name)
-
-
 def foreign(names: Iterable[str]) -> list[str]:
     """Return the full names among these that are not classes of outlast's own mechanics."""
-    return [name for name in map(current_class, names) if name not in KNOWN]
+    return [name for name in names if name not in KNOWN]
 
 
 def imported() -> dict[str, type[Module]]:
@@ -51,8 +45,8 @@ def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: 
         ScenarioError: A class was not imported, or a number is missing or unknown.
         NumberError: A value is not allowed.
     """
-    left, made, known = current_numbers(dict(numbers)), [], imported()
-    for name in map(current_class, names):
+    left, made, known = dict(numbers), [], imported()
+    for name in names:
         if name not in known and name.startswith("__main__."):
             raise ScenarioError(
                 f"the mechanic {name.removeprefix('__main__.')} was defined by the script or notebook that saved this; "

@@ -20,7 +20,6 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
-from . import renamed
 from .changes import all_replaced, as_filename, by_full_name, defaults, find_number, following, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
@@ -368,24 +367,17 @@ class Scenario:
         raise ScenarioError(f"{self.name} has no module '{name}'; {hint}it has: {', '.join(known)}")
 
     def _found(self, kind: type[Module] | str) -> Module | None:
-        for module in self.modules:
-            if _is(module, kind):
-                return module
-        for module in self.modules:
-            if renamed.MECHANICS.get(module.name) == kind:
-                renamed.warn(str(kind), module.name)
-                return module
-        return None
+        return next((module for module in self.modules if _is(module, kind)), None)
 
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
-        """Return the module and the number that `replace` changes under this name, maybe one of an earlier version.
+        """Return the module and the number that `replace` changes under this name.
 
         NumberError if there is none; its hint also considers the `options` of a function.
         """
         return find_number(self, asked, options)
 
     def known_numbers(self) -> list[str]:
-        """Return every name that `replace` takes, without those of earlier versions: "melee_damage", "n_agents"."""
+        """Return every name that `replace` takes: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
 
 

@@ -1,6 +1,5 @@
 """Scenarios in files: naming the classes of their mechanics, making scenarios from these names, limiting their size."""
 
-from collections.abc import Iterable
 from typing import Any
 
 from outlast.ecs import Layout
@@ -8,7 +7,7 @@ from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
 from .differing import restored
-from .mechanics import current_class, rebuilt_mechanics
+from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
 
 LARGEST = 2**22  # bytes of the state of one world at most
@@ -16,17 +15,12 @@ LARGEST = 2**22  # bytes of the state of one world at most
 
 def classes(scenario: Scenario) -> list[str]:
     """Return the full names of the classes of its modules, in order."""
-    return current_classes(full_name(type(module)) for module in scenario.modules)
-
-
-def current_classes(names: Iterable[str]) -> list[str]:
-    """Return the same classes by their current names, in order."""
-    return sorted(map(current_class, names))
+    return sorted(full_name(type(module)) for module in scenario.modules)
 
 
 def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
     """Make the scenario of a fingerprint and the full names of its classes. Raises errors like `rebuilt_mechanics`."""
-    modules = rebuilt_mechanics(current_classes(names), fingerprint["numbers"], strict)
+    modules = rebuilt_mechanics(sorted(names), fingerprint["numbers"], strict)
     name = str(fingerprint.get("label") or fingerprint["name"])
     order = tuple(map(tuple, fingerprint.get("order", ())))
     return Scenario(name, modules, order=order, **restored(modules, fingerprint))

@@ -19,7 +19,6 @@ from outlast.ecs import Event, Layout, Worlds
 from outlast.ecs.event import zero_unused
 
 from ..errors import StateError
-from ..scenarios import renamed
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
 from ..storage import safe_npz
@@ -119,7 +118,7 @@ def read(file: BinaryIO, name: str) -> State:
         raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
     if not is_fingerprint(scenario):
         raise StateError(f"{name} is not a saved state: it does not say of which scenario")
-    return State(scenario, renamed.current(arrays, renamed.ARRAYS))
+    return State(scenario, arrays)
 
 
 def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:
@@ -146,10 +145,8 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
     if len(state) not in (1, len(rows)):
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, masks)
-    ours = {name: np.zeros((len(state), array.shape[1]), array.dtype) for name, array in _events(worlds).items()}
-    ours |= state.arrays  # states of earlier versions have no events, or other ones
     for name, array in arrays.items():
-        given = ours.get(name)
+        given = state.arrays.get(name)
         if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
             found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
             raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
@@ -157,10 +154,10 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
             raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
     if not len(state):
         return
-    validation.check(worlds.layout, {name: ours[name] for name in arrays})
-    validation.check_events(worlds.layout, *(ours[name] for name in _events(worlds)))
+    validation.check(worlds.layout, {name: state.arrays[name] for name in arrays})
+    validation.check_events(worlds.layout, *(state.arrays[name] for name in _events(worlds)))
     for name, array in arrays.items():
-        array[rows] = ours[name]
+        array[rows] = state.arrays[name]
 
 
 def _rows(worlds: Worlds, where: Any) -> Array:

@@ -10,14 +10,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import outlast
 import tests.adapters.test_puffer  # noqa: F401  # it imports PufferLib where that leaves no link behind
 from outlast import ScenarioError
 from outlast.components import Body
 from outlast.ecs import NumberError
-from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
 from outlast.envs.errors import NotResetError
@@ -147,18 +145,6 @@ def test_where_all_agents_end_together_the_dead_are_kept(name: str) -> None:
     make(name, dead="keep").close()
     with pytest.raises(ValueError, match=r"dead = .end.: .keep. is needed.*gymnasium\.make_vec, parallel_env"):
         make(name, dead="end")
-
-
-def test_old_keywords_are_taken_with_a_warning() -> None:
-    """For one version."""
-    with pytest.warns(DeprecationWarning, match="autoreset is now called autoreset_mode"):
-        assert outlast.make_agents("ffa_1", 1, autoreset="Disabled").autoreset_mode is AutoresetMode.DISABLED
-    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
-        assert SurvivalEnv(variant="ffa_1").base_env.scenario.name == "ffa_1"
-    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
-        assert SurvivalLearnerVectorEnv(1, variant="ffa_1").base_env.scenario.name == "ffa_1"
-    with pytest.warns(DeprecationWarning, match="dead='remove' is now called dead='end'"):
-        assert make("parallel_env", dead="remove").dead == "end"
 
 
 # ---- which agents are alive

@@ -96,8 +96,6 @@ def test_every_public_name_is_there_or_names_the_library_it_needs() -> None:
                 raise
     with pytest.raises(AttributeError, match="module 'outlast' has no attribute 'make_vecs'"):
         outlast.make_vecs  # type: ignore[attr-defined]  # noqa: B018
-    with pytest.deprecated_call(match="ABLATIONS"):
-        assert outlast.FIXES is outlast.ABLATIONS  # type: ignore[attr-defined]
 
 
 QUIET = """

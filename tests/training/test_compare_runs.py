@@ -146,10 +146,6 @@ def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> 
     assert labels(tmp_path / "c") == ["melee_damage=5, fast", "melee_damage=20, original"]
 
 
-def test_what_earlier_versions_did_not_write_is_as_usual(tmp_path: Path) -> None:
-    assert labels(run(tmp_path / "a"), run(tmp_path / "b", seed=1, opponents="self:1", memory=0)) == ["ffa_2"]
-
-
 def test_scenarios_of_ones_own_are_compared(tmp_path: Path) -> None:
     """Nothing is imported, and nothing about them needs to be known."""
     for name, speed in (("slow", 1.0), ("quick", 2.5)):

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import VARIANTS, make_vec, variant
-from outlast.ecs import Layout
+from outlast import make_vec, variant
 from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -18,7 +17,6 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast.training.observation_layout import (  # noqa: E402
     MASK,
     ObservationLayout,
-    earlier_scales,
     field_table,
     layout_of,
     scales,
@@ -252,19 +250,6 @@ def test_scaled_is_paper_on_scaled_inputs() -> None:
     torch.testing.assert_close(scaled(packed("scaled", layout, observations))[1], expected, rtol=1e-6, atol=1e-9)
     place = slice(3, layout.own)  # behind id, team, and health, which heals raise far above what it begins with
     assert float(inputs.own[:, place].abs().max()) < 1.5 < 10 < np.abs(observations["own"][:, place]).max()
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_scales_by_name_are_those_by_position_of_before(name: str) -> None:
-    """Bit for bit, so that policies in files of before play as they did."""
-    for scenario in (variant(name), variant(name).replace(room_size=31.0, agents_health=7, heals_amount=0)):
-        fields = Layout(scenario.modules).fields
-        layout = layout_of(make_vec(scenario, 1))
-        for one, other in zip(
-            scales(layout, field_table(fields)), earlier_scales(layout, scenario.numbers()), strict=True
-        ):
-            assert one.tobytes() == other.tobytes()
-            assert one.dtype == np.float32
 
 
 @pytest.mark.parametrize("chosen", PRESETS)

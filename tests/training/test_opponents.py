@@ -314,19 +314,6 @@ def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
     assert whole.opponents.all.keys() == again.opponents.all.keys()
 
 
-def test_a_file_that_names_no_team_plays_for_all_agents(tmp_path: Path) -> None:
-    """As those of 0.1.0."""
-    trainer, found = make(opponents={"self": 1.0}), []
-    files = trainer.policy_files(trainer.config.header())
-    header = {key: value for key, value in json.loads(files["run.json"]).items() if key != "team"}
-    for name, content in (("now", files), ("before", files | {"run.json": json.dumps(header).encode()})):
-        path = str(tmp_path / f"{name}.zip")
-        write_checkpoint(Path(path), content)
-        found.append(make(opponents={"self": 1.0, path: 1.0}).collect())
-    assert (found[0].learner == NOBODY).any()
-    assert np.array_equal(found[0].actions, found[1].actions)
-
-
 @pytest.mark.parametrize("role", [{"opponents": {"self": 1.0, "{}": 1.0}}, {"warm_start": "{}:100"}], ids=str)
 def test_who_learns_from_what_is_revealed_does_so_beside_a_policy_that_does_not(role: Any, tmp_path: Path) -> None:
     """Otherwise it would play by rows that it was never trained on."""

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import math
-import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -201,24 +200,6 @@ def test_every_kept_policy_plays(path: Path) -> None:
         actions = player(env.reset()[0])
     assert actions.shape == (4, env.num_agents, len(env.action_sizes))
     assert len(np.unique(actions[..., :3])) > 1
-
-
-@pytest.mark.parametrize("chosen", ["original", "scaled"])
-def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen: str) -> None:
-    trainer = saved(tmp_path / "a.zip", chosen)
-    trainer.collect()
-    views = trainer.env.observe()
-    with zipfile.ZipFile(tmp_path / "a.zip") as archive, zipfile.ZipFile(tmp_path / "before.zip", "w") as before:
-        for name in set(archive.namelist()) - {NAME}:
-            before.writestr(name, archive.read(name))
-        header = json.loads(archive.read(NAME))
-        del header["fields"]  # which were not written then
-        before.writestr(NAME, json.dumps(header).replace('"own"', '"self"'))
-    player = Player(tmp_path / "before.zip", seed=None)
-    assert player.header["observations"].keys() == views.keys()
-    assert np.array_equal(player(views), Player(tmp_path / "a.zip", seed=None)(views))
-    with pytest.raises(TrainingError, match="does not fit here"):
-        player({"self" if key == "own" else key: view for key, view in views.items()})
 
 
 def test_scales_are_those_of_the_file(tmp_path: Path) -> None:

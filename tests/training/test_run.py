@@ -4,7 +4,6 @@ import csv
 import inspect
 import io
 import json
-import lzma
 import shutil
 import signal
 import subprocess
@@ -519,53 +518,6 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     (tmp_path / CHECKPOINT.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
         TrainingRun(config(EACH), tmp_path, resume=True)
-
-
-# ---- runs of before
-
-
-BEFORE = Path(__file__).resolve().parents[1] / "data" / "before"
-
-
-@pytest.mark.parametrize("preset", ["original", "scaled"])
-def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
-    """Written by outlast 0.1 after two updates, in ffa_2; weights and moments are rounded to 8 bits for brevity.
-
-    Nothing in it is about the size of rewards.
-    """
-    run = tmp_path / "run"
-    run.mkdir()
-    path = run / CHECKPOINT.format(1024)
-    path.write_bytes(lzma.decompress((BEFORE / f"ffa_2-{preset}.zip.xz").read_bytes()))
-    files = checkpoint.read_checkpoint(path)
-    weights, rest = (torch.load(io.BytesIO(files[name])) for name in ("policy.pt", "rest.pt"))
-    assert "rewards" not in rest
-    given = {"worlds": 4, "rollout": 256, "seed": 0, "settings": {"n_epochs": 2}, "preset": preset}
-    resumed = TrainingRun(config(2048, scenario=variant("ffa_2"), **given), run, resume=True)
-    trainer = resumed.trainer
-    assert (trainer.steps, trainer.learners[0].epochs) == (1024, rest["updates"])
-    assert all(torch.equal(weight, weights[name]) for name, weight in trainer.policies[0].state_dict().items())
-    for k, kept in trainer.learners[0].optimizer.state_dict()["state"].items():
-        assert all(torch.equal(value, rest["optimiser"]["state"][k][name]) for name, value in kept.items())
-        assert float(kept["exp_avg_sq"].max()) > 0
-    resumed.train()
-    assert names(run)[-1] == CHECKPOINT.format(2048)
-    assert [step for step, _ in points(run)["train/epochs"]] == [1536, 2048]
-    with pytest.raises(TrainingError, match="was begun with worlds = 4, not 8"):
-        TrainingRun(config(4096, scenario=variant("ffa_2"), **(given | {"worlds": 8})), run, resume=True)
-
-
-def test_what_is_not_in_a_plan_was_as_usual(tmp_path: Path) -> None:
-    """In files of before it could be chosen: here `dead`."""
-    TrainingRun(config(EACH), tmp_path).train()
-    path = newest(tmp_path)
-    files = checkpoint.read_checkpoint(path)
-    header = checkpoint.header_of(files)
-    del header["plan"]["dead"]
-    checkpoint.write_checkpoint(path, files | {"run.json": json.dumps(header).encode()})
-    with pytest.raises(TrainingError, match="was begun with dead = keep, not drop"):
-        TrainingRun(config(2 * EACH, dead="drop"), tmp_path, resume=True)
-    TrainingRun(config(2 * EACH), tmp_path, resume=True).log.close()
 
 
 # ---- refusals

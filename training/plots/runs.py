@@ -8,7 +8,6 @@ from typing import Any
 
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.scenarios.renamed import NUMBERS, current
 from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
@@ -102,7 +101,7 @@ def _played(scenario: dict[str, Any]) -> dict[str, Any]:
     more |= {"observed": scenario["observed"]} if scenario.get("observed") else {}
     more |= {"order": "; ".join(" < ".join(chain) for chain in order)} if order else {}
     more |= {f"code of {name}": digest[:8] for name, (_, _, digest) in code.items()}
-    return current(scenario["numbers"] | drawn, NUMBERS) | more
+    return {**scenario["numbers"], **drawn, **more}
 
 
 def _of_folder(folder: Path) -> Run:
