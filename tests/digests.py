@@ -34,7 +34,7 @@ WORLDS, SEED = 32, 3
 HELD_TICKS = 20  # how long agents hold a direction, so that they get somewhere
 NEW_VERSION = (
     "behaviour changed: raise the version of {name} in envs/adapters/registry.py, "
-    "say what changed in CHANGELOG.md, and write new digests: python -m tests.digests --write"
+    "say what changed in changes/, and write new digests: python -m tests.digests --write"
 )
 Golden = dict[str, dict[str, dict[str, str]]]  # platform: {environment: {tick: digest}}
 

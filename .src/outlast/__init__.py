@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from .training.plots.plot import plot
     from .training.train import train
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "ABLATIONS",
     "ALIASES",

@@ -80,7 +80,7 @@ class SurvivalVectorEnv(Described):
     See `make_vec`, which also takes the name of a variant.
 
     ## Version History
-    v1: the rules of the paper's runs. v0: those of outlast 0.1.0.
+    v1: the rules of the paper's runs.
     """
 
     def __init__(

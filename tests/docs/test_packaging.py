@@ -19,6 +19,7 @@ from packaging.specifiers import SpecifierSet
 
 import outlast
 from outlast.systems.box2d.batch import CAPACITY
+from tests.__main__ import checks
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -176,6 +177,29 @@ def test_the_containers_steps_work(tmp_path: Path) -> None:
 def command_of(dockerfile: str) -> str:
     (command,) = re.findall(r"^CMD (.*)$", dockerfile, re.MULTILINE)
     return str(command)
+
+
+def test_documents_name_the_version() -> None:
+    for name, pattern in (("docs/citing.md", r"version = \{(.+)\}"), ("CHANGELOG.md", r"^## (\d\S*)$")):
+        found = re.findall(pattern, (ROOT / name).read_text("utf-8"), re.MULTILINE)
+        assert found[0] == outlast.__version__, name
+
+
+def test_fragments_of_the_changelog_are_one_line_each() -> None:
+    kinds = {each["directory"] for each in PROJECT["tool"]["towncrier"]["type"]}
+    for path in (ROOT / PROJECT["tool"]["towncrier"]["directory"]).iterdir():
+        if path.name != "README.md":
+            lines = path.read_text("utf-8").splitlines()
+            assert re.fullmatch(rf"[\w-]+\.({'|'.join(kinds)})\.md", path.name), path
+            assert len(lines) == 1, path
+            assert len(lines[0]) <= 100, path
+
+
+def test_pre_commit_runs_the_static_checks() -> None:
+    """Those of `python -m tests`, by the name of each tool and its command."""
+    text = (ROOT / ".pre-commit-config.yaml").read_text("utf-8")
+    stages = {stage.name.partition(" --")[0] for stage in checks()}
+    assert stages <= set(re.findall(r"name: ([a-z -]+?)(?:,|$)", text, re.MULTILINE))
 
 
 def test_the_citation_has_the_version() -> None:

@@ -72,7 +72,7 @@ def test_an_episode_that_goes_on_is_left(policy: Path) -> None:
     ids=lambda scenario: scenario.name,
 )
 def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
-    made, differs = recorded_scenario({"scenario": fingerprint(scenario)})
+    made, differs = recorded_scenario({"scenario": fingerprint(scenario), "modules": classes(scenario)})
     assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
 
 
