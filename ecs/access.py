@@ -17,7 +17,7 @@ DamageType      the number of the module's damage_type
 Offset          the first column of an observation's field, which the parameter's name says, KEY_FIELD: own_stamina is
                 for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets say that
                 the system touches only these fields; systems that touch different fields may run in any order
-int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: int
+int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: float
 tuple[float..]  the same for several numbers, as a read-only float32 array
 =============== =====================================================================================
 """

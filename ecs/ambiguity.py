@@ -77,7 +77,7 @@ def ambiguity(first: System, second: System, reasons: Reasons, brief: bool) -> s
 
 
 def _said(contrary: Sequence[Reason]) -> str:
-    """Say which of their own after= and before= order two systems both ways."""
+    """Return, as a part of a message, by which after= and before= two systems are ordered both ways."""
     said = {f"{each.keyword}={each.component.__name__}": list[str]() for each in contrary}
     for each in contrary:
         said[f"{each.keyword}={each.component.__name__}"].append(each.asking.label)
@@ -87,7 +87,7 @@ def _said(contrary: Sequence[Reason]) -> str:
 
 
 def _replaced(own: Sequence[Reason], other: System, reasons: Reasons) -> str:
-    """Say what to write in place of the components that a system gives and that order it and `other` both ways."""
+    """Return what to write in place of the components that a system gives and that order it and `other` both ways."""
     asked, dropped = own[0].asking, {(each.keyword, each.component) for each in own}
     kept = dict[str, set[str]]()
     for pair, each in ((pair, each) for pair, found in reasons.items() for each in found if each.asking is asked):

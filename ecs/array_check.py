@@ -15,6 +15,8 @@ from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.errors import NumbaTypeError
 from numba.core.typed_passes import NopythonTypeInference
 
+from .references import is_outside
+
 UNCHECKED = "nothing checks"  # a part of all these errors
 UNCHECKED_TYPES: dict[Any, str] = {  # by numba's type: what the code takes, and the cure
     types.NumpyFlatType: f"takes .flat of an array, whose indices {UNCHECKED}; index the array, or its .ravel()",
@@ -89,11 +91,12 @@ def _unchecked(statement: Any, typemap: Any, calltypes: Any) -> str:
 
 
 def _compiled(statement: Any, typemap: Any, calltypes: Any) -> Iterator[Any]:
-    """What numba keeps of the function that a statement calls, if it is a function that the user compiled by numba."""
+    """What numba keeps of the function that a statement calls, if the user has compiled it."""
     value = statement.value
     if isinstance(value, ir.Expr) and value.op == "call":
         kind, signature = typemap[value.func.name], calltypes[value]
-        if isinstance(kind, types.Dispatcher) and signature.args in kind.dispatcher.overloads:
-            annotation = kind.dispatcher.overloads[signature.args].type_annotation
+        called = kind.dispatcher if isinstance(kind, types.Dispatcher) else None
+        if called and is_outside(called.py_func) and signature.args in called.overloads:
+            annotation = called.overloads[signature.args].type_annotation
             if hasattr(annotation, "typemap"):  # one that numba's own cache has loaded has none
                 yield annotation
