@@ -2,7 +2,8 @@
 
 Rays and contacts test one body against all others, and nearly all answers are no. The functions here take a block of
 rows and return a bitset (see blocks) of all rows for which the answer may be yes, and few others; only these get the
-exact test. Each AABB is enlarged by SLACK, so that rounding never loses a hit.
+exact test. Each AABB is enlarged by SLACK, so that rounding never loses a hit, in rooms of up to a hundred metres. Over
+longer ways the exact tests themselves, which are Box2D's, are right to millimetres only, and grazes may be culled.
 
     aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
     for k in range(count):
