@@ -366,7 +366,7 @@ class Module:
         """Return the sizes of the groups, such as teams, into which it splits agents by id; () without groups."""
         return ()
 
-    def replace(self, **numbers: Any) -> Self:
+    def replace(self, /, **numbers: Any) -> Self:
         """Return a copy with other numbers; for an unknown name, raise a NumberError that lists the known ones."""
         known = [name for name, *_ in self._declared()]
         for key in numbers:

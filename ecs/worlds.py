@@ -204,7 +204,7 @@ class Worlds:
         if self.layout.keyed:
             self[Given].words[where, AWAY] = 0
 
-    def set_numbers(self, **numbers: Any) -> None:
+    def set_numbers(self, /, **numbers: Any) -> None:
         """Change numbers of mechanics from the next tick on, in all worlds.
 
         Args:

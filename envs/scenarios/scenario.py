@@ -129,7 +129,7 @@ class Scenario:
         """
         return self._derived(order=(*self.order, systems))
 
-    def replace(self, **numbers: Number) -> "Scenario":
+    def replace(self, /, **numbers: Number) -> "Scenario":
         """Return the scenario with other values for some numbers. Numbers that are set no longer vary.
 
         Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, and a message
@@ -161,7 +161,7 @@ class Scenario:
                 LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
         return found
 
-    def vary(self, **numbers: Distribution) -> "Scenario":
+    def vary(self, /, **numbers: Distribution) -> "Scenario":
         """Return the scenario with numbers that each world draws anew at the beginning of each episode.
 
         >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
@@ -204,7 +204,7 @@ class Scenario:
             raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
         return self._derived(observed=tuple(sorted({*full})))
 
-    def roles(self, *, drawn: str = NEVER, observed: bool = True, **roles: Role) -> "Scenario":
+    def roles(self, /, *, drawn: str = NEVER, observed: bool = True, **roles: Role) -> "Scenario":
         """Return the scenario with roles, which give agents numbers of their own; any earlier roles are replaced.
 
         >>> scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))

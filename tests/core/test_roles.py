@@ -386,6 +386,31 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     assert "nothing.json cannot be read: No such file" in error
 
 
+@pytest.mark.parametrize("name", ["self", "cls", "name", "roles", "numbers", "count", "scenario", "role", "None"])
+def test_a_role_may_be_called_as_a_parameter_is(tmp_path: Path, name: str) -> None:
+    """Apart from the options of Scenario.roles, of which test_unknown_numbers_get_a_hint has the error."""
+    given = {"drawn": "never", "roles": [{"name": name, "count": 4, "numbers": {"melee_damage": 3}}]}
+    (path := tmp_path / "roles.json").write_text(json.dumps(given))
+    env = make_vec(with_roles(ONE_THREE, path), 1, seed=0)
+    env.reset()
+    assert env.roles == (name,)
+    assert with_roles(ONE_THREE, path) == ONE_THREE.roles(**{name: outlast.role(4, melee_damage=3)})
+
+
+def test_no_number_is_called_self() -> None:
+    env = make_vec("ffa_2", 1)
+    changes: tuple[Any, ...] = (
+        ONE_THREE.replace,
+        ONE_THREE.vary,
+        env.set_numbers,
+        env.worlds.set_numbers,
+        Melee().replace,
+    )
+    for change in changes:
+        with pytest.raises(NumberError, match="self"):
+            change(self=outlast.uniform(1, 2) if change == ONE_THREE.vary else 1)
+
+
 def test_data_without_roles_is_refused() -> None:
     with pytest.raises((ScenarioError, NumberError)):
         rebuilt(fingerprint(HUNT) | {"roles": {"drawn": "never", "roles": []}}, classes(HUNT))
