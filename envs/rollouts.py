@@ -34,7 +34,7 @@ Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
 Progress = Callable[[Summary], None]
 Watch = Callable[[Array], None]
-Play = Callable[[int, int, Progress], Summary]  # takes `steps`, `episodes` and `progress` of rollout
+Play = Callable[[Progress], Summary]
 WORLDS = 1024  # how many worlds play by default
 
 
@@ -136,9 +136,9 @@ def rollout(
             "csv": csv,
             "keep": keep,
         }
-        play = stack.enter_context(prepared(*made, watch=watch, **files))
+        play = stack.enter_context(prepared(*made, watch=watch, steps=steps, episodes=episodes or 1, **files))
         try:
-            return play(steps, episodes or 1, progress)
+            return play(progress)
         except KeyboardInterrupt as stop:
             stopped = stop  # raised after the files are closed, so that they are complete
     raise stopped
@@ -206,8 +206,10 @@ def prepared(
     csv: File | None,
     keep: bool = False,
     watch: Watch | None = None,
+    steps: int,
+    episodes: int,
 ) -> Iterator[Play]:
-    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile.
+    """Open the files of a rollout, and yield a function that plays the steps, or else episodes, of these worlds.
 
     Raises:
         UsageError: `record_policy` without a recording, a file that cannot be written, or one for two things.
@@ -223,7 +225,7 @@ def prepared(
         with left_whole() as stack:
             if record is not None:
                 thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
-                stack.enter_context(record_env(env, record, **thought))
+                stack.enter_context(record_env(env, record, episodes=0 if steps else episodes, **thought))
             if events is not None:
                 table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
                 watchers.append(lambda where: table.add(with_episodes(env.events(), numbers), where))
@@ -240,7 +242,7 @@ def prepared(
 
             ended.append(begin_next)
 
-            def play(steps: int, episodes: int, progress: Progress) -> Summary:
+            def play(progress: Progress) -> Summary:
                 def progressed(summary: Summary) -> None:
                     summary.outcomes, summary.kept = against.outcomes if against else {}, kept
                     progress(summary)

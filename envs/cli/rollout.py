@@ -138,8 +138,8 @@ def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, W
     settings = {name: getattr(options, name) for name in ("seed", "threads", "specialize", "interpret")}
     files = {name: getattr(options, name) for name in ("record", "record_policy", "events", "csv")}
     made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
-    with contextlib.closing(made[0]), prepared(*made, **files) as play:
-        yield made[0].num_agents, lambda progress: play(options.steps, options.episodes, progress)
+    with contextlib.closing(made[0]), prepared(*made, steps=options.steps, episodes=options.episodes, **files) as play:
+        yield made[0].num_agents, play
 
 
 @contextlib.contextmanager

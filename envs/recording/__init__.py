@@ -24,6 +24,7 @@ def record(
     *,
     policy: Any = None,
     plays: Callable[[], Any] | None = None,
+    episodes: int | None = None,
 ) -> Recorder:
     """Record everything that `env` does from its next reset on, which must reset all worlds.
 
@@ -38,6 +39,8 @@ def record(
             probabilities of its actions, the value that it expects, and what it attends to. For that it is called an
             additional time, whoever acts. None: record no policy.
         plays: A function that returns which agents it plays at the moment, bool (worlds, agents). None: all.
+        episodes: How many episodes of each world are counted, its first ones; 0: all that end. A replay counts the
+            same. None: it counts the first of each world, if each has one.
 
     Returns:
         The recorder. Use it as a context manager, or close either it or the environment.
@@ -60,4 +63,6 @@ def record(
             stacklevel=2,
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
-    return env.run_with(lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait))
+    return env.run_with(
+        lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait, episodes)
+    )

@@ -178,7 +178,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
-    numbers.append(header["given"])
+    numbers += [header["given"], header.get("episodes", 0)]  # the latter is not known of every recording
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -195,6 +195,7 @@ def _is_valid(header: Any) -> bool:
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
         and header["given"] <= MAX_HEADER
+        and header.get("episodes", 0) <= MAX_COUNT
         and len(digests["components"]) <= MAX_HEADER
     )
 

@@ -52,8 +52,9 @@ class Recorder:
         first_world: int = 0,
         policy: PolicyRecorder | None = None,
         wait: Callable[[], None] = lambda: None,
+        episodes: int | None = None,
     ) -> None:
-        """wait: A function that returns when no tick runs in the background or is about to."""
+        """wait: A function that returns when no tick runs in the background or is about to. The rest: see `record`."""
         self.path, self._worlds, self._policy, self._wait = Path(path), worlds, policy, wait
         self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
         form = TickFormat(
@@ -63,6 +64,8 @@ class Recorder:
             worlds.dims.get(GIVEN_DIM, 0),
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
+        if episodes is not None:
+            header["episodes"] = episodes
         if policy:
             header["policy"] = policy.header
         self._file = _Appender(self.path, header, form)

@@ -33,7 +33,9 @@ class Replay:
     Attributes:
         recording: The recording.
         worlds: An ecs.Worlds, in the state after the tick that `ticks` yielded last; read its tables and its `mode`.
-        summary: The summary of the episodes that have ended so far.
+        summary: The summary of the episodes that have ended so far; once all of them have, it is that which the
+            recorded rollout printed. Of a recording that does not say what was counted, it is of the first episode of
+            each world, once each has ended one.
         episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` may differ: it
             starts again when a seed is given, and a level with a key sets it.
         policy: What the recorded policy thought before that tick, policy_record.policy_dtype (worlds, agents), NaN in
@@ -51,7 +53,9 @@ class Replay:
         recording = recording if isinstance(recording, Recording) else Recording.open(recording)
         check_count("threads", threads, 1)
         self._going: object = None  # marks the newest iterator of `ticks`: older ones may not go on
-        self.recording, self.summary, scenario = recording, Summary(), recording.scenario
+        self.recording, scenario = recording, recording.scenario
+        self._known: int | None = recording.header.get("episodes")
+        self._all = self._first = Summary()
         self.policy: Array | None = None
         try:
             self.worlds = scenario.worlds(recording.num_worlds, threads)
@@ -66,6 +70,12 @@ class Replay:
         self._check("components", recording.components, self._digests.names)
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; no world runs
+
+    @property
+    def summary(self) -> Summary:  # noqa: D102  # described above
+        each = self._known or 1
+        self._first.episodes_per_world = each if self._first.episodes == each * self.worlds.count else 0
+        return self._first if self._known or (self._known is None and self._first.episodes_per_world) else self._all
 
     def __repr__(self) -> str:
         return f"<Replay of {self.recording.path}: {self.recording.contents}>"
@@ -109,7 +119,7 @@ class Replay:
 
     def _ticks(self, verify: bool, first: int, last: int | None, rows: list[int] | None) -> Iterator[int]:
         self._going = mine = object()
-        self.summary = Summary()
+        self._all, self._first = Summary(), Summary()
         self.episodes[:] = 0
         for number, record in enumerate(self.recording.tick_records()):
             if self._going is not mine:
@@ -174,7 +184,9 @@ class Replay:
         end = self.worlds[End]
         done = (end.terminated | end.truncated)[:, 0] & (self.worlds.mode == STEP)
         if done.any():
-            self.summary.add(statistics(self.worlds, done), done, counted(self.worlds))
+            found, present = statistics(self.worlds, done), counted(self.worlds)
+            self._all.add(found, done, present)
+            self._first.add(found, done & (self.episodes <= (self._known or 1)), present)
 
     def _check(self, what: str, there: object, here: object) -> None:
         if here != there:

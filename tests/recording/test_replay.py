@@ -139,12 +139,39 @@ def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> Non
     """Digests of larger batches take turns: 64 worlds a tick."""
     env = make("ffa_1", worlds=scaled(150, least=70), threads=2, first_world=3)
     summary = None
-    with outlast.record(env, tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec", episodes=0):
         summary = rollout(env, POLICIES["random"](env, 0), scaled(60, least=4))
     replay = Replay(found := Recording.open(tmp_path / "a.rec"), threads=3)
     assert list(replay.ticks()) == list(range(len(found)))
     assert str(replay.summary) == str(summary)
     assert (replay.summary.episodes, replay.worlds[Clock].world[0, 0]) == (summary.episodes, 3)
+
+
+@pytest.mark.parametrize("asked", [{"episodes": 1}, {"episodes": 3}, {"steps": 150}, {"steps": 3}])
+def test_a_replay_has_the_table_of_the_rollout(tmp_path: Path, asked: dict[str, Any]) -> None:
+    """Of the first episodes of every world; of all, if the rollout was of a number of steps."""
+    given: dict[str, Any] = {"worlds": 4, "seed": 3, "record": tmp_path / "a.rec"}
+    summary = outlast.rollout(short("ffa_2"), "scripted", **given, **asked)
+    replay = Replay(tmp_path / "a.rec")
+    assert [*replay.ticks()]
+    assert str(replay.summary) == str(summary)
+    assert replay.summary.episodes_per_world == asked.get("episodes", 0)
+
+
+def test_a_replay_of_a_loop_of_ones_own_counts_the_first_episodes(tmp_path: Path) -> None:
+    """Once every world has ended one; until then, all."""
+    zone = {"safe_zone_damage": 20, "safe_zone_stand": 20, "safe_zone_shrink": 10}
+    env = outlast.make_vec("ffa_2", 3, seed=0, **zone)
+    with outlast.record(env, tmp_path / "a.rec"):
+        expected = rollout(env, POLICIES["scripted"](env, 0), episodes=1)
+        for _ in range(60):
+            env.step(np.tile(env.noop, (3, 2, 1)))
+    replay, headings = Replay(tmp_path / "a.rec"), dict[str, None]()
+    for _ in replay.ticks():
+        headings[str(replay.summary).partition("\n")[0]] = None
+    assert str(replay.summary) == str(expected)
+    assert [*headings][-1] == "3 whole episodes, the first of every world"
+    assert any("lean towards short" in heading for heading in headings)
 
 
 def test_a_replay_begins_anew_as_often_as_asked(tmp_path: Path) -> None:
