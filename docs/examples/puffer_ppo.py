@@ -3,6 +3,7 @@
 python docs/examples/puffer_ppo.py --variant teams_3 --total-timesteps 10000000
 """
 
+import numpy as np
 import torch
 from cleanrl_ppo import Args, Rollouts, arguments, train
 from pufferlib import vector
@@ -13,7 +14,7 @@ PROCESSES = 2
 
 
 class VectorRollouts(Rollouts):
-    """PufferLib hands out no action masks and no last observations: any action is drawn; who is cut short, ends."""
+    """PufferLib hands out no action masks: any action is drawn."""
 
     def __init__(self, envs, agent, args: Args) -> None:
         self.envs, self.agent, self.args, self.returns = envs, agent, args, []
@@ -26,7 +27,11 @@ class VectorRollouts(Rollouts):
         self.obs, self.alive = (torch.from_numpy(array.copy()) for array in (observations, alive))
         self.mask = torch.ones(len(alive), sum(self.agent.sizes), dtype=torch.bool)
         self.returns += [value for info in infos for value in info["return"]]
-        return torch.from_numpy(reward.copy()), torch.from_numpy(terminated | truncated)
+        reward = reward.copy()
+        if truncated.any():  # worth what the critic expects of the last observations
+            last = np.concatenate([info["final_obs"] for info in infos if "final_obs" in info])
+            reward[truncated] += self.args.gamma * self.agent.value(torch.from_numpy(last)).numpy()
+        return torch.from_numpy(reward), torch.from_numpy(terminated | truncated)
 
     def step(self, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         self.envs.send(action.numpy())

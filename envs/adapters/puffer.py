@@ -21,7 +21,7 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError(f"make_puffer needs PufferLib 3: {install('puffer')}", name="pufferlib") from error
 
-Infos = list[dict[str, list[float]]]
+Infos = list[dict[str, Any]]
 Outcome = tuple[Array, Array, Array, Array, Infos]
 
 
@@ -99,7 +99,9 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
     the next episode's. PufferLib's own trainer ends returns only at terminals.
 
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
-    with one for each agent or side that the episode had in statistics of agents and sides.
+    with one for each agent or side that the episode had in statistics of agents and sides. After a truncation it also
+    has "final_obs", float32 (n, size): the last observations of the rows that are truncated, in order, so that a
+    learner can add their values to `rewards[truncations]`. In batches of several environments, join those of all infos.
 
     base_env.flat_names are the names of the columns of observations.
 
@@ -121,6 +123,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         self._actions = ActionSpace(base_env.worlds, actions)
         self.single_observation_space = base_env._reader.of_agent(0)  # all agents have the same space
         self.single_action_space = self._actions.single
+        self.metadata = base_env.metadata  # the base class reads it
         super().__init__(buf)
 
     def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
@@ -140,7 +143,7 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         *_, terminated, truncated, info = self.base_env.step(self._by_world(rows), out=out)
         self._by_world(self.terminals)[:] = terminated[:, None]
         self._by_world(self.truncations)[:] = truncated[:, None]
-        infos = []
+        infos: Infos = []
         if "statistics" in info:
             done = info["_statistics"]
             there = info.get("statistics_present", {})
@@ -150,6 +153,8 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
                     for key, values in info["statistics"].items()
                 }
             )
+            if truncated.any():  # an array, which PufferLib's trainer leaves out of its means
+                infos[0]["final_obs"] = np.concatenate(info["final_obs"][truncated])
         self.masks[:] = info["alive"].ravel()
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 

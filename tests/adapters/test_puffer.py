@@ -1,9 +1,11 @@
 """PufferLib: beside PufferLib's own emulation, the batched environment, and under its backends."""
 
+import runpy
 import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ with warnings.catch_warnings():
 needs_puffer = pytest.mark.skipif(pufferlib is None, reason="needs PufferLib: outlast[puffer]")
 SIZES, SEED = (3, 3, 3, 2, 2, 2), 5
 WORLDS, STEPS = scaled(20, least=2), scaled(150, least=65)  # enough for every world of short() to end
+LIMIT = 20  # ticks after which some worlds are truncated, and others have ended by their rule
 ARRAYS = ("observations", "rewards", "terminals", "truncations", "masks")
 
 
@@ -77,11 +80,13 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT, *EACH_LEVEL])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""
-    env, batch = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset_mode="SameStep")
+    game = short(name).replace(ending_limit=LIMIT)
+    env = outlast.make_puffer(game, WORLDS, seed=SEED)
+    batch = outlast.make_vec(game, WORLDS, seed=SEED, autoreset_mode="SameStep")
     assert env.reset()[1] == []
     expected, _ = batch.reset()
     space = outlast.make_agents(short(name), 1).single_observation_space
-    episodes = dead = 0
+    episodes = dead = cut = 0
     for tick in range(STEPS):
         for i in (0, env.num_agents - 1):
             row = unflatten(space, env.observations[i])
@@ -99,18 +104,30 @@ def test_it_is_the_batched_environment(name: str) -> None:
         if infos:
             done = info["_statistics"]
             there = info.get("statistics_present", {})
+            last = infos[0].pop("final_obs", None)
+            assert (last is not None) == truncated.any()
+            if last is not None:
+                assert alike([last], [rows_of(batch, info["final_obs"][truncated])])
+                cut += len(last)
             assert infos[0] == {
                 key: [x for rows in zip(values[done], there.get(key, values == values)[done]) for x in own(*rows)]
                 for key, values in info["statistics"].items()
             }
             episodes += len(infos[0]["length"])
     assert episodes >= WORLDS
+    assert cut > 0
     assert (dead > 0) == (name != "ffa_3")  # of two, the last one's world ends with the other's death
 
 
 def own(values: Any, there: Any) -> list[Any]:
     """The entries that an episode has."""
     return [value for value, had in zip(np.atleast_1d(values).tolist(), np.atleast_1d(there), strict=True) if had]
+
+
+def rows_of(batch: Any, last: Any) -> np.ndarray[Any, Any]:
+    """The last observations of several worlds, a dict each, as flat rows of their agents."""
+    parts = [np.concatenate([each[key].reshape(batch.num_agents, -1) for key in each], 1) for each in last]
+    return np.concatenate(parts)
 
 
 def flat(batch: Any) -> np.ndarray[Any, Any]:
@@ -125,23 +142,28 @@ def test_puffers_backends(backend: str) -> None:
     """Environments write into their parts of PufferLib's arrays: those of two environments with seeds one apart."""
     worlds = scaled(3)
     options = {"num_workers": 2, "overwork": True} if backend == "Multiprocessing" else {}
-    vector = pufferlib.vector.make(
-        outlast.make_puffer, [short("ffa_3"), worlds], num_envs=2, backend=backend, **options
-    )
-    alone = [make("ffa_3", worlds, seed=SEED + i) for i in range(2)]
+    game = short("ffa_3").replace(ending_limit=LIMIT)
+    vector = pufferlib.vector.make(outlast.make_puffer, [game, worlds], num_envs=2, backend=backend, **options)
+    alone = [outlast.make_puffer(game, worlds, seed=SEED + i) for i in range(2)]
     observations, _ = vector.reset(seed=SEED)
     expected = [np.concatenate([each.reset()[0] for each in alone])]
-    episodes = 0
+    episodes = cut = 0
     for tick in range(STEPS):
         assert alike([observations], expected[:1])
         actions = drawn(vector, tick).astype(np.int64)
         observations, *outcome, infos = vector.step(actions)
         mine = [each.step(rows) for each, rows in zip(alone, np.split(actions, 2))]
         expected = [np.concatenate(arrays) for arrays in list(zip(*mine))[:4]]
+        of_each = [info for *_, infos_of_one in mine for info in infos_of_one]
         assert alike(outcome, expected[1:])
+        last, own_last = ([info["final_obs"] for info in each if "final_obs" in info] for each in (infos, of_each))
+        assert alike(last, own_last)
+        assert sum(map(len, last)) == outcome[2].sum()
+        cut += len(last)
         episodes += sum(len(info["length"]) for info in infos)
     vector.close()
     assert episodes >= 2 * worlds
+    assert cut > 0
 
 
 @needs_puffer
@@ -227,17 +249,31 @@ def test_pictures() -> None:
         make(render_mode="human")
 
 
-def test_without_pufferlib_it_says_what_to_install() -> None:
-    code = "import sys; sys.modules['pufferlib'] = None; import outlast; outlast.make_puffer"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    last = "ModuleNotFoundError: make_puffer needs PufferLib 3: pip install 'outlast[puffer]'"
-    assert done.stderr.splitlines()[-1] == f"{last} (pufferlib-core<4,>=3.0.3)"
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "puffer_ppo.py"
+
+
+@needs_puffer
+def test_the_example_values_last_observations_where_episodes_are_cut_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two environments, the second one without a truncation; agents that die or win get nothing more."""
+    torch = pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
+    monkeypatch.syspath_prepend(str(EXAMPLE.parent))
+    rollouts = runpy.run_path(str(EXAMPLE))["VectorRollouts"]
+    size, ones, none = 2, np.ones(4, np.float32), np.zeros(4, bool)
+    last = {"return": [], "final_obs": np.full((2, size), 7, np.float32)}
+    ends = np.array([1, 0, 0, 0], bool), np.array([0, 1, 1, 0], bool)
+    batch = np.zeros((4, size), np.float32), ones, *ends, None, [last, {"return": [3.0]}], None, ~none
+    this = SimpleNamespace(envs=SimpleNamespace(recv=lambda: batch), args=SimpleNamespace(gamma=0.5), returns=[])
+    this.agent = SimpleNamespace(value=lambda obs: obs.sum(1), sizes=list(SIZES))
+    reward, done = rollouts.receive(this)
+    assert reward.tolist() == [1, 1 + 0.5 * 7 * size, 1 + 0.5 * 7 * size, 1]
+    assert done.tolist() == [True, True, True, False]
+    assert ones.tolist() == [1] * 4  # PufferLib's own array
+    assert isinstance(this.obs, torch.Tensor)
 
 
 def example(*options: str) -> list[float]:
     """The returns that docs/examples/puffer_ppo.py prints, by update."""
-    script = Path(__file__).parents[2] / "docs" / "examples" / "puffer_ppo.py"
-    done = subprocess.run([sys.executable, str(script), *options], capture_output=True, text=True, timeout=280)
+    done = subprocess.run([sys.executable, str(EXAMPLE), *options], capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr
     return [float(line.split("return ")[1].split(",")[0]) for line in done.stdout.splitlines()]
 
