@@ -3,11 +3,15 @@
 from collections.abc import Iterator
 from types import FrameType
 
+import gymnasium
 from gymnasium.spaces import Dict
-from gymnasium.vector import VectorWrapper
+from gymnasium.vector import AutoresetMode, VectorWrapper
 from gymnasium.wrappers.vector import NormalizeObservation, NormalizeReward, RecordEpisodeStatistics
 
 SUMMING = (NormalizeReward, RecordEpisodeStatistics)
+# RecordEpisodeStatistics leaves out the first step of every episode but the first under SAME_STEP. The floor in
+# pyproject.toml is lower, as RLlib asks for gymnasium 1.2.2 exactly.
+MISCOUNTS = tuple(int(part) for part in gymnasium.__version__.split(".")[:2]) < (1, 4)
 
 
 def refuse_reward_sums(caller: FrameType | None) -> None:
@@ -36,6 +40,17 @@ def refuse_dicts(caller: FrameType | None) -> None:
                 "NormalizeObservation takes observations in one array, and here they are a dict; wrap "
                 "gymnasium.wrappers.vector.FlattenObservation first: NormalizeObservation(FlattenObservation(env))"
             )
+
+
+def refuse_miscounts(caller: FrameType | None, mode: AutoresetMode) -> None:
+    """TypeError if a call comes through a wrapper that would count episodes wrong; see `refuse_reward_sums`."""
+    if not MISCOUNTS or mode is not AutoresetMode.SAME_STEP:
+        return
+    if any(isinstance(wrapper, RecordEpisodeStatistics) for wrapper in _wrappers(caller)):
+        raise TypeError(
+            f"RecordEpisodeStatistics of gymnasium {gymnasium.__version__} leaves out the first step of an episode "
+            "under autoreset_mode='SameStep'; take gymnasium >= 1.4, 'NextStep', or info[\"statistics\"]"
+        )
 
 
 def _wrappers(caller: FrameType | None) -> Iterator[VectorWrapper]:
