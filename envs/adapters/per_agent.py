@@ -13,7 +13,7 @@ from outlast.components import Return
 from outlast.ecs import NumberError, Worlds
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import agent_statistics, alive, counts_vary, present
+from ..core.agents import agent_statistics
 from ..core.described import Actions, Arrays
 from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
@@ -245,11 +245,11 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     def _info(self, where: Array) -> dict[str, Any]:
         """Return entries that info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
-        info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        info: dict[str, Any] = {}
+        for key, values in self.base_env._presence().items():
+            info |= {key: self._rows(values) & rows, f"_{key}": rows}
         if self._masked:
             info |= {"action_mask": (self._masks() & rows[:, None]).view(np.int8), "_action_mask": rows}
-        if counts_vary(self.base_env.worlds):
-            info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
         return info
 
     def _finish(self, done: Array, observed: Arrays) -> dict[str, Any]:

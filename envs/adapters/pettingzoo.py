@@ -10,7 +10,7 @@ import numpy as np
 from outlast.components.respawn import inactive
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import alive, counted, counts_vary, present
+from ..core.agents import alive, counted, present
 from ..core.concurrency import check_callable
 from ..core.numbers import copy_changed
 from ..core.observations import each
@@ -117,7 +117,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         )
         self.np_random = np.random.default_rng(seed)
         check_dead(dead, self.base_env.worlds)
-        self._counts_vary = counts_vary(self.base_env.worlds)
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []
@@ -286,9 +285,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
 
     def _infos(self, agents: Iterable[str]) -> Infos:
-        found = {"alive": alive(self.base_env.worlds, 0)}
-        if self._counts_vary:
-            found["present"] = present(self.base_env.worlds, 0)
+        found = self.base_env._presence(0)
         infos: Infos = {agent: {key: int(ones[self._index[agent]]) for key, ones in found.items()} for agent in agents}
         if self._masked:
             masks = self._actions.masks()[0].view(np.int8)

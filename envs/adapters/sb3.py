@@ -266,7 +266,6 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
 
 def _infos(info: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a new dict for each sub-environment, with 1 or 0 for "alive" and, if counts vary, "present"."""
-    columns = [info[key].astype(int).tolist() for key in ("alive", "present") if key in info]
-    if len(columns) == 1:
-        return [{"alive": alive} for alive in columns[0]]
-    return [{"alive": alive, "present": present} for alive, present in zip(*columns, strict=True)]
+    keys = [key for key in ("alive", "present") if key in info]
+    rows = zip(*(info[key].astype(int).tolist() for key in keys), strict=True)
+    return [dict(zip(keys, row, strict=True)) for row in rows]

@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from outlast.ecs import AgentRoles, Clock
 
-from ..core.agents import alive, counts_vary, present, side
+from ..core.agents import counts_vary, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
 from ..core.step_buffers import StepBuffers
@@ -125,7 +125,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:
         super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
-        self.vector_env, self._counts_vary = base_env, counts_vary(base_env.worlds)
+        self.vector_env = base_env
         self.statistics, self.statistics_present = dict[str, Array](), dict[str, Array]()
         self._masked = base_env.action_mask_size > 0
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
@@ -149,7 +149,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 "observation": _spec(env.single_observation_space, own, device),
                 "mask": _flags((n,), device),
             }
-            if self._counts_vary:
+            if counts_vary(env.worlds):
                 parts["present"] = _flags((n,), device)
             if self._masked:
                 parts["action_mask"] = _flags((n, env.action_mask_size), device)
@@ -241,20 +241,19 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
         """Return what TorchRL gets from a reset, and from a step, which has rewards, too."""
-        living = torch.from_numpy(alive(self.vector_env.worlds))
-        there = torch.from_numpy(present(self.vector_env.worlds)) if self._counts_vary else living
+        flags = {key: torch.from_numpy(values) for key, values in self.vector_env._presence().items()}
+        flags["mask"] = flags.pop("alive")
         told: dict[str, Any] = {"state": out["state"]}
         for group, own in self._members.items():
             parts = {
                 "observation": each(out["observations"], lambda array: array[:, own]),  # noqa: B023
-                "mask": living[:, own],
-                **({"present": there[:, own]} if self._counts_vary else {}),
+                **{key: values[:, own] for key, values in flags.items()},
             }
             if self._masked:
                 parts["action_mask"] = out["action_mask"][:, own]
             if more:
                 parts["reward"] = out["rewards"][:, own, None]
-            told[group] = TensorDict(parts, batch_size=(len(living), len(self.group_map[group])))
+            told[group] = TensorDict(parts, batch_size=(*self.batch_size, len(self.group_map[group])))
         told |= {name: out[name][:, None] for name in ("terminated", "truncated")}
         told["done"] = told["terminated"] | told["truncated"]
         return TensorDict(told, batch_size=self.batch_size).to(self.device)

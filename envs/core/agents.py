@@ -25,6 +25,25 @@ def present(worlds: Worlds, where: Any = slice(None)) -> Array:
     return there
 
 
+class Presence:
+    """The entries of infos about agents, for all adapters: "alive" and, only if the number of agents varies, "present".
+
+    Calls return what the functions `alive` and `present` do.
+    """
+
+    def __init__(self, worlds: Worlds) -> None:
+        entity, rows = worlds[Entity], worlds.span("agent")
+        self._alive = entity.alive[:, rows]  # views, as looking them up takes longer than a small world's copy
+        self._identity = entity.identity[:, rows] if counts_vary(worlds) else None
+
+    def __call__(self, where: Any = slice(None)) -> dict[str, Array]:
+        """Return the entries, bool (worlds, agents), new arrays. where: index of worlds; 0 gives (agents,)."""
+        found: dict[str, Array] = {"alive": self._alive[where].astype(bool)}
+        if self._identity is not None:
+            found["present"] = self._identity[where] >= 0
+        return found
+
+
 def counts_vary(worlds: Worlds) -> bool:
     """Return whether worlds have different numbers of agents."""
     return fewest_agents(worlds) < worlds.dims["agents"]

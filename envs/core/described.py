@@ -13,7 +13,7 @@ from ..levels import Level
 from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Scenario
 from .action_spaces import ActionSpace
-from .agents import counted, present
+from .agents import Presence, counted
 from .buffers import writable
 from .concurrency import check_callable, exclusive
 from .global_state import GlobalState
@@ -39,7 +39,6 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     _actions: ActionSpace
     _masked: bool
     _step_events: StepEvents
-    _living: Actions  # whether each agent is alive, a view of uint8 (worlds, agents)
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -99,6 +98,10 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def action_mask_size(self) -> int:
         """The length of an agent's action mask: 15 in the paper; with actions="joint" 216, with "continuous" 0."""
         return self._actions.mask_size
+
+    @cached_property
+    def _presence(self) -> Presence:
+        return Presence(self.worlds)
 
     @cached_property
     def _varied(self) -> bool:
@@ -229,11 +232,11 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def _info(self) -> dict[str, Any]:
         """Return the entries of info about the observations that are returned."""
-        info: dict[str, Any] = {"alive": self._living.astype(bool)}
+        info: dict[str, Any] = {**self._presence()}
         if self._masked:
             info["action_mask"] = self._actions.masks().view(np.int8)  # the type that Gymnasium's Space.sample takes
         if self._varied:
-            info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
+            info["numbers"] = self.worlds.numbers()
         if self._roles:
             info["roles"] = np.where(info.get("present", True), self.worlds[AgentRoles].role, np.int32(-1))
         return info

@@ -9,7 +9,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Reward
-from outlast.ecs import Entity
 
 from ..errors import ActionError, RecordingError
 from ..levels import Level
@@ -129,7 +128,6 @@ class SurvivalVectorEnv(Described):
         end = self.worlds[End]
         self._reward = self.worlds[Reward].reward
         self._terminated, self._truncated = end.terminated[:, 0], end.truncated[:, 0]
-        self._living = self.worlds[Entity].alive[:, self.worlds.span("agent")]
         self._step_events = StepEvents(self.worlds)
         self._stops: Stops | None = None
         self._wrappers_checked = False
@@ -152,8 +150,8 @@ class SurvivalVectorEnv(Described):
 
         Returns:
             Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents). If numbers
-            vary, info also has "numbers", their values in this episode, (worlds, ...) by name, and "present", bool
-            (worlds, agents).
+            vary, info also has "numbers", their values in this episode, (worlds, ...) by name; if the number of agents
+            does, "present", bool (worlds, agents).
 
         Raises:
             ValueError: The seed or the mask is not valid.
