@@ -74,6 +74,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     the episode has the agent.
 
     Attributes:
+        observation_spaces, action_spaces: What observation_space and action_space return, by agent.
         statistics: The statistics of the last episode that ended, by key; {} before that. An episode ends when no agent
             is left, even if the world could go on. The statistics are the world's: "return" also counts rewards after
             an agent has left, and so may differ from what the agent was paid with dead="end".
@@ -123,17 +124,17 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.statistics, self.statistics_present = dict[str, Any](), dict[str, Array]()
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
-        self._observation_spaces = [self.base_env._reader.of_agent(i) for i in self._index.values()]
-        self._action_spaces = [self._actions.single for _ in self.possible_agents]
+        self.observation_spaces = {agent: self.base_env._reader.of_agent(i) for agent, i in self._index.items()}
+        self.action_spaces = {agent: self._actions.single for agent in self._index}  # noqa: C420 - a new one each
         self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
 
     def observation_space(self, agent: str) -> Any:
         """Return the agent's observation space: Dict of float32 Boxes, or a flat Box; always the same object."""
-        return self._observation_spaces[self._number(agent)]
+        return self._of(self.observation_spaces, agent)
 
     def action_space(self, agent: str) -> Any:
         """Return the agent's action space: MultiDiscrete, Discrete or Box; always the same object."""
-        return self._action_spaces[self._number(agent)]
+        return self._of(self.action_spaces, agent)
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start an episode.
@@ -246,9 +247,9 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         other.set_state(self.get_state())
         other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
         other.statistics_present = copy.deepcopy(self.statistics_present)
-        drawing = self._action_spaces, self.np_random
+        drawing = self.action_spaces, self.np_random
         # with their random generators, so that both go on with the same draws
-        other._action_spaces, other.np_random = copy.deepcopy(drawing)
+        other.action_spaces, other.np_random = copy.deepcopy(drawing)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -297,10 +298,10 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         if self.render_mode == "human":
             self.render()
 
-    def _number(self, agent: str) -> int:
-        if agent not in self._index:
+    def _of(self, spaces: dict[str, Any], agent: str) -> Any:
+        if agent not in spaces:
             raise KeyError(f"there is no agent {agent!r}; there are: {', '.join(self.possible_agents)}")
-        return self._index[agent]
+        return spaces[agent]
 
     def _check_open(self) -> None:
         check_callable(self.base_env)
