@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
+from gymnasium import spaces
 
 from outlast.components.respawn import inactive
 
@@ -15,7 +16,7 @@ from ..core.concurrency import check_callable
 from ..core.numbers import copy_changed
 from ..core.observations import each
 from ..core.spaces import statistics
-from ..core.validation import Array, check_choice, check_count, check_flags
+from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, NotResetError, install
 from ..rendering import modes
@@ -57,7 +58,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     attack, use, give. With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
-    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single array.
+    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single array. With
+    action_masks="observation", {"observation": these, "action_mask": int8 (entries,)}.
 
     ## Rewards
     A float for each agent.
@@ -97,13 +99,14 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         actions: str = "multi",
         observations: str = "dict",
         scaled: bool = False,
-        action_masks: bool = False,
+        action_masks: bool | str = False,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-        check_flags(action_masks=action_masks)
-        spaces: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
-        spaces["action_masks"] = action_masks
-        self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **spaces)
+        if not isinstance(action_masks, (bool, np.bool_)):
+            check_choice("action_masks", action_masks, ("observation",), ", True and False")
+        form: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
+        form["action_masks"] = action_masks
+        self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **form)
         self._window = Window(modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
@@ -123,9 +126,12 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.agents: list[str] = []
         self.statistics, self.statistics_present = dict[str, Any](), dict[str, Array]()
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
-        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
+        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, bool(action_masks)), bool(action_masks)
         self.observation_spaces = {agent: self.base_env._reader.of_agent(i) for agent, i in self._index.items()}
         self.action_spaces = {agent: self._actions.single for agent in self._index}  # noqa: C420 - a new one each
+        self._mask_form: tuple[str, Any] | None = None
+        if action_masks == "observation":
+            self._observe_masks("observation", np.int8)
         self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
 
     def observation_space(self, agent: str) -> Any:
@@ -281,14 +287,26 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         living = alive(self.base_env.worlds, 0)
         return [agent for agent in agents if self.dead == "keep" or living[self._index[agent]]]
 
+    def _observe_masks(self, key: str, dtype: Any) -> None:
+        """From now on agents observe {key: as before, "action_mask": (entries,)}, as some libraries need it."""
+        self._mask_form = key, dtype
+        masks = spaces.Box(0, 1, (self._actions.mask_size,), dtype)
+        own = self.observation_spaces.items()
+        self.observation_spaces = {agent: spaces.Dict({"action_mask": masks, key: space}) for agent, space in own}
+
     def _observe(self, agents: Iterable[str]) -> Observations:
         fresh = each(self.base_env._observe(), lambda buffer: buffer[0].copy())
-        return {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
+        observed = {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
+        if self._mask_form is None:
+            return observed
+        key, dtype = self._mask_form
+        masks = self._actions.masks()[0].astype(dtype)
+        return {agent: {"action_mask": masks[self._index[agent]], key: own} for agent, own in observed.items()}
 
     def _infos(self, agents: Iterable[str]) -> Infos:
         found = self.base_env._presence(0)
         infos: Infos = {agent: {key: int(ones[self._index[agent]]) for key, ones in found.items()} for agent in agents}
-        if self._masked:
+        if self._masked and self._mask_form is None:
             masks = self._actions.masks()[0].view(np.int8)
             for agent, info in infos.items():
                 info["action_mask"] = masks[self._index[agent]]
@@ -330,7 +348,7 @@ def parallel_env(
     actions: str = "multi",
     observations: str = "dict",
     scaled: bool = False,
-    action_masks: bool = False,
+    action_masks: bool | str = False,
     **numbers: Number,
 ) -> SurvivalParallelEnv:
     """Make one world for PettingZoo's learners and wrappers.
@@ -349,6 +367,8 @@ def parallel_env(
         observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
         scaled: Whether observations and `state` are divided by the scales of their fields; see `make_vec`.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
+            "observation": its observation instead, {"observation": as without, "action_mask": the same}, as in
+            PettingZoo's classic games, where Tianshou looks for it. (TorchRL's wrapper fails if it is in both.)
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:

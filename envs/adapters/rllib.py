@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from outlast.ecs import Clock
 
@@ -34,9 +33,9 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     truncated has no other entries: if every agent were truncated by name, RLlib would treat the episode as terminated,
     and would not bootstrap values.
 
-    With config["action_masks"], an agent observes {"observations": as before, "action_mask": float32 (entries,), 1 for
-    actions that can do something}, where RLlib's ActionMaskingTorchRLModule looks for them; this module needs
-    actions="joint" and observations="flat".
+    With config["action_masks"] = True, an agent observes {"observations": as before, "action_mask": float32 (entries,),
+    1 for actions that can do something}, where RLlib's ActionMaskingTorchRLModule looks for them; this module needs
+    actions="joint" and observations="flat". ("observation" is the form of `parallel_env`, which RLlib does not know.)
 
     reset(seed=s) starts world 0 of a batch with that seed. In a training run, where each copy plays a world of its own,
     the world is a function of s, config["seed"], worker and copy. Without any seed, worlds are unpredictable. The
@@ -59,9 +58,9 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._parallel: SurvivalParallelEnv = parallel_env(**(config or {}))
         self.possible_agents = self._parallel.possible_agents
         self.agents = self.possible_agents[:]
-        self._masked = bool((config or {}).get("action_masks"))
-        self.observation_spaces = {agent: self._space(self._parallel.observation_space(agent)) for agent in self.agents}
-        self.action_spaces = {agent: self._parallel.action_space(agent) for agent in self.agents}
+        if self._parallel._masked and self._parallel._mask_form is None:
+            self._parallel._observe_masks("observations", np.float32)
+        self.observation_spaces, self.action_spaces = self._parallel.observation_spaces, self._parallel.action_spaces
         self.state_space, self.state_names = self._parallel.state_space, self._parallel.state_names
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
@@ -79,7 +78,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         observations, infos = self._parallel.reset(seed=seed, options=options)
         self._cut = False
         self.agents = self._parallel.agents
-        return self._with_masks(observations, infos), infos
+        return observations, infos
 
     def step(
         self, action_dict: Mapping[str, Any]
@@ -89,7 +88,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self.agents = self._parallel.agents
         self._cut |= any(truncated.values())  # remains true if step is called again after the end
         terminated["__all__"] = not self.agents and not self._cut
-        return self._with_masks(observations, infos), rewards, terminated, {"__all__": self._cut}, infos
+        return observations, rewards, terminated, {"__all__": self._cut}, infos
 
     def render(self) -> Any:
         """Return the picture, depending on config["render_mode"]."""
@@ -111,27 +110,11 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario."""
         observations = self._parallel.set_state(state)
         self.agents, self._cut = self._parallel.agents, bool(self.base_env._truncated[0])
-        return self._with_masks(observations, self._parallel._infos(self.agents))
+        return observations
 
     def close(self) -> None:
         """Close the window and the world. Closing again does no harm."""
         self._parallel.close()
-
-    def _space(self, own: Any) -> Any:
-        """Return an agent's observation space, given its space in `parallel_env`: with masks, if there are masks."""
-        if not self._masked:
-            return own
-        masks = spaces.Box(0, 1, (self._parallel._actions.mask_size,), np.float32)
-        return spaces.Dict({"action_mask": masks, "observations": own})
-
-    def _with_masks(self, observations: Observations, infos: Infos) -> Observations:
-        """Add the masks in `infos` to the observations, if there are masks."""
-        if not self._masked:
-            return observations
-        return {
-            agent: {"action_mask": infos[agent]["action_mask"].astype(np.float32), "observations": own}
-            for agent, own in observations.items()
-        }
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._config,)

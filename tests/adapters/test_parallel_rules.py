@@ -1,5 +1,6 @@
 """PettingZoo: which agents are reported when, what is done with actions, the state, and bad input."""
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -223,6 +224,33 @@ def test_reset_options_are_tolerated(options: dict[str, Any]) -> None:
     assert same(env.reset(options=options), reference.reset())
 
 
+@pytest.mark.parametrize("form", [{}, {"actions": "joint", "observations": "flat"}], ids=["dict", "flat"])
+@pytest.mark.parametrize("dead", ["end", "keep"])
+def test_masks_are_where_classic_games_have_them(dead: str, form: dict[str, Any]) -> None:
+    """In observations that are otherwise the same, of every agent that is reported, and not in infos."""
+    plain = short("teams_3", dead=dead, action_masks=True, **form)
+    env = short("teams_3", dead=dead, action_masks="observation", **form)
+    expected, infos = plain.reset(seed=3)
+    found, more = env.reset(seed=3)
+    for i, agent in enumerate(plain.possible_agents):
+        plain.action_space(agent).seed(i)
+    for tick in range(scaled(60, least=10)):
+        assert list(found) == list(expected)
+        for agent, seen in found.items():
+            assert env.observation_space(agent).contains(seen)
+            assert same(seen["observation"], expected[agent])
+            assert same(infos[agent], more[agent] | {"action_mask": seen["action_mask"]})
+            assert "action_mask" not in more[agent]
+        if not env.agents:
+            break
+        if tick == 5:
+            assert same(env.set_state(env.get_state()), found)
+            env = copy.deepcopy(env)
+        actions = {agent: plain.action_space(agent).sample() for agent in env.agents}
+        expected, *_, infos = plain.step(actions)
+        found, *_, more = env.step(actions)
+
+
 def test_calls_out_of_order() -> None:
     env = short(render_mode="ansi")
     assert (env.agents, env.num_agents, env.max_num_agents) == ([], 0, 4)
@@ -247,6 +275,8 @@ def test_calls_out_of_order() -> None:
         ({"dead": "bury"}, ValueError, "dead = 'bury': allowed are 'end', 'keep'"),
         ({"dead": None}, ValueError, "dead = None: allowed are 'end', 'keep'"),
         ({"render_mode": "rgb"}, ValueError, "render_mode = 'rgb': allowed are None, 'rgb_array', 'ansi', 'human'"),
+        ({"action_masks": "infos"}, ValueError, "action_masks = 'infos': allowed are 'observation', True and False"),
+        ({"action_masks": "observation", "actions": "continuous"}, ValueError, "there are no action masks"),
         ({"seed": -3}, ValueError, "seed = -3"),
         ({"seed": "x"}, ValueError, "seed = 'x'"),
         ({"max_cycles": 0}, ValueError, "max_cycles = 0: an integer >= 1"),

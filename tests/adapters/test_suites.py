@@ -74,9 +74,10 @@ def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
         return outlast.parallel_env(short(name), dead=dead, **form)
 
     if form["actions"] == "multi" and form["observations"] == "dict":
-        masked = outlast.aec_env(short(name), dead=dead, action_masks=True, **form)
-        api_test(masked, CYCLES)  # it samples with the masks in infos
-        masked.close()
+        for masks in (True, "observation"):
+            masked = outlast.aec_env(short(name), dead=dead, action_masks=masks, **form)
+            api_test(masked, CYCLES)  # it samples with the masks, in infos or observations
+            masked.close()
     parallel_api_test(make(), CYCLES)
     parallel_seed_test(make, CYCLES)
     api_test(outlast.aec_env(short(name), dead=dead, **form), CYCLES)

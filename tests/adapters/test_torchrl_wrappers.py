@@ -65,6 +65,19 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
     several.close()
 
 
+@pytest.mark.parametrize("masks", [True, "observation"])
+def test_masks_are_obeyed_wherever_they_are(masks: Any) -> None:
+    form = {"actions": "joint", "observations": "flat", "action_masks": masks, "max_episode_steps": LIMIT}
+    env = PettingZooWrapper(outlast.parallel_env("teams_3", dead="keep", seed=SEED, **form), use_mask=True)
+    torch.manual_seed(SEED)
+    rows = env.rollout(LIMIT)["agent"]
+    drawn = rows["action"].argmax(-1) if rows["action"].ndim == 3 else rows["action"]
+    assert rows["action_mask"].shape[1:] == (4, 216)
+    assert not rows["action_mask"].all()
+    assert rows["action_mask"].gather(-1, drawn[..., None]).all()
+    env.close()
+
+
 @GAMES
 @pytest.mark.by_day(4)
 def test_a_rollout_through_deaths(name: str, dead: str) -> None:
