@@ -6,6 +6,7 @@
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from ..errors import install
@@ -42,8 +43,6 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         ValueError: BenchMARL sets an argument of make_torchrl by itself; see TAKEN.
     """
 
-    _evaluates = False  # whether the last call was for evaluation; calls for it and for training alternate
-
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
         for argument in TAKEN.keys() & config.keys():
             if argument != "actions" or config[argument] not in ("joint", "continuous"):
@@ -56,19 +55,10 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     ) -> Callable[[], EnvBase]:
         """Return a function that makes an environment of `num_envs` worlds.
 
-        BenchMARL calls this twice with the same seed, for evaluation and then for training. The worlds of the two have
-        different numbers, and so are different worlds.
+        BenchMARL calls this with the same seed for evaluation and for training; see `max_steps`.
         """
-        options = {**DEFAULTS, **self.config}
-        scenario, self._evaluates = self.scenario or self.name.lower(), not self._evaluates
-        first_world = EVALUATION if self._evaluates else 0
-
-        def make() -> EnvBase:
-            env = make_torchrl(scenario, num_envs, seed=seed, device=device, **options)
-            env.vector_env.first_world = first_world
-            return env
-
-        return make
+        options = {**DEFAULTS, **self.config, "seed": seed, "device": device}
+        return partial(make_torchrl, self.scenario or self.name.lower(), num_envs, **options)
 
     def supports_continuous_actions(self) -> bool:
         """Whether the task has actions="continuous"."""
@@ -79,10 +69,13 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return not self.supports_continuous_actions()
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
-        """The ticks of an evaluation: the scenario's limit (the longest, if it varies), or LONGEST without a limit.
+        """Return the ticks of an evaluation: the scenario's limit (the longest, if it varies), or LONGEST without one.
 
-        BenchMARL runs for this many ticks even if all episodes have ended: give the task a max_episode_steps.
+        BenchMARL runs for this many ticks even if all episodes have ended: give the task a max_episode_steps. It asks
+        this of the environment that evaluates, and of no other. So from its next seeded reset on, `env` plays the
+        worlds of evaluation, which have other numbers than those of training.
         """
+        env.vector_env.first_world = EVALUATION
         scenario, name = env.vector_env.scenario, "ending_limit"
         drawn = dict(scenario.varied).get(name)
         limits = drawn.extremes() if drawn else (scenario.numbers()[name],)

@@ -110,18 +110,21 @@ def test_what_benchmarl_sets_by_itself_is_refused(config: dict[str, Any], messag
             make()
 
 
-def test_evaluation_plays_other_worlds_than_training() -> None:
-    """Also where BenchMARL seeds it anew before each evaluation; and a task that is used again has the same worlds."""
+@pytest.mark.parametrize("stray", [0, 1])
+def test_evaluation_plays_other_worlds_than_training(example: SimpleNamespace, stray: int, tmp_path: Path) -> None:
+    """Also where it is seeded anew before each evaluation, and if somebody else asked the task for environments."""
     own = task("teams_2")
-    for _ in range(2):
-        evaluation, training = (own.get_env_fun(3, continuous_actions=False, seed=7, device="cpu")() for _ in range(2))
-        plain = outlast.make_torchrl("teams_2", 3, groups="sides", scaled=True, seed=7)
-        first = training.reset()["state"]
-        assert torch.equal(first, plain.reset()["state"])
-        evaluated = evaluation.reset()["state"]
-        evaluation.set_seed(7)
-        assert torch.equal(evaluation.reset()["state"], evaluated)
-        assert not any(torch.equal(one, two) for one in evaluated for two in first)
+    for _ in range(stray):
+        own.get_env_fun(4, continuous_actions=False, seed=7, device="cpu")().close()
+    run = example.experiment(own, "mappo", BATCH, tmp_path, seed=7, **SMALL | {"evaluation_episodes": 4})
+    plain = outlast.make_torchrl("teams_2", 4, groups="sides", scaled=True, seed=7)
+    first, training = plain.reset()["state"], run.env_func()
+    assert torch.equal(training.reset()["state"], first)
+    evaluated = run.test_env.reset()["state"]
+    run.test_env.set_seed(7)
+    assert torch.equal(run.test_env.reset()["state"], evaluated)
+    assert not any(torch.equal(one, two) for one in evaluated for two in first)
+    run.close()
 
 
 def test_ticks_of_an_evaluation() -> None:
