@@ -12,14 +12,15 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from outlast.components import Return
-from outlast.ecs import Worlds
+from outlast.ecs import Clock, Worlds
 
-from ..adapters.gymnasium_single import SurvivalEnv
+from ..adapters.gymnasium_single import Observation, SurvivalEnv
 from ..adapters.registry import VERSION
 from ..core.action_spaces import ActionSpace
+from ..core.numbers import current_levels
 from ..core.observations import Observations
 from ..errors import RecordingError, install
+from ..levels import Level, decoded, encoded
 from ..recording import Replay
 from ..scenarios.serialize import rebuilt
 from ..storage import atomic_write
@@ -60,10 +61,10 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     """Write the local dataset `name` in Minari's format "arrow", and return the number of agent-steps.
 
     As usual in Minari, episodes have one observation more than steps. An episode that was cut off, by a reset or the
-    end of the recording, counts as truncated. The options in their metadata hold world, episode and agent. What has no
-    numbers, as `others` in a game of one agent, is left out, because Arrow divides by its size. The dataset's
-    `recover_environment` makes the game again, with one agent to control and a policy for the others (see
-    `recovered`).
+    end of the recording, counts as truncated. Their metadata have a seed, and options with world, episode, agent and
+    level, from which a `RecordedEnv` begins the episode again. What has no numbers, as `others` in a game of one agent,
+    is left out, because Arrow divides by its size. The dataset's `recover_environment` makes the game again, with one
+    agent to control and a policy for the others (see `recovered`).
     """
     place, count = new_place(name), [0]
     observations, actions = _spaces(replay.worlds)
@@ -71,8 +72,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     own = EnvSpec(
         f"outlast/recorded-{VERSION}",
         entry_point=f"{__name__}:{recovered.__name__}",
-        kwargs={"game": about["scenario"], "mechanics": about["mechanics"]}
-        | ({"dead": "keep"} if Return in replay.worlds else {}),
+        kwargs={"game": about["scenario"], "mechanics": about["mechanics"], "dead": "keep"},  # as in its episodes
     )
     with _staged(name, place), warnings.catch_warnings():
         # Minari warns that there is no link to the code, which is in a released package
@@ -101,7 +101,44 @@ def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gym
     Raises:
         ScenarioError: The scenario has mechanics that cannot be imported here.
     """
-    return SurvivalEnv(rebuilt(game, mechanics), **options)
+    return RecordedEnv(rebuilt(game, mechanics), **options)
+
+
+class RecordedEnv(SurvivalEnv):
+    """A SurvivalEnv whose `reset` can begin an episode of a dataset; see `recovered`.
+
+    >>> known = dataset.storage.get_episode_metadata([0])[0]
+    >>> env = dataset.recover_environment(learner=known["options"]["agent"])
+    >>> env.reset(seed=known["seed"], options=known["options"])
+    """
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start the episode that metadata describe; without options, start an episode as SurvivalEnv does.
+
+        Raises:
+            ValueError: The options are not those of an episode, or the episode is another agent's or seed's.
+        """
+        if not options:
+            return super().reset(seed=seed)
+        try:
+            (level,), agent = decoded([options["level"]]), options["agent"]
+            own, world, episode = options["level"]["key"]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ValueError(f"options: those in the metadata of an episode are needed: {error!r}") from None
+        if (agent, own) != (self._batch.learner, seed):
+            made = f"agent {self._batch.learner} and reset(seed={seed})"
+            raise ValueError(
+                f"the episode is of agent {agent} and seed {own}, not {made}; make it with learner={agent}"
+            )
+        worlds = self.base_env.worlds
+        if worlds.layout.keyed:
+            self.base_env.set_levels([level])
+        else:
+            worlds.seed(own, world)
+            worlds[Clock].episode[0] = episode - 1  # the reset counts on
+        return super().reset()
 
 
 @contextlib.contextmanager
@@ -141,12 +178,14 @@ def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterato
             running.setdefault(world, []).append(batch.row(k, final if last else None))
             if last:
                 episode = concatenate(running.pop(world))
+                own = np.arange(replay.worlds.count) == world - replay.recording.first_world
+                (level,) = current_levels(replay.worlds, own)
                 for i in np.flatnonzero(episode.present[0]).tolist():
                     count[0] += len(episode)
-                    yield _episode(episode, i)
+                    yield _episode(episode, i, level)
 
 
-def _episode(whole: Samples, i: int) -> Any:
+def _episode(whole: Samples, i: int, level: Level) -> Any:
     columns = whole.columns
     truncated = columns["truncated"].copy()
     truncated[-1] |= not columns["terminated"][-1]
@@ -158,7 +197,9 @@ def _episode(whole: Samples, i: int) -> Any:
         rewards=columns["rewards"][:, i].tolist(),
         terminations=columns["terminated"].tolist(),
         truncations=truncated.tolist(),
-        options={"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i},
+        seed=level.key[0] if level.key else None,
+        options={"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i}
+        | {"level": encoded([level])[0]},
     )
 
 

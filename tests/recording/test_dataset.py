@@ -245,6 +245,57 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
     assert (status, "NAME-v0 is needed" in err) == (2, True)
 
 
+@pytest.mark.parametrize("kind", ["plain", "levels"])
+def test_an_episode_of_a_minari_dataset_can_be_played_again(tmp_path: Path, monkeypatch: Any, kind: str) -> None:
+    """Its metadata begin it, and its actions, with those of the others, repeat it bit by bit, after deaths, too."""
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    game = outlast.variant("ffa_3").replace(**SHORT)
+    if kind == "levels":
+        game = game.vary(agents_health=outlast.integers(5, 60))
+    env, rng = outlast.make_vec(game, 2, seed=5, first_world=3), np.random.default_rng(0)
+    with outlast.record(env, tmp_path / "a.rec"):
+        for seed in (5, 6):
+            if kind == "levels":
+                env.set_levels(
+                    [outlast.Level({"agents_health": 7}, key=(8, 0, 2)), outlast.Level({"agents_health": 9})]
+                )
+            env.reset(seed=seed)
+            for _ in range(STEPS):
+                env.step(draw_actions(env, rng))
+    export_dataset("minari:outlast/again-v0", *whole(tmp_path / "a.rec"))
+    data = minari.load_dataset("outlast/again-v0")
+    episodes = list(data.iterate_episodes())
+    metadata = list(data.storage.get_episode_metadata(range(len(episodes))))
+    actions = {
+        tuple(known["options"][key] for key in ("world", "episode", "agent")): episode.actions
+        for episode, known in zip(episodes, metadata, strict=True)
+    }
+    assert len({known["seed"] for known in metadata}) == 2 + (kind == "levels")
+    for learner in (0, 1):
+        theirs: Any = iter(())
+        again = data.recover_environment(learner=learner, others=lambda seen: next(theirs)[None, None]).unwrapped  # noqa: B023
+        for episode, known in zip(episodes, metadata, strict=True):
+            world, number, agent = (known["options"][key] for key in ("world", "episode", "agent"))
+            if agent != learner:
+                with pytest.raises(
+                    ValueError, match=rf"agent {agent} and seed \d+, not agent {learner} and .*learner={agent}"
+                ):
+                    again.reset(seed=known["seed"], options=known["options"])
+                continue
+            seen = [again.reset(seed=known["seed"], options=known["options"])[0]]
+            rewards, theirs = [], iter(actions[world, number, 1 - learner])
+            for action in episode.actions:
+                observation, reward, *_ = again.step(action)
+                seen.append(observation)
+                rewards.append(reward)
+            np.testing.assert_array_equal(rewards, episode.rewards)
+            for key, rows in episode.observations.items():
+                np.testing.assert_array_equal(rows, np.array([each[key] for each in seen]))
+    with pytest.raises(ValueError, match="those in the metadata of an episode are needed"):
+        again.reset(options={"world": 3})
+
+
 def test_minari_of_an_agent_alone(tmp_path: Path, monkeypatch: Any) -> None:
     """There are no others, of which Arrow would end the process: it divides by the size of their rows."""
     minari = pytest.importorskip("minari")
