@@ -2,9 +2,8 @@
 
 import csv
 import runpy
-import subprocess
-import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -164,11 +163,20 @@ def test_bad_options_are_refused(options: dict[str, Any], message: str) -> None:
         make_sb3("ffa_1", 2, **options)
 
 
-def test_without_sb3_it_says_what_to_install() -> None:
-    code = "import sys; sys.modules['stable_baselines3'] = None; import outlast; outlast.make_sb3"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    message = "ModuleNotFoundError: make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'"
-    assert done.stderr.splitlines()[-1] == f"{message} (stable-baselines3>=2.7, torch>=2.4)"
+def test_evaluations_count_every_agent_alike_where_episodes_are_a_multiple_of_them() -> None:
+    """With fewer episodes than agents, Stable-Baselines3 counts the last ones only."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+
+    env, counted = make_sb3("ffa_2", 2, seed=0, max_episode_steps=3), list[int]()
+    idle = SimpleNamespace(predict=lambda seen, **rest: (np.tile(env.base_env.noop, (env.num_envs, 1)), None))
+    note = lambda here, everything: counted.append(here["i"]) if here["done"] else None  # noqa: E731
+    for episodes, expected in ((2 * env.num_envs, [0, 1, 2, 3] * 2), (2, [2, 3])):
+        counted.clear()
+        _, lengths = evaluate_policy(
+            idle, vec.VecMonitor(env), episodes, callback=note, return_episode_rewards=True, warn=False
+        )
+        assert (counted, lengths) == (expected, [3] * episodes)
+    env.close()
 
 
 # ---- pictures
