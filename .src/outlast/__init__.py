@@ -8,8 +8,7 @@ The names in `__all__` are public, and docs/api.md describes them; everything el
 """
 
 from importlib import import_module
-from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from . import components, ecs, errors, systems
 from .ecs.distributions import choice, free, integers, log_uniform, uniform
@@ -18,6 +17,7 @@ from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.scaling import scaled
 from .envs.core.vector_env import SurvivalVectorEnv
+from .envs.errors import install as _install
 from .envs.scenarios.ablations import ABLATIONS
 from .envs.scenarios.scenario import Scenario
 from .envs.scenarios.variants import ALIASES, VARIANTS, variant
@@ -142,16 +142,6 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
 }
 
 
-_NEEDS = {  # libraries, and the names that raise ModuleNotFoundError without them
-    "pettingzoo": ("aec_env", "parallel_env"),
-    "pufferlib": ("make_puffer",),
-    "ray": ("SurvivalMultiAgentEnv",),
-    "stable_baselines3": ("make_sb3",),
-    "tensorboard": ("train",),
-    "torch": ("evaluate", "load_policy", "train"),
-    "torchrl": ("make_torchrl",),
-}
-
 if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that exists
 
     def __getattr__(name: str) -> object:
@@ -161,21 +151,32 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
             try:
                 return getattr(import_module(f".{_LAZY[name]}", __name__), name)
             except ModuleNotFoundError as error:
-                if not _LAZY[name].startswith("training.") or "pip install" in str(error):
-                    raise
-                from .envs.errors import install
-
-                cure = f"outlast.{name} needs {error.name}: {install('train')}"
-                raise ModuleNotFoundError(cure, name=error.name) from error
+                return _Missing(name, error)
         raise AttributeError(f"module 'outlast' has no attribute '{name}'")
 
-    # names whose libraries are not installed would raise in `from outlast import *`, and as tools list the members
-    _missing = {name for library, names in _NEEDS.items() if find_spec(library) is None for name in names}
-    __all__ = [name for name in __all__ if name not in _missing]
+
+class _Missing:
+    """A public name whose library is not installed: an error when it is called, or a class is derived from it.
+
+    As an attribute it is there, since `hasattr`, `from outlast import *` and tools that list members stop at errors.
+    """
+
+    def __init__(self, name: str, error: ModuleNotFoundError) -> None:
+        self.__name__, self._error, self.__doc__ = name, error, str(error)
+        if _LAZY[name].startswith("training.") and "pip install" not in str(error):
+            self.__doc__ = f"outlast.{name} needs {error.name}: {_install('train')}"
+
+    def __call__(self, *args: object, **kwargs: object) -> NoReturn:
+        raise ModuleNotFoundError(self.__doc__, name=self._error.name) from self._error
+
+    __mro_entries__ = __call__
+
+    def __repr__(self) -> str:
+        return f"<{self.__doc__}>"
 
 
 def __dir__() -> list[str]:
-    """What is there."""
+    """Return the public names, whatever is installed."""
     return [*__all__, "__version__"]
 
 

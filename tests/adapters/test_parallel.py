@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
@@ -192,13 +191,6 @@ def test_the_registry_makes_them(kind: Any, name: str) -> None:
     expected = variant(name).replace(ending_limit=7, melee_damage=2)
     assert (scenario.name, str(env)) == (expected.name, expected.name)
     assert scenario.numbers() == expected.numbers()
-
-
-def test_without_pettingzoo_only_this_adapter_is_missing() -> None:
-    code = "import sys; sys.modules['pettingzoo'] = None; import outlast; print(outlast.make_vec); outlast.parallel_env"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "make_vec" in done.stdout
-    assert "pip install 'outlast[pettingzoo]'" in done.stderr
 
 
 # ---- the same world as in a batch
