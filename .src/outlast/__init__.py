@@ -25,6 +25,7 @@ from .envs.snapshots.state import State
 from .errors import ScenarioError
 
 if TYPE_CHECKING:
+    from . import drawing
     from .envs import levels
     from .envs.adapters.gymnasium_agents import make_agents
     from .envs.adapters.pettingzoo import aec_env, parallel_env
@@ -75,6 +76,7 @@ __all__ = [
     "choice",
     "components",
     "draw",
+    "drawing",
     "ecs",
     "errors",
     "evaluate",
@@ -145,8 +147,8 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
 if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that exists
 
     def __getattr__(name: str) -> object:
-        if name == "levels":
-            return import_module(".levels", __name__)
+        if name in ("drawing", "levels"):
+            return import_module(f".{name}", __name__)
         if name in _LAZY:
             try:
                 return getattr(import_module(f".{_LAZY[name]}", __name__), name)

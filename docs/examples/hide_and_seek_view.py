@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 from hide_and_seek import Grip, Handled
 
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import Layer, Scene, ZOrder
-from outlast.envs.rendering.style import INK, of_side
+from outlast.drawing import INK, Canvas, Layer, Scene, ZOrder, of_side
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from poison import Illness, Vial
 
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import Layer, Scene, ZOrder
+from outlast.drawing import Canvas, Layer, Scene, ZOrder
 
 GREEN = (110, 190, 40)
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from tag import Player, Shield, Tag
 
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import LAYERS, HealthBarsLayer, Layer, Scene, ZOrder
+from outlast.drawing import LAYERS, Canvas, HealthBarsLayer, Layer, Scene, ZOrder
 
 GREEN, RED, BLUE = (150, 200, 150), (220, 50, 40), (90, 140, 230)
 

@@ -9,8 +9,8 @@ from hide_and_seek_view import HandledLayer
 
 import outlast
 from outlast.components import Body, Health, Solid
+from outlast.drawing import LAYERS
 from outlast.ecs import NumberError, columns_of
-from outlast.envs.rendering.layers import LAYERS
 
 AHEAD, IDLE, GRAB, DRAG, LOCK, UNLOCK = (
     (6, 3, 3, 0, 1), (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (0, 3, 3, 1, 1), (3, 3, 3, 0, 2), (3, 3, 3, 0, 0),

@@ -80,6 +80,7 @@ def test_all_and_dir_agree() -> None:
     assert {*namespace} - {"__builtins__"} == {*outlast.__all__} >= outlast._LAZY.keys()
     assert {*outlast.__all__, "__version__"} == {*dir(outlast)}
     assert import_module("outlast.levels").load is outlast.levels.load
+    assert import_module("outlast.drawing").Canvas is outlast.drawing.Canvas
     assert len(set(outlast.__all__)) == len(outlast.__all__)
 
 

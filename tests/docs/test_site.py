@@ -1,5 +1,6 @@
 """The site: it builds without a warning, its examples run and print what the pages show, its pictures are current."""
 
+import ast
 import contextlib
 import importlib
 import importlib.util
@@ -100,6 +101,21 @@ def test_every_block_of_python_is_found() -> None:
         assert len(blocks) == len(re.findall(r"^```(?:python|py|pycon)$", text, re.MULTILINE)), page
         marked = [block for block in blocks if needed(block) or "% not run: " in block["marks"]]
         assert len(marked) == len(re.findall(r"^% ", text, re.MULTILINE)), page
+
+
+EXAMPLES = sorted(path for path in (DOCS / "examples").glob("*.py") if not path.name.startswith("test_"))
+PRIVATE = re.compile(r"outlast\.(?:envs|training)\b")
+
+
+@pytest.mark.parametrize("page", [*PAGES, *(path.name for path in EXAMPLES)])
+def test_examples_import_what_is_public(page: str) -> None:
+    """Nothing below outlast.envs and outlast.training, but what the page about the API lists."""
+    code = [block["code"] for block in BLOCK.finditer(PAGES.get(page, ""))]
+    code += [path.read_text() for path in EXAMPLES if path.name == page]
+    for node in (node for text in code for node in ast.walk(ast.parse(text))):
+        if isinstance(node, ast.ImportFrom) and PRIVATE.match(node.module or ""):
+            for name in node.names:
+                assert re.search(rf"\b{node.module}\.{name.name}\b", PAGES["api"]), f"{node.module}.{name.name}"
 
 
 def test_commands_are_understood() -> None:
