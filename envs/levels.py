@@ -25,6 +25,7 @@ from .scenarios.naming import resolve
 from .scenarios.scenario import Scenario
 from .storage import strict_json
 from .storage.atomic_write import atomic_write
+from .storage.limited_read import read_text
 
 VERSION = 1
 KEYS, LEVEL_KEYS = ("version", "varied", "levels"), ("numbers", "key")
@@ -115,7 +116,7 @@ def save(path: str | os.PathLike[str], scenario: Scenario | str, levels: Iterabl
         "levels": encoded(listed),
     }
     with atomic_write(Path(path)) as place:
-        place.write_text(json.dumps(content, indent=1) + "\n")
+        place.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
@@ -132,11 +133,14 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
     """
     scenario = resolve(scenario)
     try:
-        content = strict_json.parse(Path(path).read_text())
+        content = strict_json.parse(read_text(path))
         strict_json.check_version(content, VERSION)
         strict_json.check_keys(content, KEYS)
+        varied = content["varied"]
         if not isinstance(content["levels"], list):
             raise ScenarioError("its levels are no list")
+        if not isinstance(varied, dict) or not all(isinstance(text, str) for text in varied.values()):
+            raise ScenarioError("what varied is not given as texts by name")
         for each in content["levels"]:
             strict_json.check_keys(each, LEVEL_KEYS)
         found = decoded(content["levels"])
@@ -145,7 +149,10 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
     try:
         _check_playable(found, scenario)
     except NumberError as error:
-        raise NumberError(f"{path}: {error}") from None
+        now = {name: repr(distribution) for name, distribution in scenario.varied}
+        then = ", ".join(f"{name}={text}" for name, text in varied.items() if now.get(name) != text)
+        more = f"; in the scenario that it was saved for, {then:.200} varied" if then else ""
+        raise NumberError(f"{path}: {error}{more}") from None
     return found
 
 

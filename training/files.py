@@ -4,18 +4,24 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from outlast.envs.storage import limited_read
 from outlast.envs.storage.atomic_write import atomic_write
 from outlast.envs.storage.outputs import check_file, check_folder
 
 from .errors import TrainingError
 
+LARGEST = 2**30  # bytes of a text, such as the log of a long run
+
 
 def read_text(path: Path) -> str:
     """Return the content of a text file. Raises TrainingError if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TrainingError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from error
+        return limited_read.read_text(path, LARGEST)
+    except OSError as error:
+        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        wrong = "it is no text" if isinstance(error, UnicodeDecodeError) else error
+        raise TrainingError(f"{path} cannot be read: {wrong}") from error
 
 
 def check_out(folder: str | os.PathLike[str]) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.ecs.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
-from outlast.envs.storage import safe_npz, strict_json
+from outlast.envs.storage import limited_read, safe_npz, strict_json
 
 from .errors import TrainingError
 from .observation_layout import MASK, OWN
@@ -17,7 +17,7 @@ from .presets import PRESETS
 NAME = "run.json"
 VERSION = 1
 MOST, FEW = 2**16, 256  # at most: numbers that an agent observes, or values of its actions; its actions
-LONGEST = 2**20  # bytes of the file
+LONGEST, LARGEST = 2**20, 2**30  # bytes of the file, and of a checkpoint
 ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out if the run may be made longer
 TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files
 Header = dict[str, Any]
@@ -27,7 +27,7 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
     """Read the header of a checkpoint, which must have all `needed` keys, and these entries. Raises TrainingError."""
     try:
         with path.open("rb") as file:
-            files = safe_npz.entries(file, {NAME, *entries})
+            files = safe_npz.entries(file, {NAME, *entries}, LARGEST)
     except FileNotFoundError as error:
         raise TrainingError(f"there is no checkpoint {path}") from error
     except safe_npz.BROKEN as error:
@@ -40,12 +40,14 @@ def read_run_folder(folder: Path) -> Header:
     """Read the header of the run in a folder; it is there before any checkpoint is. Raises TrainingError."""
     path = folder / NAME
     try:
-        with path.open("rb") as file:
-            return parse_header(path, file.read(LONGEST + 1), ("plan", "scenario"))
+        content = limited_read.read_bytes(path, LONGEST)
     except FileNotFoundError as error:
         raise TrainingError(f"{folder} has no {NAME}, which describes what is trained in it") from error
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise TrainingError(f"{path} does not describe a run: {error}") from error
+    return parse_header(path, content, ("plan", "scenario"))
 
 
 def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:

@@ -14,7 +14,7 @@ from outlast.ecs import Worlds
 from outlast.systems import Walls
 
 from ..core.make import make_vec
-from ..errors import UsageError
+from ..errors import ScenarioError, UsageError
 from ..rendering import opencv as cv2
 from ..rendering.canvas import LARGEST, SMALLEST
 from ..rendering.rgb import draw
@@ -106,7 +106,11 @@ def _warn_of_parts(name: str, worlds: Worlds) -> None:
     width = 2 * float(worlds[Shape].radius[:, worlds.span("agent")].max(initial=0))
     for walls in worlds.modules:
         if isinstance(walls, Walls) and width > 0:
-            parts = plan.parts(width, walls.inside(worlds.layout))
+            try:
+                parts = plan.parts(width, walls.inside(worlds.layout))
+            except ScenarioError as error:  # it is played in all the same
+                LOGGER.warning("%s: whether agents can get everywhere was not found out: %s", name, error)
+                continue
             if words := in_words(parts, [owner for owner, *_ in plan.starts], width):
                 LOGGER.warning("%s: %s", name, words)
 

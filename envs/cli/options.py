@@ -24,6 +24,7 @@ from ..scenarios.imports import module_of
 from ..scenarios.naming import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
+from ..storage.limited_read import read_text
 from ..storage.outputs import check_file
 from ..web.announce import announce as announced
 from ..web.gate import HOST, checked_place
@@ -155,8 +156,15 @@ def _check_save(asked: Scenario, options: argparse.Namespace) -> None:
     path = Path(options.save_scenario)
     if isinstance(options.variant, list) and len(options.variant) > 1:
         raise ScenarioError(f"--save-scenario writes one scenario, and {len(options.variant)} are named")
-    if path.exists() and path.read_bytes() != asked.to_json().encode():
+    if path.exists() and not _holds(path, asked.to_json()):
         raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Return whether a file holds that text."""
+    with contextlib.suppress(ValueError):
+        return read_text(path) == text
+    return False
 
 
 def save_scenario(options: argparse.Namespace) -> None:

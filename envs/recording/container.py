@@ -29,6 +29,7 @@ MAGIC = b"outlast recording 1\n"
 HEAD, RECORDS, DONE = b"HEAD", b"RUNS", b"DONE"
 FIELDS = struct.Struct("<4sIIIQ8s")  # tag, stored, unpacked, ticks, first, checksum of the content
 CHECKSUM_SIZE = 8
+LARGEST_CHUNK = 2**30  # bytes of the stored content; those of a million worlds are some megabytes
 HEADER_SIZE = FIELDS.size + CHECKSUM_SIZE
 
 
@@ -142,7 +143,12 @@ def _read_header(file: BinaryIO, path: str, offset: int) -> Chunk:
     header = file.read(HEADER_SIZE)
     if len(header) < HEADER_SIZE or _checksum(header[: FIELDS.size]) != header[FIELDS.size :]:
         raise damaged(path, offset)
-    return Chunk(offset, *FIELDS.unpack(header[: FIELDS.size]))
+    chunk = Chunk(offset, *FIELDS.unpack(header[: FIELDS.size]))
+    if chunk.stored > LARGEST_CHUNK:
+        raise RecordingError(
+            f"{path}: the chunk at byte {offset} has {chunk.stored:,} bytes; at most {LARGEST_CHUNK:,} are possible"
+        )
+    return chunk
 
 
 def _checksum(content: bytes) -> bytes:

@@ -48,8 +48,8 @@ def parts_of(
     step = max(width / CELLS, max(room) / MOST)
     if not (width > 0 and min(room) > 0 and step <= width / 2):
         raise ScenarioError(
-            f"parts: a disc of {width:g} m in a room of {room[0]:g} x {room[1]:g} m; a diameter from a "
-            f"{MOST // 2}th of the room's longer side on is needed"
+            f"parts: a disc of {width:g} m on a floor of {room[0]:g} x {room[1]:g} m; a diameter from a "
+            f"{MOST // 2}th of the floor's longer side on is needed"
         )
     counts = [math.ceil(side / step) for side in room]
     x, y = np.meshgrid(*(((np.arange(n) + 0.5) / n - 0.5) * side for n, side in zip(counts, room, strict=True)))

@@ -20,6 +20,7 @@ from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
+from ..storage.limited_read import read_text
 from .floor_parts import Part, parts_of
 from .plan_text import parsed
 
@@ -167,12 +168,8 @@ class FloorPlan:
             OSError: The file cannot be read.
         """
         name = os.fspath(path)
-        with open(path, "rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise ScenarioError(f"{name} has more than {LARGEST} bytes: it is no floor plan")
         try:
-            text = content.decode()
+            text = read_text(path, LARGEST)
             return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
         # UnicodeDecodeError and JSONDecodeError are ValueErrors
         except (ScenarioError, *strict_json.BROKEN) as error:

@@ -1,7 +1,6 @@
 """Roles from a JSON file, for commands."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 from outlast.ecs import NumberError
@@ -9,6 +8,7 @@ from outlast.ecs.roles import from_plain
 
 from ..errors import ScenarioError
 from ..storage import strict_json
+from ..storage.limited_read import read_text
 from .scenario import Scenario
 
 FORM = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
@@ -23,12 +23,12 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     """
     name = os.fspath(path)
     try:
-        given = strict_json.parse(Path(path).read_text(encoding="utf-8"))
+        given = strict_json.parse(read_text(path))
         found = from_plain(given)
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
     except strict_json.BROKEN as error:
-        said = f"{error}; " if isinstance(error, NumberError) else ""
+        said = f"{error}; " if isinstance(error, ValueError) else ""
         raise ScenarioError(f"{name} does not say roles: {said}as in {FORM}") from error
     try:
         named: Any = {each.name: each for each in found.roles}

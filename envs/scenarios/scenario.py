@@ -20,6 +20,7 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
+from ..storage.limited_read import read_text
 from .changes import all_replaced, as_filename, by_full_name, defaults, find_number, following, leaders, numbers, titles
 from .form import added, arguments, as_form
 from .mechanic_checks import check_mechanics, check_together
@@ -343,13 +344,15 @@ class Scenario:
         """
         name = os.fspath(path)
         try:
-            return cls.from_json(Path(path).read_text(encoding="utf-8"))
+            return cls.from_json(read_text(path))
         except OSError as error:
             raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
             raise ScenarioError(f"{name} is no text, and so no scenario") from error
         except (ScenarioError, NumberError) as error:
             raise type(error)(f"{name}: {error}") from error
+        except ValueError as error:
+            raise ScenarioError(f"{name} is no scenario: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """The mechanic of this class or name."""

@@ -21,15 +21,17 @@ START = b"\x93NUMPY\x01\x00"
 NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False, 'shape': \(([0-9, ]*)\), } *\n")
 
 
-def entries(file: BinaryIO, only: Collection[str] = ()) -> dict[str, bytes]:
+def entries(file: BinaryIO, only: Collection[str] = (), most: float = math.inf) -> dict[str, bytes]:
     """Return the entries of a zip file by name; `only` these, if some are named.
 
-    Raises one of BROKEN if entries are compressed, or together larger than the file. So reading never takes more memory
-    than the file has bytes.
+    Raises one of BROKEN if the file has more than `most` bytes, or if entries are compressed, or together larger than
+    the file. So reading never takes more memory than the file has bytes.
     """
     size = file.seek(0, io.SEEK_END)
     if not size:  # a device, which may never end, has no size either
         raise ValueError("it is empty")
+    if size > most:
+        raise ValueError(f"it has more than {most:,} bytes")
     with zipfile.ZipFile(file) as archive:
         infos = archive.infolist()
         for info in infos:

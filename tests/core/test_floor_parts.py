@@ -95,9 +95,9 @@ def test_parts_say_where_they_are_and_who_starts_there() -> None:
     [
         (FloorPlan(), (1.0,), r"width and height are needed, as in parts\(1.0, room=\(25, 25\)\)"),
         (FloorPlan(), (1.0, (3,)), r"in a room of \(3,\): width and height"),
-        (FloorPlan(), (0.0, (20, 20)), "a diameter from a 500th of the room's longer side on is needed"),
-        (FloorPlan(), (0.03, (20, 20)), "a disc of 0.03 m in a room of 20 x 20 m"),
-        (FloorPlan(), (1.0, (-20, 20)), "in a room of -20 x 20 m"),
+        (FloorPlan(), (0.0, (20, 20)), "a diameter from a 500th of the floor's longer side on is needed"),
+        (FloorPlan(), (0.03, (20, 20)), "a disc of 0.03 m on a floor of 20 x 20 m"),
+        (FloorPlan(), (1.0, (-20, 20)), "on a floor of -20 x 20 m"),
         (FloorPlan(), (math.nan, (20, 20)), "parts has nan: a number"),
     ],
 )

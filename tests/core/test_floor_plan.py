@@ -137,7 +137,7 @@ FILES: dict[str, tuple[str | bytes, str]] = {
     "nested": ("{" + '"a":[' * 5000, "is no floor plan"),
     "cut off": (json.dumps(GOOD)[:-5], "is no floor plan"),
     "bytes": (b"\xff\xfe\x00", "is no floor plan"),
-    "large": (b"#" * (2**20 + 1), "more than 1048576 bytes"),
+    "large": (b"#" * (2**20 + 1), "more than 1,048,576 bytes"),
     "a long line": ("#" * 2000, "1 to 1000 either way"),
 }
 

@@ -365,7 +365,7 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
         ('{"drawn": "never", "roles": [{"name": "a"}]}', "only one role can leave out who has it"),
         ('{"drawn": "never", "roles": [{"name": "a", "count": 1, "agents": [0], "numbers": {}}]}', "is not {"),
         ("[]", "does not say roles: roles: [] is not"),
-        ("{", "does not say roles: as in"),
+        ("{", "does not say roles: Expecting property"),
         (
             '{"drawn": "never", "roles": [{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}]}',
             "role a: melee.dam",

@@ -13,6 +13,7 @@ from typing import Any
 from outlast.ecs.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import strict_json
+from outlast.envs.storage.limited_read import read_bytes
 
 from ..errors import TrainingError
 from ..files import write_files
@@ -120,8 +121,7 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
         TrainingError: It cannot be read, or is not what it should be.
     """
     try:
-        with path.open("rb") as file:
-            content = json.loads(file.read(LONGEST + 1))
+        content = json.loads(read_bytes(path, LONGEST))
         fault = wrong(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error

@@ -1,0 +1,118 @@
+"""Files from elsewhere that are huge, or never end: each reader stops at its limit, and its error names the file."""
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import levels
+from outlast.ecs import NumberError
+from outlast.envs.cli.main import main
+from outlast.envs.errors import RecordingError, ScenarioError
+from outlast.envs.recording.container import DONE, HEAD, MAGIC, encode_chunk
+from outlast.envs.scenarios.floor_plan import FloorPlan
+from outlast.envs.scenarios.roles_file import with_roles
+from outlast.envs.storage import limited_read
+
+VARIANT = outlast.variant("ffa_2")
+
+
+def _run_folder(path: Path) -> None:
+    from outlast.training import run_header
+
+    path.replace(path.with_name(run_header.NAME))
+    run_header.read_run_folder(path.parent)
+
+
+def _result(path: Path) -> None:
+    from outlast.training.benchmark import result
+
+    result.read(path)
+
+
+def _policy(path: Path) -> None:
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    outlast.load_policy(path)
+
+
+READERS: dict[str, tuple[Callable[[Path], object], int]] = {  # and bytes of a file that is too large
+    "roles": (lambda path: with_roles(VARIANT, path), 2**24 + 1),
+    "levels": (lambda path: levels.load(path, VARIANT), 2**24 + 1),
+    "scenario": (outlast.Scenario.load, 2**24 + 1),
+    "floor plan": (FloorPlan.load, 2**20 + 1),
+    "run.json": (_run_folder, 2**20 + 1),
+    "result.json": (_result, 2**24 + 1),
+    "policy": (_policy, 2**30 + 1),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_has_a_limit(tmp_path: Path, name: str) -> None:
+    """They are sparse: no disk is filled."""
+    read, size = READERS[name]
+    path = tmp_path / "given"
+    path.touch()
+    os.truncate(path, size)
+    with pytest.raises(ValueError, match=f"{tmp_path}.*it has more than {size - 1:,} bytes"):
+        read(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs a device that never ends")
+@pytest.mark.parametrize("name", [name for name in READERS if name != "run.json"])
+def test_a_file_that_never_ends_is_not_read_to_its_end(name: str) -> None:
+    with pytest.raises(ValueError, match=r"/dev/zero.* (it has more than|it is empty)"):
+        READERS[name][0](Path("/dev/zero"))
+
+
+def test_the_log_of_a_run_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = pytest.importorskip("outlast.training.files", reason="needs torch: outlast[train]")
+    monkeypatch.setattr(files, "LARGEST", 10)
+    (tmp_path / "log.csv").write_text("tag,step,value\n")
+    with pytest.raises(ValueError, match=r"log\.csv cannot be read: it has more than 10 bytes"):
+        files.read_text(tmp_path / "log.csv")
+
+
+def test_a_chunk_of_a_recording_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("outlast.envs.recording.container.LARGEST_CHUNK", 100)
+    path = tmp_path / "a.rec"
+    path.write_bytes(MAGIC + encode_chunk(HEAD, os.urandom(200), 0, 0) + encode_chunk(DONE, b"", 0, 0))
+    with pytest.raises(RecordingError, match=r"a\.rec: the chunk at byte 20 has 2\d\d bytes; at most 100 are possible"):
+        outlast.Recording.open(path)
+
+
+def test_text_is_read_as_python_reads_it(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes("ä\r\nb\rc\n".encode())
+    assert limited_read.read_text(tmp_path / "a") == (tmp_path / "a").read_text(encoding="utf-8") == "ä\nb\nc\n"
+    assert len(limited_read.read_bytes(tmp_path / "a", 8)) == 8
+    with pytest.raises(ValueError, match="it has more than 7 bytes"):
+        limited_read.read_bytes(tmp_path / "a", 7)
+
+
+def test_a_plan_that_is_played_in_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """However large its room is: only whether agents can get everywhere is then not found out."""
+    path, picture = tmp_path / "plan.json", tmp_path / "plan.png"
+    FloorPlan(walls=[(0, 0, 6, 0.4)], width=600, height=600).save(path)
+    assert main(["layout", str(path), "--size=64", "--out", str(picture)]) == 0
+    assert "agents can get everywhere was not found out: parts: a disc of 1 m on a floor" in capsys.readouterr().err
+    assert picture.exists()
+    scenario = VARIANT.with_(FloorPlan.load(path).mechanic())
+    with contextlib.closing(outlast.make_vec(scenario, 1, seed=0)) as env:
+        env.reset()
+        env.step(np.ones((1, 2, 6), int))
+
+
+def test_levels_name_what_varied_when_they_were_saved(tmp_path: Path) -> None:
+    """What stands in a file is read: it explains why a level does not fit."""
+    path = tmp_path / "a.json"
+    before, now = (VARIANT.vary(melee_damage=outlast.integers(5, most)) for most in (20, 10))
+    levels.save(path, before, [levels.Level({"melee_damage": 15})])
+    with pytest.raises(NumberError, match=r"in the scenario that it was saved for, melee_damage=.*20.* varied"):
+        levels.load(path, now)
+    for varied in ("3", "[]", '{"melee_damage": 3}'):
+        path.write_text(f'{{"version": 1, "varied": {varied}, "levels": []}}')
+        with pytest.raises(ScenarioError, match=r"a\.json is no file of levels: what varied is not given as texts by"):
+            levels.load(path, before)
