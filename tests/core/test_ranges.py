@@ -29,7 +29,7 @@ BARS = outlast.FloorPlan(walls=[(-4, 0, 0.4, 5), (4, 0, 0.4, 5, 0.6)])
 
 
 def game(name: str, *mechanics: Any) -> Scenario:
-    """A variant with more mechanics, in which boxes can be pushed and agents live long."""
+    """Return a variant with more mechanics, in which boxes can be pushed and agents live long."""
     scenario = outlast.variant(name).with_(*mechanics)
     return scenario.replace(**{key: value for key, value in EVENTFUL.items() if key in scenario.numbers()})
 
@@ -45,7 +45,7 @@ GAMES = {
 
 
 def owned() -> dict[str, str]:
-    """The game in which each number is tried: the first that has it."""
+    """Return the game in which each number is tried: the first that has it."""
     return {name: key for key, each in reversed(GAMES.items()) for name in each.numbers()}
 
 
@@ -56,18 +56,12 @@ FIELDS = {
     for module in each.modules
     for item in dataclasses.fields(module)
 }
-PARTS = (
-    "metre",
-    "kilogram",
-    "second",
-    "newton",
-    "substep",
-)  # of the units of all that is about bodies and their motion
+PARTS = ("metre", "kilogram", "second", "newton", "substep")  # of units of bodies and their motion
 PHYSICAL = [name for name, item in FIELDS.items() if any(part in item.metadata.get("unit", "") for part in PARTS)]
 
 
 def ends(name: str) -> list[Any]:
-    """The values at both ends of a number's range, or all if they can be listed."""
+    """Return the values at both ends of a number's range, or all if they can be listed."""
     item = FIELDS[name]
     rule, kind = item.metadata, type(item.default)
     if kind in (bool, str):
@@ -78,7 +72,7 @@ def ends(name: str) -> list[Any]:
 
 
 def neighbours(name: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The ends of a physical number with those of each later one, and a game that has both."""
+    """Yield a game, and in it the ends of a physical number with those of each later one."""
     for other in PHYSICAL[PHYSICAL.index(name) + 1 :]:
         if both := [key for key, each in GAMES.items() if {name, other} <= each.numbers().keys()]:
             yield from ((both[0], {name: one, other: two}) for one, two in itertools.product(ends(name), ends(other)))
@@ -100,7 +94,7 @@ def outcome(key: str, numbers: dict[str, Any]) -> str:
 
 
 def named(name: str, value: Any, message: str) -> bool:
-    """Whether a message names the number, or its value."""
+    """Return whether a message names the number, or its value."""
     mechanic = next(module for module in GAMES[GAME_OF[name]].modules if name.startswith(f"{module.name}_"))
     dotted = f"{mechanic.name}.{name.removeprefix(f'{mechanic.name}_')}"
     shown = value if isinstance(value, str | bool) else f"{np.ravel(value)[0]:g}"

@@ -101,7 +101,7 @@ def test_backends_agree_about_discs_of_millimetres_beside_boxes() -> None:
 
 
 def far_batch(rng: np.random.Generator) -> ContactBatch:
-    """A random batch with sizes of millimetres to kilometres, far away, with the highest speeds and any density."""
+    """Return a random batch of millimetres to kilometres in size, far away, with the highest speeds and any density."""
     batch = random_batch(rng)
     size, density = (np.exp(rng.uniform(*np.log(ends))) for ends in ((0.01, 1e4), (1e-3, 1e6)))
     batch[:, [X, Y, RADIUS, HALF_WIDTH, HALF_HEIGHT]] *= size
