@@ -128,6 +128,10 @@ def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
     assert "compiled code is not kept" in done.stderr
 
 
+def refuse(*_: Any) -> None:
+    raise PermissionError(errno.EACCES, "Access is denied")
+
+
 posix_only = pytest.mark.skipif(os.name != "posix", reason="users, modes and links are those of POSIX")
 OWN = f"outlast-{os.geteuid() if os.name == 'posix' else ''}"
 CODE = Code("symbol", b"image", {"name": [1, "two"]}, ["malloc"])
@@ -226,6 +230,23 @@ def test_without_home_and_user_the_cache_is_among_temporary_files(place: Path, m
     assert (found.writable, "home" in found.problem) == (place / TEMPORARY, True)
 
 
+@posix_only
+def test_a_read_only_folder_is_read(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever its age, though its use cannot be noted; new code goes to a temporary folder."""
+    folder = cache_folder()
+    assert folder
+    cache_files.write(folder / "a.unit", CODE)
+    os.utime(folder / "a.unit", (0, 0))
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != folder and access(path, mode))
+    monkeypatch.setattr(os, "utime", refuse)
+    found = cache_folders()
+    assert found.readable == [folder, found.writable]
+    assert found.writable == place / TEMPORARY
+    assert found.problem == f"{folder} is not writable"
+    assert cache_files.read(folder / "a.unit") == CODE
+
+
 def as_user(number: int, function: Callable[[], Any]) -> Any:
     """What the function returns, run by the user of this number."""
     reading, writing = os.pipe()
@@ -303,6 +324,7 @@ def test_code_that_others_could_have_written_counts_as_absent(tmp_path: Path, fo
     before = os.umask(0)
     assert cache_files.write(tmp_path / "a.unit", CODE)
     os.umask(before)
+    assert (tmp_path / "a.unit").stat().st_mode & 0o777 == 0o644  # all can read it
     assert cache_files.read(tmp_path / "a.unit") == CODE
     if foreign == "another user's" and os.geteuid():
         pytest.skip("only root can give files away")
@@ -375,10 +397,6 @@ def test_labels_of_any_kind_have_files(label: str, tmp_path: Path) -> None:
     assert cache_files.write(tmp_path / name, CODE)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert cache_files.read(tmp_path / name) == CODE
-
-
-def refuse(*_: Any) -> None:
-    raise PermissionError(errno.EACCES, "Access is denied")
 
 
 def test_a_file_that_another_process_has_written_and_opened_is_left(
