@@ -68,12 +68,10 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
     reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
     ## Episode End
-    When the world ends by its rule, terminated is True for all agents that are left; at the time limit, truncated is
-    True for all agents reported.
+    Terminated is True for all agents that are left when the world ends by its rule; truncated, at the time limit.
 
     ## Info
-    {"alive": 1 or 0} for each agent, after every call. If the number of agents varies, also "present", 1 or 0: whether
-    the episode has the agent.
+    {"alive": 1 or 0} for each agent, after every call; if the number of agents varies, also "present" in the episode.
 
     Attributes:
         observation_spaces, action_spaces: What observation_space and action_space return, by agent.
@@ -82,8 +80,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             an agent has left, and so may differ from what the agent was paid with dead="end".
         statistics_present: If the number of agents varies, which agents and sides that episode had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
-        np_random: A generator for wrappers, such as SuperSuit's frame_skip_v0; reset(seed=...) seeds it, and so does
-            the constructor's seed. The worlds do not draw from it.
+        np_random: A generator for wrappers, as SuperSuit's frame_skip_v0, which is seeded as the worlds are.
 
     Pickles and copies by copy.copy hold how an environment was made, not its state: the new environment has not been
     reset. Use `get_state` and `set_state` for the state. A copy by copy.deepcopy goes on from where this one is.
@@ -105,8 +102,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         if not isinstance(action_masks, (bool, np.bool_)):
             check_choice("action_masks", action_masks, ("observation",), ", True and False")
         form: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
-        form["action_masks"] = action_masks
-        self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **form)
+        form |= {"action_masks": action_masks, "render_mode": render_mode, "seed": seed, "dead": dead}
+        self._recipe = partial(type(self), scenario, **form)
         self._window = Window(modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
@@ -155,7 +152,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         Raises:
             ValueError: The seed is not an integer from 0 to 2**64 - 1.
         """
-        self._check_open()
+        check_callable(self.base_env)
         self.base_env.reset(seed=seed)
         if seed is not None:
             self.np_random = np.random.default_rng(seed)
@@ -179,7 +176,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             ActionError: An agent is unknown, or an action is not in the action space.
             NotResetError: The episode is over, or has not begun.
         """
-        self._check_open()
+        check_callable(self.base_env)
         if not self.agents and not actions and self.base_env._tracker.running[0]:
             return {}, {}, {}, {}, {}  # wrappers take another step after the last agent is gone
         if not self.agents:
@@ -230,15 +227,11 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.base_env._check_running("render")
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
-        from ..rendering.rgb import draw, text  # imported here, as OpenCV takes a while to load
-
-        if self.render_mode == "ansi":
-            return text(self.base_env.worlds, 0)
-        frame: Array = draw(self.base_env.worlds, 0)
-        if self._window is None:
-            return frame
-        self._window.show(frame)
-        return None
+        kind = self.render_mode if self._window is None else "rgb_array"
+        drawn: Any = modes.render_world(self.base_env.worlds, 0, kind)
+        if self._window is not None:
+            self._window.show(drawn)
+        return drawn if self._window is None else None
 
     def close(self) -> None:
         """Close the window and the world. Closing again does no harm."""
@@ -253,9 +246,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         other.set_state(self.get_state())
         other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
         other.statistics_present = copy.deepcopy(self.statistics_present)
-        drawing = self.action_spaces, self.np_random
-        # with their random generators, so that both go on with the same draws
-        other.action_spaces, other.np_random = copy.deepcopy(drawing)
+        # random generators included, so that both go on with the same draws
+        other.action_spaces, other.np_random = copy.deepcopy((self.action_spaces, self.np_random))
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -291,8 +283,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         """From now on agents observe {key: as before, "action_mask": (entries,)}, as some libraries need it."""
         self._mask_form = key, dtype
         masks = spaces.Box(0, 1, (self._actions.mask_size,), dtype)
-        own = self.observation_spaces.items()
-        self.observation_spaces = {agent: spaces.Dict({"action_mask": masks, key: space}) for agent, space in own}
+        for agent, own in self.observation_spaces.items():
+            self.observation_spaces[agent] = spaces.Dict({"action_mask": masks, key: own})
 
     def _observe(self, agents: Iterable[str]) -> Observations:
         fresh = each(self.base_env._observe(), lambda buffer: buffer[0].copy())
@@ -321,9 +313,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             raise KeyError(f"there is no agent {agent!r}; there are: {', '.join(self.possible_agents)}")
         return spaces[agent]
 
-    def _check_open(self) -> None:
-        check_callable(self.base_env)
-
 
 class SurvivalTurns(parallel_to_aec_wrapper):  # type: ignore[misc]  # untyped, see pyproject.toml
     """The agents of a SurvivalParallelEnv in turns; made by `outlast.aec_env`."""
@@ -332,7 +321,7 @@ class SurvivalTurns(parallel_to_aec_wrapper):  # type: ignore[misc]  # untyped, 
         """Take the turn of `agent_selection`; None if it is done. A refused action leaves the turn with the agent."""
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):
-            self.env._check_open()
+            check_callable(self.env.base_env)
             self.env._joint({agent: action})  # PettingZoo would keep it, and refuse the turn of the last agent for it
         super().step(action)
 
@@ -367,8 +356,8 @@ def parallel_env(
         observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
         scaled: Whether observations and `state` are divided by the scales of their fields; see `make_vec`.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
-            "observation": its observation instead, {"observation": as without, "action_mask": the same}, as in
-            PettingZoo's classic games, where Tianshou looks for it. (TorchRL's wrapper fails if it is in both.)
+            "observation": its observation instead, {"observation": as without, "action_mask": the same}, where Tianshou
+            and PettingZoo's classic games have it.
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
