@@ -10,6 +10,8 @@ from pathlib import Path
 
 from llvmlite.binding import get_host_cpu_name
 
+from outlast.systems import box2d
+
 FOLDER = Path(__file__).parent / "results"
 
 
@@ -102,7 +104,7 @@ def describe() -> str:
     file = Path("/proc/cpuinfo")
     lines = file.read_text().splitlines() if file.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "Box2D"))
+    versions = f"numpy {version('numpy')}, numba {version('numba')}, Box2D {box2d.VERSION}"
     cpu = names[0] if names else platform.processor()
     return f"{cpu} ({get_host_cpu_name()}), {os.cpu_count()} CPUs; Python {platform.python_version()}, {versions}"
 

@@ -16,7 +16,6 @@ import json
 import platform
 import re
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage.atomic_write import atomic_write
+from outlast.systems import box2d
 
 FILE = Path(__file__).parent / "golden" / "digests.json"
 MARKS = (0, 1, 10, 50, 200, 500, 1000, 2000)  # the ticks after which digests are taken
@@ -82,7 +82,8 @@ def platform_name() -> str:
     """What the last bits of floats may depend on: machine, fused multiply-add, system, C library, Box2D."""
     fused = " fma" if llvmlite.binding.get_host_cpu_features()["fma"] else ""
     library = " ".join(platform.libc_ver()) or platform.release()
-    return f"{platform.machine()}{fused}, {platform.system()} {library}, Box2D {version('Box2D')}"
+    engine = ".".join(box2d.VERSION.split(".")[:3])  # whichever package it is from
+    return f"{platform.machine()}{fused}, {platform.system()} {library}, Box2D {engine}"
 
 
 def environment(name: str) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 import outlast
@@ -317,6 +318,29 @@ def test_one_range_of_python_is_documented_everywhere() -> None:
     for page in ("README.md", "docs/start.md"):
         assert words in (ROOT / page).read_text(encoding="utf-8"), page
     assert f"Python {versions[0]} to {versions[-1]}" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.13", "3.14"])
+@pytest.mark.parametrize(
+    ("system", "machine"),
+    [
+        ("linux", "x86_64"),
+        ("linux", "aarch64"),
+        ("darwin", "arm64"),
+        ("darwin", "x86_64"),
+        ("win32", "AMD64"),
+        ("win32", "ARM64"),
+    ],
+)
+def test_one_package_of_box2d_is_asked_for_which_has_a_wheel(system: str, machine: str, python: str) -> None:
+    """Box2D 2.3.10 has none for Linux and Windows on ARM, nor for Python 3.14; ufal-pybox2d 2.3.10.5 has all these."""
+    place = {"sys_platform": system, "platform_machine": machine, "python_version": python}
+    asked = [Requirement(line) for line in PROJECT["project"]["dependencies"]]
+    found = [
+        each.name for each in asked if "box2d" in each.name.lower() and each.marker and each.marker.evaluate(place)
+    ]
+    lacking = python == "3.14" or machine in ("aarch64", "ARM64")
+    assert found == ["ufal-pybox2d" if lacking else "Box2D"]
 
 
 def test_documented_extras_exist() -> None:

@@ -14,6 +14,7 @@ from outlast.ecs.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import strict_json
 from outlast.envs.storage.limited_read import read_bytes
+from outlast.systems import box2d
 
 from ..errors import TrainingError
 from ..files import write_files
@@ -232,6 +233,8 @@ def _version(package: str) -> str:
         import outlast  # imported here, as it imports this package
 
         return outlast.__version__
+    if package == "Box2D":
+        return box2d.VERSION  # it has two packages
     try:
         return version(package)
     except PackageNotFoundError:
