@@ -61,10 +61,10 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     header, rest, weights = header_of(files), load_tensors(files, "rest.pt"), policies_in(files)
     check_fields(header, trainer.env)
     factors = recorded_scales(header, trainer.layout)
-    if not isinstance(rest, dict):
+    learners = rest.get("learners") if isinstance(rest, dict) else None
+    if not isinstance(learners, list):
         raise TrainingError(WRONG)
-    learners = rest.get("learners")
-    if not isinstance(learners, list) or not len(learners) == len(weights) == len(trainer.learners):
+    if not len(learners) == len(weights) == len(trainer.learners):
         raise TrainingError(f"the checkpoint has {len(weights)} policies; here are {len(trainer.learners)}")
     optimisers = [_checked_learner(*pair) for pair in zip(trainer.learners, learners, strict=True)]
     trainer.restore_worlds(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))

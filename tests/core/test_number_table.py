@@ -28,6 +28,12 @@ class Crowd(Module):
         return {"crowd_rows": self.rows}
 
 
+@pytest.fixture(autouse=True)
+def _piped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are as wide as they need to be; pytest-xdist sets a width of the terminal."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+
 def test_the_command_prints_a_row_for_every_number(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["numbers", "teams_4", "--set", "melee_damage=20", "--without", "heals"]) == 0
     out = capsys.readouterr().out

@@ -257,10 +257,6 @@ def test_numbers_are_keywords() -> None:
 def test_autoreset_mode_is_called_as_in_gymnasium() -> None:
     env = make_vec("ffa_1", 1, autoreset_mode="SameStep")
     assert env.autoreset_mode is env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    with pytest.deprecated_call(match="autoreset_mode") as warned:
-        env = make_vec("ffa_1", 1, autoreset="Disabled")
-    assert warned[0].filename == __file__
-    assert env.autoreset_mode is AutoresetMode.DISABLED
 
 
 def test_compilation_is_logged_and_not_printed(

@@ -25,8 +25,8 @@ ABSURD = {
     "bags": ({"inventory_slots": 60_000}, "a world would have 5.* bytes of state: at most 4194304 is possible"),
     "bodies": ({"agents_count": 600, "spawn_grid_cells": 100}, "604 bodies that take part in contacts"),
     "others": ({"agents_count": 3}, "agents are 2 there and 3 here"),
-    "substeps": ({"physics_substeps": 2**31 - 1}, "physics.substeps = 2147483647: must be >= 1 and <= 1000"),
-    "iterations": ({"physics_velocity_iterations": 10**9}, "physics.velocity_iterations = .* <= 10000"),
+    "substeps": ({"physics_substeps": 2**31 - 1}, "physics.substeps = 2147483647: must be >= 1 and <= 100"),
+    "iterations": ({"physics_velocity_iterations": 10**9}, "physics.velocity_iterations = .* <= 1000"),
 }
 
 

@@ -187,7 +187,7 @@ def random_at(rest: Any, left: int, place: int) -> None:
 
 NO_REWARDS = "rewards in rest.pt of the checkpoint is not what a run goes on with"
 RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "nothing": (lambda rest: {"updates": 1}, "a random generator in rest.pt of the checkpoint is no tensor"),
+    "nothing": (lambda rest: {"updates": 1}, "is not what a run goes on with"),
     "a list": (lambda rest: [1], "is not what a run goes on with"),
     "updates": (lambda rest: rest.update(updates="1"), "is not what a run goes on with"),
     "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"exp_avg of parameter 0 .*\(3,\): .* is needed"),
@@ -308,10 +308,6 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
     "many actions": ({"actions": [60_000]}, "policy.pt is too small for the observations, actions"),
     "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
-    "numbers": (
-        {"scenario": {"name": "x", "numbers": {"room_size": 0}}, "fields": None},
-        "numbers that no scenario has",
-    ),
     "no fields": ({"fields": {"own": {}}}, "its fields cannot be"),
     "field": ({"fields": {"own": {"id": 1}}}, "its fields cannot be"),
     "size of a field": ({"fields": {"own": {"id": [-9, 1.0]}}}, "its fields cannot be"),
