@@ -74,11 +74,12 @@ def test_recordings_show_a_page_in_a_frame(tmp_path: Path, monkeypatch: pytest.M
 
     env = outlast.make_vec("ffa_2", 2, seed=1)
     with outlast.record(env, tmp_path / "two.rec"):
-        assert outlast.Recording.open(tmp_path / "two.rec")._repr_html_().startswith("<p>&lt;Recording")
         env.reset()
         for _ in range(12):
             env.step(np.broadcast_to(env.noop, (2, env.num_agents, 6)))
     recording = outlast.Recording.open(tmp_path / "two.rec")
+    (tmp_path / "cut.rec").write_bytes((tmp_path / "two.rec").read_bytes()[: recording._chunks[0].offset])
+    assert outlast.Recording.open(tmp_path / "cut.rec")._repr_html_().startswith("<p>&lt;Recording")
     page = outlast.replay_page(recording, tmp_path / "page.html").read_text("utf-8")
     shown = recording._repr_html_()
     frame = re.fullmatch(r'<iframe srcdoc="([^"]*)" [^<>]*></iframe>', shown)

@@ -226,7 +226,7 @@ def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> No
         write_page(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
     with pytest.raises(PageError, match="none; choose among 0 to 1"):
         write_page(tmp_path / "page.html", env.worlds, frames, [], title="")
-    with pytest.raises(PageError, match="in a folder that is there"):
+    with pytest.raises(PageError, match="there is no folder"):
         write_page(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
     with pytest.raises(PageError, match="not one tick"):
         write_page(tmp_path / "page.html", env.worlds, [], [0], title="")
