@@ -56,6 +56,9 @@ def add(commands: Any) -> None:
     text = "write samples to learn from: to a folder of .npz files, to NAME.parquet, or to the Minari dataset "
     text += "minari:NAME-v0"
     output.add_argument("--data", type=written(_check_data), metavar="PATH", help=text)
+    text = "with --data NAME.parquet: a column for each number that agents observe, own_health, others_0_x ..., in "
+    text += "place of a list for each kind"
+    output.add_argument("--flat", action="store_true", help=text)
     text = "write a table of what happened to a new file, NAME.csv or NAME.parquet"
     output.add_argument("--events", type=written(_check_events), metavar="FILE", help=text)
     text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
@@ -112,6 +115,8 @@ def _check(options: argparse.Namespace, products: bool) -> None:
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
     if options.beside is not None and options.html is None:
         raise RecordingError("--beside is for pages: give --html PATH, too")
+    if options.flat and not (options.data or "").endswith(".parquet"):
+        raise RecordingError("--flat is for tables of samples: give --data NAME.parquet, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):
         raise RecordingError(
             "--from, --to and --worlds select what is written; give --out, --html, --data or --events, too"
@@ -179,7 +184,7 @@ def _data(options: argparse.Namespace, replay: Replay) -> int:
     worlds, _ = _selected(options, replay, replay.worlds.count)
     with Progress(options.last + 1, "ticks", quiet=options.quiet) as progress:
         selection = Selection(worlds, options.first, options.last, options.verify, lambda tick: progress.add())
-        count = export_dataset(options.data, replay, selection)
+        count = export_dataset(options.data, replay, selection, options.flat)
     print(f"{printable(options.data)}: {count:,} agent-steps")
     return 0
 

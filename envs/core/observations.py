@@ -1,7 +1,7 @@
 """What agents observe, in the form that a learner wants: by key or flat, in units or scaled."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,8 @@ class Observations:
             self._scales[key] = scale
             scales += [scale] * math.prod(low.shape[1:-1])
         self._flat = joined(scales)
-        self.names = [name for key, (low, _) in ends.items() for name in _names(key, low[0], fields.get(key, {}))]
+        shapes = {key: low.shape[1:] for key, (low, _) in ends.items()}
+        self.names = [name for key, shape in shapes.items() for name in number_names(key, shape, fields.get(key, {}))]
         if kind == "flat":
             low, high = (
                 np.concatenate([each[k].reshape(len(each[k]), -1) for each in ends.values()], 1) for k in (0, 1)
@@ -119,8 +120,8 @@ def each(observations: Any, change: Any) -> Any:
     )
 
 
-def _names(key: str, row: Array, fields: Mapping[str, Field]) -> list[str]:
-    """Return the names of the numbers that an agent has of a key, in order."""
-    columns = column_names(fields) or [str(k) for k in range(row.shape[-1])]
-    rows = [".".join(map(str, (key, *index))) for index in np.ndindex(row.shape[:-1])]
+def number_names(key: str, shape: Sequence[int], fields: Mapping[str, Field]) -> list[str]:
+    """Return the names of the numbers that an agent has of a key, in order: "own.health", "heals.3.x"."""
+    columns = column_names(fields) or [str(k) for k in range(shape[-1])]
+    rows = [".".join(map(str, (key, *index))) for index in np.ndindex(*shape[:-1])]
     return [f"{one}.{column}" for one in rows for column in columns]

@@ -18,11 +18,12 @@ from .samples import Selection, manifest, read_shards
 MINARI = "minari:"
 
 
-def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
+def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool = False) -> int:
     """Write the selected samples, and return the number of agent-steps.
 
     path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. Nothing of that name may exist, and
-    the dataset appears only when all of it is written. Raises RecordingError, ReplayError.
+    the dataset appears only when all of it is written. flat: for NAME.parquet, a column for each number. Raises
+    RecordingError, ReplayError.
     """
     check_new(path)
     target = Path(path)
@@ -34,7 +35,7 @@ def export_dataset(path: str, replay: Replay, selection: Selection) -> int:
         if target.suffix == ".parquet":
             from .parquet import export_parquet
 
-            return export_parquet(target, replay, selection)
+            return export_parquet(target, replay, selection, flat)
         return _export_npz(target, replay, selection)
 
 

@@ -1,9 +1,11 @@
 """Datasets made of recordings: what the environment returned while it was recorded, row by row."""
 
+import itertools
 import json
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -213,6 +215,45 @@ def test_parquet(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path,
         assert [entry is not None for entry in final] == [row["last"] for row, _ in agents]
         ends = np.array([entry for entry in final if entry is not None], np.float32).reshape(-1, *shape)
         np.testing.assert_array_equal(ends, np.array([row["after"][key][i] for row, i in agents if row["last"]]))
+
+
+def test_flat_parquet_has_a_named_column_for_each_number(
+    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    path, rows = recorded
+    lists, flat = tmp_path / "lists.parquet", tmp_path / "flat.parquet"
+    assert export(capsys, path, lists)[0] == export(capsys, path, flat, "--flat")[0] == 0
+    nested, table = pq.read_table(lists), pq.read_table(flat)
+    assert not [field.name for field in table.schema if not str(field.type).isidentifier()]  # no lists
+    env = make("teams_3", "NextStep")
+    names = [name.replace(".", "_") for name in env.flat_names]
+    assert {"own_health", "others_0_x", "others_2_angle", "heals_mask_14"} <= {*names}
+    kept = [name for name in nested.column_names if not name.startswith(("observation_", "final_"))]
+    assert table.column_names == [*kept, *names, *(f"final_{name}" for name in names)]
+    for part, prefix in (("observation_", ""), ("final_", "final_")):
+        keys = [name for name in nested.column_names if name.startswith(part)]
+        joined = zip(*(nested[key].to_pylist() for key in keys), strict=True)
+        expected = [[None] * len(names) if None in row else [*itertools.chain(*row)] for row in joined]
+        found = zip(*(table[f"{prefix}{name}"].to_pylist() for name in names), strict=True)
+        assert [list(row) for row in found] == expected
+    health = rows[0]["before"]["own"][:, env.fields["own"]["health"].start]
+    assert table["own_health"].to_pylist()[:4] == health.tolist()
+
+
+def test_columns_of_flat_parquet_with_one_name_are_refused() -> None:
+    parquet = pytest.importorskip("outlast.envs.datasets.parquet")
+    replay: Any = SimpleNamespace(worlds=SimpleNamespace(layout=SimpleNamespace(fields={})))
+    assert parquet._numbers(replay, {"a": [2, 1], "b": [1]}) == {"a": ["a_0_0", "a_1_0"], "b": ["b_0"]}
+    with pytest.raises(RecordingError, match=r"two numbers .* would be called 'a_0_0': leave out --flat"):
+        parquet._numbers(replay, {"a": [2, 1], "a_0": [1]})
+
+
+def test_flat_is_for_tables(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path) -> None:
+    for options in ((), ("--data", str(tmp_path / "data")), ("--html", str(tmp_path / "page.html"))):
+        assert cli.main(["replay", str(recorded[0]), "--quiet", "--flat", *options]) == 2
+        assert "--flat is for tables of samples: give --data NAME.parquet, too" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
