@@ -21,7 +21,6 @@ from .errors import TrainingError
 from .observation_layout import Array, ObservationLayout, scales
 from .policy import ActorCritic
 
-NEEDED = "version", "steps", "preset", "scenario", "observations", "fields", "actions", "team", "memory", "state"
 HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, from which no action can be chosen
 
 
@@ -34,7 +33,7 @@ def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
 
 def read_checkpoint(path: Path, names: Collection[str] = ("policy.pt", "rest.pt", "worlds.npz")) -> dict[str, bytes]:
     """Read files of a checkpoint. run.json is checked here, the others when they are used. Raises TrainingError."""
-    return run_header.read_checkpoint(path, names, NEEDED)[1]
+    return run_header.read_checkpoint(path, names, run_header.NEEDED)[1]
 
 
 def header_of(files: dict[str, bytes]) -> run_header.Header:

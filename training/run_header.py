@@ -16,6 +16,7 @@ from .presets import PRESETS
 
 NAME = "run.json"
 VERSION = 1
+NEEDED = "version", "steps", "preset", "scenario", "observations", "fields", "actions", "team", "memory", "state"
 MOST, FEW = 2**16, 256  # at most: numbers that an agent observes, or values of its actions; its actions
 LONGEST, LARGEST = 2**20, 2**30  # bytes of the file, and of a checkpoint
 ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out if the run may be made longer
