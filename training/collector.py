@@ -23,7 +23,8 @@ class Collector:
     """Plays in all lanes and joins their samples.
 
     With one lane, networks and worlds take turns. With two, the worlds of one are stepped in the background while the
-    networks are busy with the other.
+    networks are busy with the other. Networks run on one thread: others would compete with those of the worlds, and
+    wait for each other in every small product.
 
     Attributes:
         lanes: The lanes of this process, in order of their worlds.

@@ -80,7 +80,7 @@ class TrainingConfig:
         rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
         dead: What becomes of the samples of dead agents: "keep" or "drop".
         device: PyTorch's device on which policies are updated; they play on the CPU.
-        threads: Threads of the networks and the worlds; 0: one for each core, up to THREADS.
+        threads: Threads of each process, see Trainer; 0: one for each core that the process may use.
         every: Agent-steps between checkpoints.
         settings: Hyperparameters of PPO that differ from the preset's.
         policies: "shared": one for all agents; "side" or "agent": one for each side or agent.

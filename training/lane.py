@@ -24,7 +24,7 @@ from .opponents import Opponents, Plain
 from .packer import Packer
 from .policy import ActorCritic
 from .rows import Observed
-from .torch_settings import FLOAT
+from .torch_settings import FLOAT, playing
 
 Array = np.ndarray[Any, Any]
 NOBODY = -1  # the learner of a sample on which nobody is trained
@@ -150,6 +150,7 @@ class Lane:
             games=[],
         )
 
+    @playing()
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
         """Choose the actions of a step, and keep what they were chosen from.
 
@@ -284,6 +285,7 @@ class Lane:
             return None, None
         return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
 
+    @playing()
     def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
         """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
         seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, **FLOAT)

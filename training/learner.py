@@ -1,6 +1,6 @@
 """A learner: a policy, its optimiser, and updates from rollouts."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -19,7 +19,9 @@ from .rows import Rows
 from .torch_settings import INDEX
 
 Array = np.ndarray[Any, Any]
+Shared = Callable[[Callable[[int], list[Tensor]], Iterable[int]], Iterable[list[Tensor]]]
 CPU = torch.device("cpu")
+SHARE = 2048  # samples of a minibatch that are computed at once; of fewer, calls cost more than sums
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
 DIVERGENCE = Loss.TAGS.index("train/approx_kl")
 
@@ -65,7 +67,11 @@ class Learner:
         self.epochs = 0
 
     def update(
-        self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
+        self,
+        rollout: Rollout,
+        left: float = 1.0,
+        on_epoch: Callable[[int], None] = lambda epoch: None,
+        shared: Shared = map,
     ) -> dict[str, float]:
         """Train on a rollout.
 
@@ -73,6 +79,8 @@ class Learner:
             rollout: A rollout; some of its samples are this learner's.
             left: Share of the run that is left, for a learning rate that is annealed.
             on_epoch: Called with the number of each epoch of this update as it begins.
+            shared: Calls a function for each share of a minibatch, as `map` does, maybe on several threads. Shares do
+                not depend on the number of threads, so neither do the sums of their gradients.
 
         Returns:
             What is logged, by tag; nothing if fewer than two samples are this learner's.
@@ -93,7 +101,7 @@ class Learner:
             self.epochs += 1
             shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
             for part in shuffled.tensor_split(batches):
-                figures.append(self._differentiate(samples, part))
+                figures.append(self._differentiate(samples, part, shared))
                 going = not self._diverged(figures[-1])
                 if not going:
                     break
@@ -117,20 +125,30 @@ class Learner:
                 for values, kept in zip(_tensors(source), _tensors(target), strict=True):
                     kept.copy_(values)
 
-    def _differentiate(self, samples: Samples, part: Tensor) -> Tensor:
+    def _differentiate(self, samples: Samples, part: Tensor, shared: Shared) -> Tensor:
         """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
-        batch = samples.select(part)
-        if batch is None:  # all of its samples are other processes'
-            figures: Tensor = torch.zeros(len(Loss.TAGS), dtype=torch.float32, device=self.device)
-            gradients: Sequence[Tensor] = [torch.zeros_like(parameter) for parameter in self.parameters]
-        elif self.graphs is not None and isinstance(batch.seen, Rows):
-            figures, gradients = self.graphs(self._gradients, batch)
-        else:
-            figures, gradients = self._gradients(batch)
-        self.crew.sum([figures, *gradients])
+        shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
+        found, *others = shared(lambda share: self._share(samples, part, share, shares), range(shares))
+        for other in others:
+            for total, more in zip(found, other, strict=True):
+                total += more
+        self.crew.sum(found)
+        figures, *gradients = found
         for parameter, gradient in zip(self.parameters, gradients, strict=True):
             parameter.grad = gradient
         return figures
+
+    def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor]:
+        """The figures of the loss of a share of the units, and the gradients of all parameters."""
+        batch = samples.select(part, share, shares)
+        if batch is None:  # all of its samples are other processes'
+            figures = torch.zeros(len(Loss.TAGS), dtype=torch.float32, device=self.device)
+            return [figures, *(torch.zeros_like(parameter) for parameter in self.parameters)]
+        if self.graphs is not None and isinstance(batch.seen, Rows):
+            figures, gradients = self.graphs(self._gradients, batch)
+        else:
+            figures, gradients = self._gradients(batch)
+        return [figures, *gradients]
 
     def _gradients(self, batch: Minibatch) -> tuple[Tensor, Sequence[Tensor]]:
         """The figures of the loss of a minibatch, and the gradients of all parameters."""

@@ -46,6 +46,8 @@ class Samples:
             the CPU.
     """
 
+    LENGTH = 1  # samples of a unit
+
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
         """number: The number of the learner. device: Where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
@@ -56,13 +58,17 @@ class Samples:
         )
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
-    def select(self, part: Tensor) -> Minibatch | None:
-        """This process's share of the minibatch of some units; None if it has none of them."""
-        return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu"))
+    def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
+        """This process's share of the minibatch of some units, or a share of that; None if it has none of them."""
+        weights = torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu")
+        return self._select(part, weights, share, shares)
 
-    def _select(self, index: Tensor, weights: Tensor) -> Minibatch | None:
+    def _select(self, index: Tensor, weights: Tensor, share: int, shares: int) -> Minibatch | None:
         """The same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
         where, own = self.rollout.here(index)
+        if shares > 1:
+            some = torch.arange(len(own), **INDEX).view(self.LENGTH, -1).tensor_split(shares, 1)[share].flatten()
+            where, own = some if where is None else where[some], own[some]
         if not len(own):
             return None
         weights = moved(weights.to(self.advantages.dtype), self.device)
@@ -89,6 +95,8 @@ class Chunks(Samples):
         units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
     """
 
+    LENGTH = CHUNK
+
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
         """rollout: Has a multiple of CHUNK steps. number: The number of the learner. device: Where it is trained."""
         super().__init__(rollout, number, device)
@@ -99,12 +107,12 @@ class Chunks(Samples):
         self.begins = moved(torch.from_numpy(rollout.begins.ravel()), device)
         self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
 
-    def select(self, part: Tensor) -> Minibatch | None:
-        """This process's share of the minibatch of some units: step after step of all units."""
+    def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
+        """This process's share of the minibatch of some units, or a share of that: step after step of all units."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
         index = (first + torch.arange(CHUNK, **INDEX)[:, None] * self.agents).flatten()
         weights = self.mine.index_select(0, index).double()
-        return self._select(index, weights / weights.sum())
+        return self._select(index, weights / weights.sum(), share, shares)
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
         agents = self.rollout.actions.shape[1]

@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 
+from outlast.ecs.available import available_cores
 from outlast.envs.errors import install
 from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -33,19 +34,18 @@ from .torch_settings import learning
 from .trainer import Trainer
 
 WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
-THREADS = 4  # more do not pay for networks this small
 FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """Make the trainer of a process of a run, and set PyTorch's number of threads.
+    """Make the trainer of a process of a run, and let each of its threads run PyTorch on one.
 
     files: Those of the checkpoint that the run goes on from, if there is one.
     """
-    threads = config.threads or min(THREADS, max(1, torch.get_num_threads() // crew.size))
-    torch.set_num_threads(threads)
+    threads = config.threads or max(1, min(torch.get_num_threads(), available_cores()) // crew.size)
+    torch.set_num_threads(1)
     trainer = Trainer(config, threads, crew)
     if files is not None:
         restore(trainer, files)

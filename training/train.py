@@ -99,7 +99,7 @@ def train(
             outlast.training.curriculum.TrainingProgress. None: worlds draw their own.
         dead: What happens to the samples of dead agents: "keep" or "drop".
         device: PyTorch device on which policies are updated; they play on the CPU.
-        threads: Threads for the networks and the worlds; 0: one for each core, up to four.
+        threads: Threads for the networks and the worlds, with the same results; 0: one for each available core.
         processes: How many processes share the worlds.
         cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine.
         halves: Whether to step half of the worlds while the networks are busy with the other half.

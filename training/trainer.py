@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +40,7 @@ from .presets import preset
 from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
+WORLD_THREADS = 4  # more do not pay for as few worlds as a rollout has
 IMITATION: dict[str, Any] = {
     "learning_rate": 2e-3,
     "anneal_lr": True,
@@ -69,6 +71,7 @@ class Trainer:
         curriculum: What levels are drawn from, if a function chooses them; else None.
         steps: Agent-steps collected so far, by all processes.
         played: The value of `steps` when the newest rollout began, from which its annealed numbers follow.
+        threads: Threads of this process; PyTorch itself runs on one, as its own threads slow networks this small down.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
@@ -77,7 +80,7 @@ class Trainer:
 
         Args:
             config: What to train, and how.
-            threads: How many threads share the worlds.
+            threads: How many threads share the worlds, up to WORLD_THREADS, and then the minibatches.
             crew: As many processes as the config has; each of them makes a trainer of the same config, and calls the
                 same methods in the same order.
 
@@ -86,7 +89,7 @@ class Trainer:
             TrainingError: There is no such device, an opponent cannot play, or there are no lengths or no actions.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
-        self.crew, self.steps, self.played, self.updates = crew or Crew(), 0, 0, 0
+        self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0
         self.worlds, rollout = config.size
         self.rollout_steps = rollout // self.worlds
         players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
@@ -97,7 +100,7 @@ class Trainer:
         own, halves = self.crew.share(self.worlds), 2 if config.halves else 1
         parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
         with self.crew.first_ahead():
-            self.envs = [self._env(scenario, part, threads) for part in parts if part]
+            self.envs = [self._env(scenario, part) for part in parts if part]
         self.env = self.envs[0]
         check_statistics(self.env, "length")
         if not len(self.env.action_sizes):
@@ -214,7 +217,9 @@ class Trainer:
         Returns:
             What is logged, by tag; with several learners, the mean of theirs.
         """
-        logged = [learner.update(rollout, left, on_epoch) for learner in self.learners]
+        with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+            shared = pool.map if self.threads > 1 else map
+            logged = [learner.update(rollout, left, on_epoch, shared) for learner in self.learners]
         self.updates += 1
         if self.updates % self.config.snapshots == 0:
             playing = set(self._everyones(lambda lane: np.unique(lane.opponent).tolist()))
@@ -329,12 +334,12 @@ class Trainer:
         own = [each for lane in self.collector.lanes for each in get(lane)]
         return [each for part in self.crew.gather_values(own) for each in part]
 
-    def _env(self, scenario: Scenario, worlds: range, threads: int) -> SurvivalVectorEnv:
+    def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
         env = outlast.make_vec(
             scenario,
             len(worlds),
             seed=self.config.seed,
-            threads=threads,
+            threads=min(WORLD_THREADS, self.threads),
             autoreset_mode="Disabled",
             copy=False,
             check_actions=False,

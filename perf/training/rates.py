@@ -1,13 +1,13 @@
 """Measure where the time of training goes, while collecting and while updating.
 
     python -m perf.training.rates [--variants ffa_2 teams_3]
-        [--preset original] [--worlds 256] [--rollout 32768] [--threads 2]
-        [--device cpu] [--save MACHINE]
+        [--preset original] [--worlds 256] [--rollout 32768] [--device cpu]
+        [--save MACHINE]
 
 What is timed is a rollout, as `outlast train` collects it, and an update of two
-epochs, with random initial weights. Rates are agent-steps per second while
-collecting and samples per second while updating; shares are of the time of that
-part. Times are CPU time, the best of several rounds. On a GPU they are wall
+epochs, on one thread, with random initial weights. Rates are agent-steps per
+second while collecting and samples per second while updating; shares are of the
+time of that part. Times are CPU time, the best of several rounds. On a GPU they are wall
 time, and the GPU is waited for after each part: parts that overlap in a run do
 not overlap here, so rates are lower than those of a run, which
 perf.training.scale measures.
@@ -86,12 +86,9 @@ def main() -> None:
     parser.add_argument("--worlds", type=positive, default=0, help="worlds (default: as the preset has it)")
     text = "environment steps of a rollout (default: as the preset has it)"
     parser.add_argument("--rollout", type=positive, default=0, help=text)
-    parser.add_argument(
-        "--threads", type=positive, default=torch.get_num_threads(), help="threads (default: as many as PyTorch takes)"
-    )
     parser.add_argument("--device", default="cpu", help="PyTorch's device for updates (default cpu)")
     given = parser.parse_args()
-    torch.set_num_threads(given.threads)
+    torch.set_num_threads(1)
     table = Table("training", "variant", "part", "a second", *PARTS, "rest")
     clock = watched_functions(torch.device(given.device))
     for scenario in given.variants:
@@ -99,7 +96,7 @@ def main() -> None:
             scenario, given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
             settings={"n_epochs": EPOCHS, "target_kl": 0.0},
         )  # fmt: skip
-        trainer = Trainer(config, given.threads)
+        trainer = Trainer(config)
         watch(trainer, clock)
         rollout = trainer.collect()
         for label, (seconds, shares) in parts(trainer, rollout, clock).items():

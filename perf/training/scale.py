@@ -1,10 +1,10 @@
-"""Measure what processes, a GPU and halves of the worlds give to training.
+"""Measure what processes, threads, a GPU and halves of the worlds give to training.
 
     python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast]
         [--processes 1 2] [--devices cpu cuda] [--worlds 256 2048] [--batch N]
-        [--threads 1] [--rounds 5] [--halves] [--save MACHINE]
+        [--threads 1 2] [--rounds 5] [--halves] [--save MACHINE]
 
-All combinations of devices, numbers of worlds and numbers of processes are
+All combinations of devices, numbers of worlds, processes and threads are
 measured in turn. Rates are agent-steps per second of wall time, for collecting,
 updating and both together, in the best round of each; `times` compares both
 together with the first combination. If there are more worlds than the preset
@@ -44,28 +44,27 @@ def main() -> None:
     )
     text = "samples of a minibatch (default: the same share of a rollout as in the preset)"
     parser.add_argument("--batch", type=int, default=0, help=text)
-    parser.add_argument("--threads", type=int, default=1, help="threads of each process (default 1)")
+    parser.add_argument("--threads", nargs="+", type=int, default=[1], help="threads of each process (default 1)")
     parser.add_argument("--rounds", type=int, default=5, help="rounds of measuring (default 5)")
     parser.add_argument("--halves", action="store_true", help="train with --halves, as in `outlast train`")
     given = parser.parse_args()
     measured = "collected/s", "updated/s", "together/s", "times", "CPU s", "load"
-    table = Table("training_scale", "variant", "device", "processes", "worlds", "minibatch", *measured)
+    measuring = given.devices, given.worlds, given.processes, given.threads
+    table = Table("training_scale", "variant", "device", "processes", "threads", "worlds", "minibatch", *measured)
     for name in given.variants:
         with contextlib.ExitStack() as opened:
             runs = []
-            for device, worlds, count in itertools.product(given.devices, given.worlds, given.processes):
+            for device, worlds, count, threads in itertools.product(*measuring):
                 config = configured(name, given.preset, worlds, given.batch, count, device, given.halves)
-                crew = opened.enter_context(
-                    contextlib.closing(recruit(count, follow, config, given.rounds, given.threads))
-                )
-                runs.append(Timed(crew, config, given.threads))
+                crew = opened.enter_context(contextlib.closing(recruit(count, follow, config, given.rounds, threads)))
+                runs.append(Timed(crew, config, threads))
             rows = [[timed.round() for timed in runs] for _ in range(given.rounds)]
         best = [list(map(min, zip(*of_one, strict=True))) for of_one in zip(*rows, strict=True)]
         first = runs[0].samples / sum(best[0][:2])
         for timed, (collecting, updating, cpu) in zip(runs, best, strict=True):
             config, together = timed.trainer.config, timed.samples / (collecting + updating)
             rates = [timed.samples / collecting, timed.samples / updating, together]
-            plan = config.device, config.processes, config.size[0], config.numbers.batch_size
+            plan = config.device, config.processes, timed.trainer.threads, config.size[0], config.numbers.batch_size
             cells = [f"{rate:,.0f}" for rate in rates] + [f"{together / first:.2f}", f"{cpu:.2f}"]
             table.add(name, *plan, *cells, f"{os.getloadavg()[0]:.1f}")
     table.finish(given.save, "" if "cuda" not in given.devices else torch.cuda.get_device_name())
@@ -85,7 +84,7 @@ class Timed:
     """A trainer that has warmed up; there is one in each process of a crew."""
 
     def __init__(self, crew: Crew, config: TrainingConfig, threads: int) -> None:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(1)
         self.crew, self.trainer = crew, Trainer(config, threads, crew)
         self.samples = self.trainer.collect().learner.size
         self.round()

@@ -207,7 +207,7 @@ def test_rates_of_training_are_shared_out_among_its_parts(
         for name in {"ppo_loss", "normalised", "select", "backward", "clip_grad_norm_"} & vars(target).keys():
             monkeypatch.setattr(target, name, getattr(target, name))  # put back behind the test
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
-    small = ("--variants", "ffa_2", "--worlds", "4", "--rollout", "128", "--threads", "1")
+    small = ("--variants", "ffa_2", "--worlds", "4", "--rollout", "128")
     for preset in ("original", "fast"):
         monkeypatch.setattr(sys, "argv", ["perf.training.rates", *small, "--preset", preset, "--save", preset])
         rates.main()

@@ -19,11 +19,11 @@ SETTINGS = {"batch_size": 96, "n_epochs": 3}  # so that an update is quick
 
 def make(preset: str = "original", **options: Any) -> Trainer:
     """A trainer of `SHORT`. options: Those of TrainingConfig, and numbers of PPO to change or add to SETTINGS."""
-    known = TrainingConfig.__dataclass_fields__.keys()
+    known, threads = TrainingConfig.__dataclass_fields__.keys(), options.pop("threads", 1)
     given = {"scenario": SHORT, "worlds": WORLDS, "rollout": WORLDS * STEPS, "seed": 5, "preset": preset}
     given |= {name: value for name, value in options.items() if name in known}
     settings = SETTINGS | {name: value for name, value in options.items() if name not in known}
-    return Trainer(TrainingConfig(**given, settings=settings))
+    return Trainer(TrainingConfig(**given, settings=settings), threads)
 
 
 def doubled(seen: Observed) -> Observed:

@@ -11,7 +11,7 @@ from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import hyperparameters  # noqa: E402
+from outlast.training import hyperparameters, learner  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.learner import explained_variance  # noqa: E402
@@ -69,9 +69,30 @@ def parts_of(trainer: Trainer, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     monkeypatch.setattr(
         trainer.learners[0],
         "_differentiate",
-        lambda samples, part: (parts.append(part), inner(samples, part))[1],
+        lambda samples, part, shared: (parts.append(part), inner(samples, part, shared))[1],
     )
     return parts
+
+
+@pytest.mark.parametrize(
+    "options", [{"preset": "fast"}, {"preset": "paper", "memory": 8, "rollout": 192}, {"critic": "state"}], ids=str
+)
+def test_results_do_not_depend_on_threads(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit; and minibatches that are not cut into shares have the same gradients, up to rounding."""
+
+    def trained(threads: int, share: int) -> torch.Tensor:
+        monkeypatch.setattr(learner, "SHARE", share)
+        trainer = make(threads=threads, **({"target_kl": 0.0} | options))
+        for _ in range(2):
+            trainer.update(trainer.collect())
+        return weights(trainer.policies[0])
+
+    one, two, three = (trained(threads, 20) for threads in (1, 2, 3))
+    assert torch.equal(one, two)
+    assert torch.equal(one, three)
+    whole, began = trained(1, 10**6), weights(make(**options).policies[0])
+    assert not torch.equal(one, whole)
+    assert float((one - whole).norm()) < 1e-3 * float((whole - began).norm())
 
 
 @pytest.mark.parametrize("dead", ["keep", "drop"])
@@ -96,9 +117,9 @@ def test_few_samples_make_no_minibatch_of_one(count: int, monkeypatch: pytest.Mo
     """Whose advantage has no spread."""
     trainer = make("paper", batch_size=2, n_epochs=1)
     rollout, parts, before = trainer.collect(), parts_of(trainer, monkeypatch), weights(trainer.policies[0])
-    learner = np.full(rollout.learner.shape, -1, np.int8)
-    learner.ravel()[10 : 10 + count] = 0
-    report = trainer.update(dataclasses.replace(rollout, learner=learner))
+    owner = np.full(rollout.learner.shape, -1, np.int8)
+    owner.ravel()[10 : 10 + count] = 0
+    report = trainer.update(dataclasses.replace(rollout, learner=owner))
     assert bool(report) == bool(parts) == (count > 1) == (not torch.equal(before, weights(trainer.policies[0])))
     assert all(len(part) > 1 for part in parts)
     assert bool(weights(trainer.policies[0]).isfinite().all())

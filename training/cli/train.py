@@ -106,9 +106,7 @@ def add(commands: Any) -> None:
     command.add_argument("--dead", choices=DEAD, default="keep", help=text)
     text = "PyTorch's device on which policies are updated, such as cuda; they always play on the CPU (default cpu)"
     command.add_argument("--device", default="cpu", help=text)
-    text = (
-        "threads of each process, for networks and worlds (default: cores / --processes, at most 4; of several runs 1)"
-    )
+    text = "threads of each process, with the same results (default: cores / --processes; of several runs 1)"
     command.add_argument("--threads", type=positive, help=text)
     text = "processes that share the worlds of a run, with the same results up to rounding (default 1)"
     command.add_argument("--processes", type=positive, default=1, metavar="N", help=text)
