@@ -1,4 +1,4 @@
-"""Convert docs/results, docs/benchmark and the anchors to the one folder results/, and compare what it holds with them.
+"""Convert docs/results and the anchors to the one folder results/, and compare what it holds with them.
 
     python -m perf.convert_results OUT [--compare WORLDS]
 
@@ -12,7 +12,6 @@ import csv
 import gzip
 import io
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -26,10 +25,7 @@ import numpy as np
 
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training import checkpoint, policy_file
-from outlast.training.benchmark import scores, table
-from outlast.training.benchmark.result import Content, find
 from outlast.training.benchmark.suite import FOLDER as ANCHORS
-from outlast.training.benchmark.suite import suite
 from outlast.training.benchmark.tasks import task_of, tasks
 from outlast.training.curves import Curves, Logged
 from outlast.training.paper.report import report
@@ -41,7 +37,7 @@ from outlast.training.run_header import Header
 from perf.half_weights import equal_actions
 
 ROOT = Path(__file__).parents[1]
-RESULTS, BENCHMARK = ROOT / "docs" / "results", ROOT / "docs" / "benchmark"
+RESULTS, BENCHMARK = ROOT / "docs" / "results", ROOT / "results" / "benchmark"
 STUDIES = ("original", "text", "mended", "worlds-64")
 POOL = "pool"  # how runs of "mended" are called, whose preset is that of the benchmark's "fast"
 FIRST_ONLY = ("text", "mended")  # studies of which the policies of the first seed are kept
@@ -82,7 +78,6 @@ def main() -> int:
     for study in STUDIES:
         kept_curves(study, given.out)
     kept_measured(given.out)
-    kept_benchmark(given.out)
     kept_pictures(given.out)
     for what, equal in checks(given.out):
         print(f"{'equal' if equal else 'DIFFERENT'}: {what}", flush=True)
@@ -225,74 +220,6 @@ def kept_measured(out: Path) -> None:
     (out / "mended" / "measured.csv.gz").write_bytes(packed(text.getvalue()))
 
 
-def kept_benchmark(out: Path) -> None:
-    """Write all entries of the benchmark as one file: who won, and what agents do in self-play."""
-    entries, games = list[Content](), dict[str, Content]()
-    for result in find(BENCHMARK):
-        content = dict(result.content)
-        games.setdefault(content["task"], content["fingerprints"])
-        assert games[content["task"]] == content["fingerprints"], result.folder
-        (own,) = [
-            match["figures"]
-            for match in content["matches"]
-            if (match["game"], match["against"]) == (scores.TRAINED, "self")
-        ]
-        won: dict[str, dict[str, list[int]]] = {}
-        for match in content["matches"]:
-            won.setdefault(match["game"], {})[match["against"]] = [match[key] for key in ("won", "drawn", "lost")]
-        same = ("task", "agent", "seed", "source", "options", "policy", "response", "seconds", "made")
-        entries.append({key: content[key] for key in same} | {"self": own, "matches": won})
-        version, count = content["version"], content["games"]
-    cross = {}
-    for task in games:
-        played = json.loads((BENCHMARK / str(BUDGET) / task / "cross.json").read_text())["matches"]
-        cross[task] = [[match[key] for key in ("one", "other", "won", "drawn", "lost")] for match in played]
-    whole = {
-        "version": version,
-        "budget": BUDGET,
-        "games": count,
-        "fingerprints": games,
-        "entries": entries,
-        "cross": cross,
-    }
-    lines = re.sub(r'(?<=\}),(?=\{"task")', ",\n", json.dumps(whole, separators=(",", ":")))  # an entry a line
-    (out / "benchmark").mkdir()
-    (out / "benchmark" / "entries.json.gz").write_bytes(packed(lines + "\n"))
-
-
-def expand_benchmark(place: Path, out: Path) -> None:
-    """Write the folders of results that `kept_benchmark` read, without recordings and most figures."""
-    whole = json.loads(gzip.decompress(place.read_bytes()))
-    of = {"version": whole["version"], "budget": whole["budget"], "games": whole["games"]}
-    for entry in whole["entries"]:
-        task, best = entry["task"], (entry["response"] or {}).get("digest", "")
-        known = {member.name: member.digest for member in suite(task_of(task))} | {"self": "", "response": best}
-        matches = list[Content]()
-        for game, played in entry["matches"].items():
-            for name, won in played.items():
-                own = entry["self"] if (game, name) == (scores.TRAINED, "self") else [{}, {}]
-                matches.append({"game": game, "against": name} | _match(won, known[name], own))
-        folder = out / str(whole["budget"]) / task / entry["agent"] / str(entry["seed"])
-        folder.mkdir(parents=True)
-        more = {"fingerprints": whole["fingerprints"][task], "matches": matches}
-        content = of | {key: value for key, value in entry.items() if key != "self"} | more
-        (folder / "result.json").write_text(json.dumps(content))
-    digests = {(each["task"], f"{each['agent']}/{each['seed']}"): each["policy"]["digest"] for each in whole["entries"]}
-    for task, rows in whole["cross"].items():
-        matches = [
-            {"one": one, "other": other, "own": digests[task, one]} | _match(won, digests[task, other], [{}, {}])
-            for one, other, *won in rows
-        ]
-        content = {"version": whole["version"], "matches": matches}
-        (out / str(whole["budget"]) / task / "cross.json").write_text(json.dumps(content))
-
-
-def _match(won: list[int], opponent: str, figures: list[Content]) -> Content:
-    """The outcome of a match as a result has it. won: games that were won, drawn and lost."""
-    outcome = dict(zip(("won", "drawn", "lost"), won, strict=True))
-    return outcome | {"games": sum(won), "figures": figures, "opponent": opponent, "recording": NOTHING}
-
-
 # ---- pictures, and what stays as it is
 
 
@@ -326,8 +253,6 @@ def kept_pictures(out: Path) -> None:
             shutil.copy(source, target)
         elif source.suffix == ".json" and target.parent.name == "benchmarl":
             target.write_text(json.dumps(json.loads(source.read_text()), separators=(",", ":")) + "\n")
-    for source in (path for path in BENCHMARK.iterdir() if path.is_file()):
-        shutil.copy(source, out / "benchmark")
 
 
 def sizes(out: Path) -> Iterator[str]:
@@ -361,11 +286,6 @@ def checks(out: Path) -> Iterator[tuple[str, bool]]:
             "measurements of mended games",
             mended.table(places) + "\n" == (RESULTS / "mended" / "measured.md").read_text(),
         )
-    with tempfile.TemporaryDirectory() as folder:
-        expand_benchmark(out / "benchmark" / "entries.json.gz", Path(folder))
-        found = scores.scores(Path(folder))
-        yield "tables of the benchmark", table.markdown(found) == (BENCHMARK / "table.md").read_text()
-        yield "all its scores", table.as_csv(found) == (BENCHMARK / "table.csv").read_text()
 
 
 def key(run: Logged) -> str:

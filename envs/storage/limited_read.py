@@ -1,7 +1,9 @@
 """Files from elsewhere, read up to a limit: neither a huge file nor one that never ends takes all memory."""
 
+import gzip
 import io
 import os
+import zlib
 
 LARGEST_TEXT = 2**24  # bytes; as JSON, they take about 30 times as much memory
 CHUNK = 2**20  # bytes that are read at once
@@ -31,3 +33,20 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
         OSError: It cannot be read.
     """
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
+
+
+def read_gzip(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
+    """Return what a gzip file holds.
+
+    Raises:
+        ValueError: It holds more than `most` bytes, or is no gzip file.
+        OSError: It cannot be read.
+    """
+    try:
+        with gzip.open(path) as file:
+            content = file.read(most + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise ValueError(f"it is no gzip file: {error}") from error
+    if len(content) > most:
+        raise ValueError(f"it holds more than {most:,} bytes")
+    return content

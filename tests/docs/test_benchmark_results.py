@@ -9,11 +9,11 @@ pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast.envs.cli.main import main
 from outlast.training.benchmark import scores, table
 
-KEPT = Path(__file__).parents[2] / "docs" / "benchmark"
+KEPT = Path(__file__).parents[2] / "results" / "benchmark"
 
 
 def test_tables_are_those_of_the_kept_results() -> None:
-    """To update them: outlast benchmark table docs/benchmark"""
+    """To update them: outlast benchmark table results/benchmark"""
     found = scores.scores(KEPT)
     assert (KEPT / "table.md").read_text() == table.markdown(found)
     assert (KEPT / "table.csv").read_text() == table.as_csv(found)

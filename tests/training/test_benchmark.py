@@ -1,5 +1,6 @@
 """The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
 
+import gzip
 import itertools
 import json
 import re
@@ -19,7 +20,7 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark import described, matches, result, scores, suite, table, tasks, verify  # noqa: E402
+from outlast.training.benchmark import crossplay, described, kept, matches, result, scores, suite, table, tasks, verify  # noqa: E402
 from outlast.training.benchmark import entry as entries  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
 from outlast.training.benchmark.anchors import make  # noqa: E402
@@ -105,7 +106,7 @@ BEST = "response"
 
 
 def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = {each.name: each for each in result.find(results)}
+    found = {each.name: each for each in kept.find(results)}
     assert [*found] == ["fast/0", "fast/1", "mine/1"]
     every = {(game, name) for game in ("trained", "strong blows") for name in ("self", *STYLES, "steps_0000000512")}
     assert {*found["fast/0"].against} == every | {("trained", "response")}
@@ -395,7 +396,7 @@ def test_matches_that_were_not_played_are_missing(first: Result) -> None:
 def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     folder = tmp_path / NAME
     shutil.copytree(results / str(BUDGET) / NAME, folder, ignore=shutil.ignore_patterns("trained", BEST))
-    entries = result.find(folder)
+    entries = kept.find(folder)
     path = folder / "cross.json"
     content = json.loads(path.read_text())
     match = content["matches"][0]
@@ -419,7 +420,7 @@ def test_what_is_of_an_unknown_task_is_said_of_its_entries(results: Path, tmp_pa
 
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
-    entries = [each for each in result.find(folder) if each.name != "mine/1"]
+    entries = [each for each in kept.find(folder) if each.name != "mine/1"]
     every = [check() for check in cross_checks(folder, entries, [each.name for each in entries])]
     found = {each.what: (each.wrong, each.missing) for each in every}
     assert found["quick-v1 fast/0 against fast/1"] == ("", "")
@@ -523,7 +524,7 @@ def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pyte
     words = ["benchmark", "run", NAME, "--agent", f"one={own}", "--seed", "0", "1", "--out", str(tmp_path)]
     assert main(words) == 2
     assert "is one training, whatever the seed: name one --seed, or put {seed} in it" in capsys.readouterr().err
-    one, two, _ = result.find(results)
+    one, two, _ = kept.find(results)
     same = replace(one, content=one.content | {"policy": two.content["policy"]})
     with pytest.raises(TrainingError, match="its policy is that of seed 0, not another training: remove it"):
         scores._agent(tasks.task_of(NAME), [same, two])
@@ -586,7 +587,7 @@ def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str,
 
 def test_numbers_of_games_are_not_mixed(results: Path) -> None:
     """A mean of ten games and one of ten thousand would be of one track."""
-    one, two, _ = result.find(results)
+    one, two, _ = kept.find(results)
     other = replace(two, content=two.content | {"games": 2 * GAMES})
     assert scores._budget(BUDGET, [one, two])["games"] == GAMES
     with pytest.raises(TrainingError, match=f"matches of {GAMES} and {2 * GAMES} games cannot be compared"):
@@ -660,22 +661,78 @@ def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert files == ["marl_eval-512.json", "profile-512.png", "table.csv", "table.md"]
     assert all((tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes() for name in files)
-    kept = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
-    assert kept.count("trained-self.rec") == 2  # of the first seed of each agent
-    assert kept.count("result.json") == 3
+    names = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
+    assert names == [kept.NAME, "policy.zip", "trained-self.rec", "trained-self.rec"]  # of the first seed of each agent
     text = (tmp_path / "one" / "table.md").read_text()
     assert "### 512 agent-steps (of no track: 4 games a match)" in text
     assert "mine†" in text
-    gone = tmp_path / "kept" / str(BUDGET) / NAME / "fast" / "7" / result.NAME
-    gone.parent.mkdir()
-    shutil.copy(gone.parents[1] / "0" / result.NAME, gone)
-    with pytest.raises(TrainingError, match="is of results that are not in "):
-        table.keep(results, tmp_path / "kept")
-    other = tmp_path / "kept" / str(BUDGET) / "ffa_4-v1" / "fast" / "7"
-    other.parent.mkdir(parents=True)
-    gone.parent.rename(other)
-    assert set(table.keep(results, tmp_path / "kept")) < {*(tmp_path / "kept").rglob("*")}
-    assert (other / result.NAME).exists()  # of another task
+
+
+def test_kept_results_are_those_of_the_runs(results: Path, tmp_path: Path) -> None:
+    """They are found in a folder of one task, too, which only the file describes; keeping them changes nothing."""
+    table.keep(results, tmp_path / "one")
+    task = tmp_path / "one" / str(BUDGET) / NAME
+    assert [entry.name for entry in kept.find(task / "fast")] == ["fast/0", "fast/1"]
+    pairs = [*zip(kept.find(results), kept.find(task), strict=True)]
+    for run, own in pairs:
+        assert own.content | {"matches": []} == run.content | {"matches": []}
+        assert own.against["trained", "self"] == run.against["trained", "self"]
+        numbers = {key: {name: match[name] for name in NUMBERS} for key, match in run.against.items()}
+        assert {key: {name: match[name] for name in NUMBERS} for key, match in own.against.items()} == numbers
+    cross = (crossplay.load(place / str(BUDGET) / NAME) for place in (results, tmp_path / "one"))
+    one, two = ([[match[key] for key in ("own", *NUMBERS)] for match in played.values()] for played in cross)
+    assert one == two
+    table.keep(tmp_path / "one", tmp_path / "two")
+    assert (tmp_path / "one" / kept.NAME).read_bytes() == (tmp_path / "two" / kept.NAME).read_bytes()
+    with pytest.raises(TrainingError, match=r"neither result.json nor entries.json.gz in .*mine/7, nor in folders"):
+        kept.find(task / "mine/7")
+
+
+NUMBERS = ("opponent", "games", "won", "drawn", "lost")
+
+
+def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Result) -> None:
+    target = tmp_path.with_name(f"{tmp_path.name}-kept")
+    kept.write(target, kept.find(results), {})
+    with pytest.raises(TrainingError, match=rf"{BUDGET}/{NAME}/fast/1 is in .*kept and not in .*: keep these"):
+        table.keep(first.folder.parents[3], target)
+    other = replace(first, content=first.content | {"task": "ffa_4-v1"})
+    kept.write(target, [other], {f"{BUDGET}/ffa_4-v1": [["fast/0", "fast/1", 4, 0, 0]]})
+    table.keep(results, target)
+    assert [entry.content["task"] for entry in kept.find(target)] == ["ffa_4-v1", NAME, NAME, NAME]
+    assert [*crossplay.load(target / str(BUDGET) / "ffa_4-v1")] == [("fast/0", "fast/1")]
+    changed = replace(first, content=first.content | {"fingerprints": {}})
+    with pytest.raises(TrainingError, match="other games or opponents than further results of its task"):
+        kept.write(tmp_path, [first, changed], {})
+    assert not (tmp_path / kept.NAME).exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content.update(version=2), "version 2: 1 is needed"),
+        (lambda content: content.pop("tasks"), "KeyError: 'tasks'"),
+        (lambda content: content["entries"][0].update(agent="../etc"), "its agent cannot be '../etc'"),
+        (lambda content: content["entries"][0]["matches"]["trained"].update(scripted=[4, 1, -1]), "numbers of games"),
+        (lambda content: content["entries"][0]["matches"]["trained"].update(scripted=[4, 1, 1]), "a match of 6 games"),
+        (lambda content: content["entries"][0]["matches"]["trained"].update(nobody=[4, 0, 0]), "KeyError: 'nobody'"),
+        (lambda content: content["entries"][0]["self"].update(recording="x"), "digests that are none"),
+        (lambda content: content["cross"].update(a=[["fast/0", "fast/1", 1, 0, -1]]), "numbers of games"),
+        (lambda content: content["cross"].update(a=[["fast/0"]]), "ValueError: not enough values"),
+    ],
+)
+def test_kept_results_that_are_none_are_refused(
+    results: Path, tmp_path: Path, change: Callable[[Content], Any], message: str
+) -> None:
+    kept.write(tmp_path, kept.find(results), {})
+    content = json.loads(gzip.decompress((tmp_path / kept.NAME).read_bytes()))
+    change(content)
+    (tmp_path / kept.NAME).write_bytes(gzip.compress(json.dumps(content).encode()))
+    with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + re.escape(message)):
+        kept.find(tmp_path)
+    (tmp_path / kept.NAME).write_bytes(gzip.compress(b"{}")[:-4])
+    with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is no gzip file"):
+        kept.find(tmp_path)
 
 
 def test_what_marl_eval_cannot_take_stops_no_table(

@@ -10,7 +10,7 @@ from outlast.envs.scenarios.fingerprint import is_word
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..processes import results
-from . import result
+from . import kept, result
 from .agents import Agent
 from .matches import digest, play
 from .result import DIGEST, POLICY, Content, Result, match_twice, read_json, write_json, wrong_with_match
@@ -37,7 +37,7 @@ def load(folder: Path) -> dict[tuple[str, str], Content]:
     """Read the matches that were played, by names of entries. folder: Of the task. Raises TrainingError."""
     path = folder / NAME
     content = read_json(path, _wrong) if path.exists() else {"matches": []}
-    return {(match["one"], match["other"]): match for match in content["matches"]}
+    return kept.cross_play(folder) | {(match["one"], match["other"]): match for match in content["matches"]}
 
 
 def pairs(entries: Sequence[Result]) -> list[tuple[Result, Result]]:

@@ -13,7 +13,7 @@ from typing import Any
 from outlast.ecs.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import strict_json
-from outlast.envs.storage.limited_read import read_bytes
+from outlast.envs.storage.limited_read import read_bytes, read_gzip
 from outlast.systems import box2d
 
 from ..errors import TrainingError
@@ -115,14 +115,14 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """Read the content of a JSON file.
 
     Args:
-        path: The file.
+        path: The file; with the ending .gz, it is compressed.
         wrong: Says what is wrong with the content; empty if nothing is.
 
     Raises:
         TrainingError: It cannot be read, or is not what it should be.
     """
     try:
-        content = json.loads(read_bytes(path, LONGEST))
+        content = json.loads((read_gzip if path.suffix == ".gz" else read_bytes)(path, LONGEST))
         fault = wrong(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
@@ -136,16 +136,6 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
 def read(path: Path) -> Result:
     """Read the result in a file. Raises TrainingError."""
     return Result(path.parent, read_json(path, wrong_with_result))
-
-
-def find(places: Path) -> list[Result]:
-    """Return the results in a folder and all folders in it, in order of paths. TrainingError if there are none."""
-    found = [read(path) for path in sorted(places.rglob(NAME))]
-    if not found:
-        raise TrainingError(
-            f"there is no {NAME} in {places}, nor in folders in it: make one by `outlast benchmark run`"
-        )
-    return found
 
 
 def wrong_with_result(content: Content) -> str:

@@ -15,13 +15,13 @@ from .. import statistics
 from ..errors import TrainingError
 from ..evaluation.ratings import anchored
 from . import crossplay
-from .result import BEST, SELF, Content, Result, find
+from .kept import TRAINED, find
+from .result import BEST, SELF, Content, Result
 from .suite import missing, other_games, suite
 from .tasks import PROTOCOL, Task, task_of, track_of
 
 NAME = "scores.json"
 DIGITS = 6  # significant digits of what is computed
-TRAINED = "trained"  # the game of training
 THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
 OWN_FIGURES = (
     *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),

@@ -16,8 +16,9 @@ from ..evaluation.contenders import Contender
 from ..processes import results
 from . import crossplay, scores
 from .described import described, wrong_with_response
+from .kept import find
 from .matches import digest, repeat
-from .result import BEST, POLICY, RESPONSE, SELF, Content, Result, find, read_json
+from .result import BEST, POLICY, RESPONSE, SELF, Content, Result, read_json
 from .suite import Member, missing, other_games, suite
 from .tasks import Game, Task, task_of
 

@@ -251,8 +251,10 @@ def _jobs(options: argparse.Namespace) -> int:
 
 def _places(options: argparse.Namespace) -> list[Path]:
     """The folders of results that are named."""
+    from ..benchmark import kept
+
     places = [Path(name) for name in options.names] or [RESULTS]
-    if gone := [place for place in places if not place.is_dir()]:
+    if gone := [place for place in places if not place.is_dir() and not kept.above(place)]:
         raise TrainingError(f"there is no folder {gone[0]}: name one of results, that `benchmark run` made")
     return places
 
