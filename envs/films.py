@@ -87,8 +87,8 @@ def film(
             outlast.Recording or its path, which is replayed and compared with its digests.
         out: NAME.webm, .apng, .mp4 or .gif, in which the end of an episode is held for a moment; without an ending a
             folder of numbered PNGs, in which it is not.
-        policy: A name ("scripted" by default), the path of a saved policy (FILE.zip), or a function from the
-            observations to the actions of all worlds.
+        policy: A name ("scripted" by default), the path of a saved policy (FILE.zip or FILE.safetensors), or a
+            function from the observations to the actions of all worlds.
         others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
             weight}. The side of `policy` changes from world to world and from episode to episode.
         steps: Ticks after the first reset; by default 150, or all that were recorded.

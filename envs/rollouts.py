@@ -73,9 +73,9 @@ def rollout(
         game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             environment from make_vec: all of its worlds are reset, and it stays open. As it determines them, `worlds`,
             `seed`, `threads`, `specialize`, `interpret` and numbers are then refused.
-        policy: A name, such as "random" or "scripted", the path of a saved policy (FILE.zip), or a function from the
-            observations to the actions of all worlds. If the function has a method `reset`, that is called with the
-            worlds in which an episode begins, bool (worlds,), before the function acts there.
+        policy: A name, such as "random" or "scripted", the path of a saved policy (FILE.zip or FILE.safetensors),
+            or a function from the observations to the actions of all worlds. If the function has a method `reset`, that
+            is called with the worlds in which an episode begins, bool (worlds,), before the function acts there.
         steps: Instead, take this many steps of every world and count the episodes that end in them. The means then lean
             towards short episodes, as long ones are more likely to be cut off.
         progress: Called after every step with the summary so far, the object that is returned in the end.

@@ -115,9 +115,7 @@ def weights_of(source: Path) -> tuple[Header, list[Weights]]:
 
 def acting(header: Header, policies: list[Weights]) -> list[Weights]:
     """The weights without those of the critic, and of the second extractor, which only the critic reads."""
-    second = {name.split(".")[1] for own in policies for name in own if name.startswith("extractors.")} - {"0"}
-    left_out = (CRITIC, *(f"extractors.{k}." for k in second))
-    return [{name: values for name, values in own.items() if not name.startswith(left_out)} for own in policies]
+    return [{name: values for name, values in own.items() if not name.startswith(CRITIC)} for own in policies]
 
 
 def kept_policies(chosen: Iterable[Model], out: Path) -> None:

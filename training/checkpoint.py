@@ -16,7 +16,7 @@ from torch import Tensor
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage.atomic_write import atomic_write
 
-from . import run_header, safe_torch
+from . import policy_file, run_header, safe_torch
 from .errors import TrainingError
 from .observation_layout import Array, ObservationLayout, scales
 from .policy import ActorCritic
@@ -63,6 +63,20 @@ def policies_in(files: dict[str, bytes]) -> list[Any]:
     """The weights of each policy in policy.pt, which holds those of one or a list; unchecked. Raises TrainingError."""
     found = load_tensors(files, "policy.pt")
     return found if isinstance(found, list) and found else [found]
+
+
+def read_policies(path: Path) -> tuple[run_header.Header, list[Any], int]:
+    """Read what a saved policy plays with, from a checkpoint or a file of weights. Raises TrainingError.
+
+    Returns:
+        run.json, the weights of each policy, unchecked, and how many bytes these take as float32, at least.
+    """
+    if path.suffix == policy_file.SUFFIX:
+        header, policies = policy_file.read(path)
+        weights = [{name: torch.from_numpy(values) for name, values in own.items()} for own in policies]
+        return {"plan": {}, **header}, weights, sum(values.nbytes for own in policies for values in own.values())
+    files = read_checkpoint(path, ("policy.pt",))
+    return header_of(files), policies_in(files), len(files["policy.pt"])
 
 
 def load_weights(policy: ActorCritic, weights: Any, where: str = "policy.pt") -> None:

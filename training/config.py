@@ -10,7 +10,7 @@ from outlast.components import Return
 from outlast.ecs.whole import as_whole, is_whole
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
-from outlast.envs.rollout.saved import MASKED, SAVED, cameras_mode, policy_file
+from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
@@ -43,7 +43,8 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     Args:
         text: One of TEACHERS, "scripted" or "scripted:2e6": policies learn to imitate it, for so many agent-steps.
             "FILE.zip:2e6": they imitate the policy in a file, whatever networks it has. "FILE.zip": they take the
-            weights in it. "": random weights. The folder of a run stands for its newest checkpoint.
+            weights in it, for which it needs a critic. "": random weights. A file may also be FILE.safetensors, and
+            the folder of a run stands for its newest checkpoint.
 
     Returns:
         The name or the path, and the agent-steps of imitation; 0: the weights are taken.
@@ -51,10 +52,10 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     Raises:
         TrainingError: There is no such policy, or the steps are no whole number of at least 1.
     """
-    whole = ":" not in text or text.endswith(SAVED) or Path(text).is_dir()  # as C:/runs is
+    whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # as C:/runs is
     name, _, length = (text, "", "") if whole else text.rpartition(":")
-    if text and name not in TEACHERS and not policy_file(name, TEACHERS).endswith(SAVED):
-        known = f"{', '.join(TEACHERS)} or a checkpoint, FILE{SAVED} or the folder of a run,"
+    if text and name not in TEACHERS and not is_saved(policy_file(name, TEACHERS)):
+        known = f"{', '.join(TEACHERS)} or a saved policy ({SAVED_AS})"
         raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")
     try:
         steps = float(length or (IMITATED if name in TEACHERS else 0))
@@ -172,7 +173,7 @@ class TrainingConfig:
     def check_teacher(self) -> None:
         """Raise TrainingError if a run cannot begin by imitating the teacher; it can still go on from a checkpoint."""
         name, imitated = self.teacher
-        if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
+        if imitated and is_saved(name) and (self.processes > 1 or self.halves):
             raise TrainingError(
                 f"{name} draws numbers in turn: imitate it with one process and without halves, then resume with them"
             )

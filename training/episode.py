@@ -14,7 +14,7 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import planned, rebuilt
 
-from . import run_header
+from . import policy_file, run_header
 from .errors import TrainingError
 
 
@@ -50,7 +50,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
     Raises:
         TrainingError: The checkpoint is broken, of another game, or does not say enough about its own.
     """
-    header, _ = run_header.read_checkpoint(path, (), ("scenario",))
+    header = policy_file.read_header(path, ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
     player = outlast.load_policy(path, seed)
     game = player.scenario(game)

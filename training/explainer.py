@@ -39,6 +39,7 @@ class Explainer:
         *,
         leaky: bool,
         reset: Callable[[Array], None] | None,
+        critic: bool = True,
     ) -> None:
         """Make an explainer from a function that asks the policies of a player.
 
@@ -48,8 +49,10 @@ class Explainer:
             actions: How many values each action has.
             leaky: Whether hidden rows are attended to, too.
             reset: As in Player.
+            critic: As in Player.
         """
         self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
+        self._critic = critic
         self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
 
     def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
@@ -59,10 +62,10 @@ class Explainer:
             observations: float32 (..., agents, ...), as the player takes them.
 
         Returns:
-            Values float32 (..., agents), of the critic, in the units that it was trained in; NaN for a critic that
-            learned from the state of the world. Probabilities float32 (..., agents, values), of each value of each
-            action, one action after the other. Attention float32 (..., agents, rows), the share that each row of
-            `entities` gets, averaged over heads and over the rows that attend; together at most 1.
+            Values float32 (..., agents), of the critic, in the units that it was trained in; NaN without a critic, or
+            with one that learned from the state of the world. Probabilities float32 (..., agents, values), of each
+            value of each action, one action after the other. Attention float32 (..., agents, rows), the share that each
+            row of `entities` gets, averaged over heads and over the rows that attend; together at most 1.
 
         Raises:
             TrainingError: As in Player.
@@ -74,9 +77,9 @@ class Explainer:
         return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
 
     def _explain(self, policy: ActorCritic, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
-        if policy.overview is None:
+        if self._critic and policy.overview is None:
             logs, values, after = policy(seen, memory, begins)
-        else:  # its critic needs the state of the world, which is not there in play
+        else:  # its critic is not there, or needs the state of the world, which is not there in play
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan, **FLOAT)
         likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T

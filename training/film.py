@@ -22,7 +22,7 @@ def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = 
 
     Args:
         checkpoint: The file of the checkpoint.
-        folder: Where the film goes, made if it is not there: NAME.webm for NAME.zip.
+        folder: Where the film goes, made if it is not there: NAME.webm for a policy called NAME.
         scenario: What is played; None: what the checkpoint says, which is enough for variants.
         seed: Seed of the episode: films of one run with the same seed begin in the same world.
 

@@ -18,7 +18,7 @@ from outlast.envs.scenarios.scenario import Scenario
 try:
     import torch
 
-    from . import checkpoint
+    from . import checkpoint, policy_file
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
@@ -50,6 +50,7 @@ class Player:
     Attributes:
         memory: Numbers that each agent remembers; 0: none.
         state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
+        critic: Whether its file has the critic, without which it plays, but values are not known.
         reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
             a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
             must be told of all worlds.
@@ -58,11 +59,14 @@ class Player:
     def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
         """Read a policy. Only tensors and numbers are read; nothing in the file is executed. Raises TrainingError.
 
-        path: The file of a checkpoint, or the content of the files in it. seed: See `load_policy`.
+        path: A file, or the content of the files in a checkpoint. seed: See `load_policy`.
         """
-        files = path if isinstance(path, dict) else checkpoint.read_checkpoint(Path(path), ("policy.pt",))
-        self._origin = "" if isinstance(path, dict) else f"{path}: "
-        self.header = checkpoint.header_of(files)
+        if isinstance(path, dict):
+            self._origin, self.header, size = "", checkpoint.header_of(path), len(path["policy.pt"])
+            weights = checkpoint.policies_in(path)
+        else:
+            self._origin = f"{path}: "
+            self.header, weights, size = checkpoint.read_policies(Path(path))
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header["fields"])
         self.preset = preset(self.header["preset"])
@@ -72,31 +76,36 @@ class Player:
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
+        self.critic = any(_is_of_critic(name) for own in weights if isinstance(own, dict) for name in own)
         try:
             with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
-                self.policies = self._make_policies(files)
+                self.policies = self._make_policies(weights, size)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
         self._noise: Callable[[], Array] | None = None  # see `key_by`
         self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
 
-    def _make_policies(self, files: dict[str, bytes]) -> list[ActorCritic]:
-        """The policies in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
-        layout, actions, weights = self.layout, self.header["actions"], checkpoint.policies_in(files)
+    def _make_policies(self, weights: list[Any], size: int) -> list[ActorCritic]:
+        """Make the policies; sizes in run.json are checked against the `size` of their weights, in bytes, first."""
+        layout, actions = self.layout, self.header["actions"]
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
-            raise TrainingError(f"run.json has a team of other policies than the {len(weights)} in policy.pt")
+            raise TrainingError(f"run.json has a team of other policies than the {len(weights)} that are saved")
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
-        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + self.state) + 3 * self.memory**2
-        if 4 * least * len(weights) > len(files["policy.pt"]):
-            raise TrainingError("policy.pt is too small for the observations, actions and memory in run.json")
+        state = self.state if self.critic else 0
+        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
+        if 4 * least * len(weights) > size:
+            raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
         sizes, policies = checkpoint.recorded_scales(self.header, layout), []
         for own in weights:
             policy = ActorCritic(
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
+            if not self.critic and isinstance(own, dict):
+                blank = {name: torch.zeros_like(each) for name, each in policy.state_dict().items()}
+                own = {name: each for name, each in blank.items() if _is_of_critic(name)} | own
             checkpoint.load_weights(policy, own)
             policies.append(policy)
         return policies
@@ -171,7 +180,8 @@ class Player:
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
-        return Explainer(own._ask, self.layout, self.header["actions"], leaky=self.packer.leaky, reset=own.reset)
+        leaky, actions = self.packer.leaky, self.header["actions"]
+        return Explainer(own._ask, self.layout, actions, leaky=leaky, reset=own.reset, critic=self.critic)
 
     def _reset(self, where: Array) -> None:
         """See `reset`."""
@@ -250,6 +260,10 @@ class Player:
             )
 
 
+def _is_of_critic(name: object) -> bool:
+    return isinstance(name, str) and name.startswith(policy_file.CRITIC)
+
+
 def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
     """The log probabilities of actions, float32 (batch, values, actions)."""
     logs, after = policy.logs(seen, memory, begins)
@@ -278,7 +292,7 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
 
     Args:
-        path: The file, `steps_0001000000.zip`; or the folder of a run, for its newest checkpoint.
+        path: The file, `steps_0001000000.zip` or FILE.safetensors; or the folder of a run, for its newest checkpoint.
         seed: Seed of the generator that samples actions; None: the likeliest actions.
 
     Returns:

@@ -14,7 +14,7 @@ import torch
 
 from outlast.ecs.available import available_cores
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import CHECKPOINT, SAVED, checkpoints
+from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
@@ -34,7 +34,7 @@ from .torch_settings import learning
 from .trainer import Trainer
 
 WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
-FILES = re.compile(rf"[^,]+{re.escape(SAVED)}(?=:)")  # a saved policy among the opponents of a plan
+FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
 
@@ -328,7 +328,7 @@ class TrainingRun:
             differ.remove("settings")  # other ones are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
-        if FILES.sub(SAVED, str(then.get("opponents"))) == FILES.sub(SAVED, now["opponents"]):
+        if FILES.sub("FILE", str(then.get("opponents"))) == FILES.sub("FILE", now["opponents"]):
             differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
@@ -348,5 +348,5 @@ class TrainingRun:
 def _same_teacher(then: str, now: str) -> bool:
     """Whether two warm starts name one file that was moved, or files of one run: it is over, so either will do."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
-    moved = one.endswith(SAVED) and other.endswith(SAVED) and steps == others
+    moved = is_saved(one) and is_saved(other) and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

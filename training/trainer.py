@@ -16,7 +16,7 @@ from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.levels import Level
 from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.saved import SAVED, common_scenario
+from outlast.envs.rollout.saved import common_scenario, is_saved
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
@@ -92,9 +92,9 @@ class Trainer:
         self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0
         self.worlds, rollout = config.size
         self.rollout_steps = rollout // self.worlds
-        players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
+        players = {name: Player(name) for name in config.opponents if is_saved(name)}
         name, imitated = config.teacher
-        self.teacher = Player(name, config.seed) if imitated and name.endswith(SAVED) else None
+        self.teacher = Player(name, config.seed) if imitated and is_saved(name) else None
         seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
         scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
         own, halves = self.crew.share(self.worlds), 2 if config.halves else 1
@@ -252,6 +252,8 @@ class Trainer:
         if found != here or len(player.policies) not in (1, len(self.learners)):
             found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
             raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+        if not player.critic:
+            raise TrainingError(f"{name} has no critic, which a run needs to go on from weights; {cure}")
         its = np.array(player.header.get("state_scale", []), np.float32)
         if len(its) != self.state:
             raise TrainingError(f"{name} does not say how the state that its critic learned from was scaled; {cure}")

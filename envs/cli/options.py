@@ -17,7 +17,7 @@ from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
-from ..rollout.saved import SAVED
+from ..rollout.saved import SAVED_AS
 from ..scenarios.changes import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
@@ -181,8 +181,8 @@ def save_scenario(options: argparse.Namespace) -> None:
 
 def add_policy(command: Parser, default: str) -> None:
     """--policy; what it names is loaded where worlds are made for it."""
-    text = f"who plays: {', '.join(POLICIES)}, a saved policy FILE{SAVED}, or the folder of a training run, whose "
-    text += f"newest checkpoint is taken (default: {default})"
+    text = f"who plays: {', '.join(POLICIES)}, or a saved policy ({SAVED_AS}, whose newest checkpoint is "
+    text += f"taken) (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 

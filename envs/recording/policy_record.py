@@ -49,7 +49,7 @@ class PolicyRecorder:
         if not hasattr(policy, "explainer"):
             raise RecordingError(
                 "the policy does not say with what probabilities it chooses, so there is nothing to record of it: only "
-                "saved policies do, a FILE.zip or what outlast.load_policy returns"
+                "saved policies do, a FILE.zip, a FILE.safetensors or what outlast.load_policy returns"
             )
         policy.check(env)
         self._env, self._plays, self._begins = env, plays, Begins(env)

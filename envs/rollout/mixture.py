@@ -18,7 +18,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import has_memory, tell
 from .policies import POLICIES, Policy, hashed, others_policy
-from .saved import SAVED, load_saved, policy_file
+from .saved import SAVED_AS, is_saved, load_saved, policy_file
 
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
@@ -34,8 +34,8 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
-        text: Names, or paths of saved policies (FILE.zip, or the folder of a run), each followed by a colon and its
-            weight; without these, the weight is 1.
+        text: Names or saved policies (FILE.zip, FILE.safetensors or the folder of a run), each followed by a colon and
+            its weight; without these, the weight is 1.
         names: The names that are allowed.
 
     Returns:
@@ -48,7 +48,7 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     for part in text.split(","):
         name, weight = part.strip(), "1"
         # C:/runs may be a folder, whose colon is not that of a weight
-        if ":" in name and not name.endswith(SAVED) and not Path(name).is_dir():
+        if ":" in name and not is_saved(name) and not Path(name).is_dir():
             name, _, weight = (piece.strip() for piece in name.rpartition(":"))
         pairs.append((name, weight))
     return {str(name): weight for name, weight in checked_entries(pairs, names)}
@@ -195,13 +195,13 @@ class Mixture:
 def _named(name: str, names: Collection[str]) -> str:
     """Return the name, or the path of a saved policy. Raises UsageError if it is neither."""
     name = policy_file(name, names)
-    if name in names or (name.endswith(SAVED) and name != SAVED):
+    if name in names or is_saved(name):
         return name
     raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, names, after=' ')}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:
-    return f"{', '.join(names)} or a saved policy, FILE{SAVED} or the folder of a run, is needed"
+    return f"{', '.join(names)} or a saved policy ({SAVED_AS}) is needed"
 
 
 def _checked_weight(policy: object, weight: Any) -> float:
@@ -218,4 +218,4 @@ def _checked_weight(policy: object, weight: Any) -> float:
 
 def _same(policy: str | Policy) -> object:
     """Return a value that is equal for two spellings of the same path."""
-    return os.path.realpath(policy) if isinstance(policy, str) and policy.endswith(SAVED) else policy
+    return os.path.realpath(policy) if isinstance(policy, str) and is_saved(policy) else policy

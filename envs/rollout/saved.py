@@ -8,9 +8,10 @@ from typing import Any
 from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
 
-SAVED = ".zip"  # ending of a saved policy's file
-CHECKPOINT = "steps_{:010d}" + SAVED  # name of a saved policy in the folder of a run, with its agent-steps
-STEPS = re.compile(rf"steps_(\d{{10,}}){re.escape(SAVED)}")
+ENDINGS = ".zip", ".safetensors"  # of saved policies: a checkpoint of a run, or weights alone
+SAVED_AS = "FILE.zip, FILE.safetensors or the folder of a run"  # what a saved policy is named by
+CHECKPOINT = "steps_{:010d}.zip"  # name of a saved policy in the folder of a run, with its agent-steps
+STEPS = re.compile(r"steps_(\d{10,})\.zip")
 MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
 
 
@@ -18,6 +19,11 @@ def cameras_mode(scenario: Scenario) -> str | None:
     """Return the scenario's cameras_mode, or the distribution it is drawn from; None without cameras."""
     mode = dict(scenario.varied).get("cameras_mode", scenario.numbers().get("cameras_mode"))
     return None if mode is None else str(mode)
+
+
+def is_saved(name: str) -> bool:
+    """Whether it names the file of a saved policy, by its ending."""
+    return name.endswith(ENDINGS) and name not in ENDINGS
 
 
 def checkpoints(folder: Path) -> list[Path]:

@@ -460,13 +460,13 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no such policy": (
         {"others": "clever"},
         ValueError,
-        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip or the folder of a run, is",
+        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy ",
     ),
     "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
     "no saved policy": (
         {"others": "policy.pt"},
         ValueError,
-        r"policy.pt: .* FILE.zip or the folder of a run, is needed",
+        r"policy.pt: .* or a saved policy \(FILE.zip, FILE.safetensors or the folder of a run\) is needed",
     ),
     "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),

@@ -137,7 +137,10 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     [
         (("noop", "noop"), "named twice"),
         (("scriptd",), r"scriptd: did you mean scripted\?"),
-        (("runs/nowhere",), r"runs/nowhere is neither a folder of a run nor a checkpoint, FILE\.zip"),
+        (
+            ("runs/nowhere",),
+            r"runs/nowhere is no saved policy: FILE\.zip, FILE\.safetensors or the folder of a run is needed",
+        ),
         (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
         (("noop", "--film"), "films need a folder"),
         (("noop", "--out", __file__), "cannot be a folder: .* is a file"),
@@ -213,7 +216,7 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", "--policy", "best"))
-    needed = "or a saved policy, FILE.zip or the folder of a run, is needed"
+    needed = "or a saved policy (FILE.zip, FILE.safetensors or the folder of a run) is needed"
     assert f"best: {', '.join(POLICIES)} {needed}" in capsys.readouterr().err
 
 
@@ -222,7 +225,7 @@ def test_without_torch_the_message_names_the_cure() -> None:
     command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
-    cure = "pip install 'outlast[train]' (tensorboard>=2.16, torch>=2.4)"
+    cure = "pip install 'outlast[train]' (safetensors>=0.4.3, tensorboard>=2.16, torch>=2.4)"
     assert result.stderr == f"outlast: a.zip needs torch: {cure}\n"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy
-from outlast.envs.rollout.saved import SAVED, newest
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest
 from outlast.envs.scenarios.imports import module_of
 
 from ..errors import TrainingError
@@ -18,7 +18,7 @@ from ..presets import PRESETS
 from .result import AGENT
 
 PRESET, FILE, FUNCTION = "preset", "file", "function"
-FORMS = f"a preset ({', '.join(PRESETS)}), the folder of a run, FILE{SAVED} or FILE.py:FUNCTION"
+FORMS = f"a preset ({', '.join(PRESETS)}), {SAVED_AS}, or FILE.py:FUNCTION"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Agent:
             return PRESET
         if re.search(r"\.py:\w+$", self.source):
             return FUNCTION
-        if self.source.endswith(SAVED) or "/" in self.source or Path(self.source).is_dir():
+        if is_saved(self.source) or "/" in self.source or Path(self.source).is_dir():
             return FILE
         raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
 
@@ -77,7 +77,7 @@ class Agent:
     def policy(self, task: str, seed: int) -> Path:
         """The saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
         place = Path(self.place(task, seed))
-        if place.suffix == SAVED and place.exists():
+        if is_saved(place.name) and place.exists():
             return place
         if not place.is_dir():
             raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {place}; {FORMS} is needed")

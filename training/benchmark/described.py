@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import parse_mixture
-from outlast.envs.rollout.saved import SAVED
+from outlast.envs.rollout.saved import is_saved
 
-from .. import run_header
+from .. import policy_file
 from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
 from ..config import SELF as OWN
 from ..presets import preset
@@ -33,11 +33,11 @@ def described(path: Path, task: Task) -> Content:
     Raises:
         TrainingError: It is no policy, or was trained from a seed that evaluation uses.
     """
-    header, _ = run_header.read_checkpoint(path, (), (STEPS, "scenario", "preset"))
+    header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
     check_training_seed(plan.get("seed", 0))
     teacher, _ = parse_warm_start(plan.get("warm_start", ""))
-    changed = plan.get("levels") or plan.get("anneal") or teacher.endswith(SAVED)
+    changed = plan.get("levels") or plan.get("anneal") or is_saved(teacher)
     of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
     known = {Path(name).name for name in (*_opponents(plan), teacher)}
     met = [member.name for member in suite(task) if (member.file.name if member.file else member.name) in known]
@@ -73,7 +73,7 @@ def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
     Raises:
         TrainingError: It is no policy.
     """
-    header, _ = run_header.read_checkpoint(path, (), ("plan", "preset", "scenario", STEPS))
+    header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
     if [Path(name).name for name in _opponents(plan)] != [POLICY]:
         return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"

@@ -14,6 +14,7 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..annealing import parse_anneal
@@ -84,7 +85,7 @@ def add(commands: Any) -> None:
     text = (
         "whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
     )
-    text += f"its earlier selves; also {', '.join(OPPONENTS[2:])}, FILE.zip or the folder of a run (default self)"
+    text += f"its earlier selves; also {', '.join(OPPONENTS[2:])}, {SAVED_AS} (default self)"
     command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
     text = "draw an opponent the more often, the more games it wins"
     command.add_argument("--prioritised", action="store_true", help=text)

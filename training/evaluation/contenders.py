@@ -14,7 +14,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.policies import POLICIES, Policy
-from outlast.envs.rollout.saved import SAVED, newest, runs_in
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in
 
 from ..errors import TrainingError
 from ..noise import EpisodeNoise
@@ -131,8 +131,8 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
     place = Path(policy)
     if str(policy) in POLICIES or not place.is_dir():
-        if len(place.parts) > 1 and place.suffix != SAVED:
-            raise TrainingError(f"{policy} is neither a folder of a run nor a checkpoint, FILE{SAVED}")
+        if len(place.parts) > 1 and not is_saved(str(policy)):
+            raise TrainingError(f"{policy} is no saved policy: {SAVED_AS} is needed")
         checked_entries([(policy, 1)])
         return [(str(policy), str(policy))]
     return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
@@ -148,7 +148,7 @@ def labels(texts: Sequence[str]) -> list[str]:
 
 def _parts(text: str) -> tuple[str, ...]:
     """Parts of a path, without the ending of a file; a name as it is."""
-    if text in POLICIES or not re.search(r"[/\\]|\.zip$", text):
+    if text in POLICIES or not (is_saved(text) or re.search(r"[/\\]", text)):
         return (text,)
     path = Path(text).resolve()
     return path.parts if text.endswith("/") else path.with_suffix("").parts
