@@ -3,7 +3,6 @@
 import contextlib
 import json
 import math
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import timedelta
@@ -17,12 +16,13 @@ from torch import distributed as dist
 from outlast.envs.storage.interrupts import ignored
 
 from .errors import TrainingError
+from .processes import GUARD, spawning
 
 Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
 TIMEOUT = timedelta(minutes=30)  # how long others wait for a process that is busy alone: compiling, writing files
 POLL, GRACE = 0.02, 5.0  # seconds: between checks of processes that begin; that a failed process has for ending
-JOINS, WRONG = "joins {}", "wrong {}"  # what process number {} sets in the store: that it joins; what failed
+BEGUN, JOINS, WRONG = "begun {}", "joins {}", "wrong {}"  # what process {} sets in the store; WRONG: what failed
 LOST = 75  # exit status of a process whose only fault is that it lost another one
 
 
@@ -156,7 +156,7 @@ class Children:
 
     def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: Any) -> None:
         self.size, self.store = size, store
-        context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
+        context = spawning()
         self.processes = [
             context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
             for rank in range(1, size)
@@ -181,7 +181,9 @@ class Children:
                     return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
                 if not process.is_alive() and (code := process.exitcode or 0) != LOST:
                     how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
-                    return f"process {rank + 1} of {self.size} {how}; go on with --resume"
+                    imported = code < 0 or self.store.check([BEGUN.format(rank)])
+                    cure = "; go on with --resume" if imported else f" before it began to train: {GUARD}"
+                    return f"process {rank + 1} of {self.size} {how}{cure}"
             time.sleep(POLL)
         return ""
 
@@ -232,6 +234,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
         arguments: See `recruit`.
     """
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
+    store.set(BEGUN.format(rank), "")
     crew = Member(rank, size, host, store)
     try:
         work(crew, *arguments)

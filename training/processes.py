@@ -2,17 +2,33 @@
 
 import multiprocessing
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from outlast.envs.storage.interrupts import children_awaited, ignored
 
 from .errors import TrainingError
 
+GUARD = 'each imports the program that starts it, so that has to start it under if __name__ == "__main__":'
+
 T = TypeVar("T")
+
+
+def spawning() -> Any:
+    """Return the context of multiprocessing in which processes are started; a fork would share PyTorch's threads.
+
+    Raises:
+        TrainingError: The program that runs cannot be imported by other processes, as it is not in a file.
+    """
+    place = str(getattr(sys.modules["__main__"], "__file__", ""))
+    if place.startswith("<"):
+        where = "standard input" if place == "<stdin>" else place
+        raise TrainingError(f"the program comes from {where}, but several processes import it: put it into a file")
+    return multiprocessing.get_context("spawn")
 
 
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
@@ -24,7 +40,7 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
         at_once: How many processes work; 1: this process does.
 
     Raises:
-        TrainingError: A process was ended from outside.
+        TrainingError: A process was ended from outside, or cannot import the program that starts it.
     """
     count = min(at_once, len(jobs))
     if count <= 1:
@@ -36,14 +52,17 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
 
 def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
     before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
-    pool = ProcessPoolExecutor(count, context, _end_with_parent)
+    context = spawning()
+    begun = context.RawValue("b", 0)  # without a lock, which a process that is killed could hold
+    pool = ProcessPoolExecutor(count, context, _begin, (begun,))
     try:
         with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
             pending = [pool.submit(job) for job in jobs]
         for future in pending:
             yield future.result()
     except BrokenProcessPool:
+        if not begun.value:
+            raise TrainingError(f"a process ended before it could play: {GUARD}") from None
         raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
@@ -53,8 +72,9 @@ def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
         pool.shutdown(cancel_futures=True)
 
 
-def _end_with_parent() -> None:
-    """End this process, idle or not, when the one that started it has ended in whatever way."""
+def _begin(begun: Any) -> None:
+    """Note that a process has begun, and end it, idle or not, when the one that started it ends in whatever way."""
+    begun.value = 1
 
     def watch() -> None:
         if (parent := multiprocessing.parent_process()) is not None:

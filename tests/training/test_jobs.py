@@ -75,6 +75,43 @@ def test_a_process_that_is_killed_is_an_error() -> None:
         [*results([_kill_this_process, partial(time.sleep, 100)], 2)]
 
 
+UNGUARDED = {
+    "jobs": """
+from functools import partial
+from outlast.training.processes import results
+
+print(*results([partial(divmod, 7, 2)] * 2, 2))
+""",
+    "training": """
+import outlast
+
+outlast.train("ffa_1", "run", steps=1, processes=2, worlds=8, rollout=512, threads=1, quiet=True)
+""",
+}
+
+
+@pytest.mark.parametrize("name", UNGUARDED)
+def test_a_program_without_a_main_guard_is_told_so_in_the_last_line(tmp_path: Path, name: str) -> None:
+    """Each process runs the whole program again, and fails where it would start further ones."""
+    (tmp_path / "program.py").write_text(UNGUARDED[name])
+    last = _last_line(tmp_path, [sys.executable, "program.py"])
+    assert 'so that has to start it under if __name__ == "__main__":' in last
+
+
+@pytest.mark.parametrize("name", UNGUARDED)
+def test_a_program_from_standard_input_is_told_so(tmp_path: Path, name: str) -> None:
+    """No process can import it, with a guard or without one."""
+    last = _last_line(tmp_path, [sys.executable, "-"], UNGUARDED[name])
+    assert last.endswith("the program comes from standard input, but several processes import it: put it into a file")
+
+
+def _last_line(folder: Path, words: list[str], given: str = "") -> str:
+    ended = subprocess.run(words, cwd=folder, input=given, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 1
+    assert not (folder / "run").exists()
+    return ended.stderr.strip().splitlines()[-1]
+
+
 def _kill_this_process() -> None:
     os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
 
