@@ -81,6 +81,7 @@ class TrainingRun:
     one starts the others, and they end with it.
 
     Attributes:
+        anew: Whether the run begins at 0 although it was to be resumed, as it has no checkpoint yet.
         done: Agent-steps in updates that are complete.
         saved: Agent-steps in the newest checkpoint.
         tags: The numbers that were logged last.
@@ -143,6 +144,7 @@ class TrainingRun:
             self.crew.close()
             torch.set_num_threads(self._threads)
             raise
+        self.anew = resume and self.fresh
         self.saved = self.done = self.trainer.steps
         self.tags: dict[str, float] = {}
         self.now = "collecting"

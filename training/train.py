@@ -165,6 +165,8 @@ def shown(run: TrainingRun, *, quiet: bool) -> None:
     """Train, and show what the run consists of, how far it is, and how long it takes; see LiveView."""
     config, work = run.config, Workload.of(run.config)
     about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
+    if run.anew:
+        about += f"\nno checkpoint in {run.folder} yet: begins at 0"
     view = LiveView(run.done, work.total, quiet=quiet, about=about)
 
     def progress(run: TrainingRun) -> None:

@@ -109,6 +109,18 @@ def test_the_same_run_twice_is_refused(tmp_path: Path) -> None:
         outlast_train("ffa_1", "1v1_heals_low", "--out", str(tmp_path))
 
 
+def test_resumed_runs_without_a_checkpoint_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run that was killed before its first one, and a run that never began."""
+    monkeypatch.setattr(train, "side_by_side", lambda *_: 0)
+    for k, name in enumerate(["log.csv", CHECKPOINT.format(1024)]):
+        (tmp_path / f"ffa_1-fast-{k}").mkdir()
+        (tmp_path / f"ffa_1-fast-{k}" / name).touch()
+    assert outlast_train("ffa_1", "--seed", "0", "1", "2", "--resume", "--out", str(tmp_path)) == 0
+    assert capsys.readouterr().err.splitlines()[1] == "no checkpoint yet, begins at 0: ffa_1-fast-0, ffa_1-fast-2"
+
+
 def test_one_run_has_no_jobs(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="--jobs has no effect on one run: leave it out, or name several"):
         outlast_train("ffa_1", "--jobs", "2", "--out", str(tmp_path / "run"))

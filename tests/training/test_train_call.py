@@ -149,3 +149,16 @@ def test_the_first_line_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[st
         "(8 worlds x 64 steps x 2 agents), with an update after each"
     )
     assert last.startswith("1.02k of 1.02k agent-steps; ")
+
+
+def test_a_run_that_has_no_checkpoint_to_go_on_from_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As after a kill before the first checkpoint; a run that does go on says nothing of it."""
+    outlast.train("ffa_1", tmp_path, steps=100, **TINY)
+    words = f"no checkpoint in {tmp_path} yet: begins at 0"
+    assert words not in capsys.readouterr().err
+    outlast.train("ffa_1", tmp_path, steps=2000, resume=True, **TINY)
+    assert words not in capsys.readouterr().err
+    for file in tmp_path.glob("steps_*.zip"):
+        file.unlink()
+    assert outlast.train("ffa_1", tmp_path, steps=100, resume=True, **TINY).steps == 1024
+    assert capsys.readouterr().err.splitlines()[1] == words

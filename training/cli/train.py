@@ -14,7 +14,7 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
-from outlast.envs.rollout.saved import SAVED_AS
+from outlast.envs.rollout.saved import SAVED_AS, checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..annealing import parse_anneal
@@ -202,5 +202,7 @@ def _train_several(
     total = sum(work.total for work in works)
     about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
     begun = sum(run.steps() for run in runs) if options.resume else 0
+    if options.resume and (anew := [run.name for run in runs if not checkpoints(run.folder)]):
+        about += f"\nno checkpoint yet, begins at 0: {', '.join(anew)}"
     view = LiveView(begun, total, quiet=options.quiet, about=about)
     return side_by_side(runs, at_once, view, lambda: sum(run.steps() for run in runs))
