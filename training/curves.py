@@ -1,11 +1,12 @@
-"""Learning curves from the log of a run, written to small files and read back. Needs only numpy."""
+"""Learning curves from the log of a run; those of several runs, kept in one small file. Needs only numpy."""
 
 import csv
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ import numpy as np
 from outlast.envs.storage import strict_json
 
 from .errors import EmptyRunError, TrainingError
-from .files import read_text
+from .files import packed, read_bytes, unpacked
 from .log_file import LAST, read_log
 
+FILE = "curves.csv.gz"  # the curves of several runs, in a folder of results that are kept
 BEYOND = 1e30  # values are below this, so that they can be squared and added up
 Array = np.ndarray[Any, Any]
 
@@ -58,12 +60,21 @@ class Curves:
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
+Described = tuple[dict[str, Any], Curves]  # what a run is, and its curves
+
+
 def thinned(curves: Curves, most: int) -> Curves:
     """Reduce curves to at most `most` points, each the mean of some neighbours, at the step of the last of these."""
     starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
     ends = np.append(starts[1:], len(curves.steps)) - 1
     values = {tag: _means(own, starts) for tag, own in curves.values.items()}
     return Curves(curves.steps[ends], values)
+
+
+def rounded(curves: Curves, digits: int) -> Curves:
+    """Round the values of curves to so many significant digits."""
+    values = {tag: np.array([f"{value:.{digits}g}" for value in own], np.float32) for tag, own in curves.values.items()}
+    return Curves(curves.steps, values)
 
 
 def _means(values: Array, starts: Array) -> Array:
@@ -123,58 +134,76 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
     return values
 
 
-def format_curves(about: dict[str, Any], curves: Curves) -> str:
-    """Write curves as the text of a CSV file: `about` as JSON in a comment, and a column for each tag.
+def format_curves(runs: Mapping[str, Described]) -> bytes:
+    """Write runs as a CSV file, compressed: what each is as JSON in a comment, then a row for each point of each run.
 
-    Numbers have the fewest digits that give the same float32.
+    Numbers have the fewest digits that give the same float32. Equal runs give equal bytes.
+
+    Args:
+        runs: What each run is, and its curves, by a name that may be that of a file.
     """
-    text = io.StringIO()
-    text.write(f"# {json.dumps(about)}\n")
+    text, tags = io.StringIO(), sorted({tag for _, curves in runs.values() for tag in curves.values})
+    about = {name: about for name, (about, _) in runs.items()}
+    text.write(f"# {json.dumps(about, separators=(',', ':'))}\n")
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["step", *curves.values])
-    columns = [[_short(value) for value in values] for values in curves.values.values()]
-    rows.writerows(zip(curves.steps.tolist(), *columns, strict=True))
-    return text.getvalue()
+    rows.writerow(["run", "step", *tags])
+    for name, (_, curves) in runs.items():
+        none = np.full(len(curves.steps), np.nan)
+        columns = [map(_short, curves.values.get(tag, none)) for tag in tags]
+        rows.writerows([name, *row] for row in zip(curves.steps.tolist(), *columns, strict=True))
+    return packed(text.getvalue())
 
 
 def _short(value: Any) -> str:
     return "" if np.isnan(value) else np.format_float_positional(value, trim="-")
 
 
-def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
-    """Read `about` and the curves from a file of format_curves. Raises TrainingError for any other file."""
-    first, _, rest = read_text(path).partition("\n")
+def read_curves(path: Path) -> dict[str, Described]:
+    """Read what `format_curves` has written. Raises TrainingError for any other file."""
+    content = read_bytes(path)
     try:
-        if not first.startswith("# "):
-            raise ValueError("its first line does not describe the curves")
-        about = json.loads(first[2:])
-        heads, *rows = csv.reader(io.StringIO(rest), strict=True)
-        return about, _columns(heads, rows)
+        return dict(_parse(content))
     except (*strict_json.BROKEN, csv.Error) as error:
-        raise TrainingError(f"{path} does not hold the curves of a run: {error}") from None
+        raise TrainingError(f"{path} does not hold the curves of runs: {error}") from None
 
 
-def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
-    """Make curves of a table of texts. Raises ValueError."""
-    lines = list(rows)
-    for number, row in enumerate(lines, 3):
+@lru_cache(maxsize=8)  # as every run of a file is asked for by itself
+def _parse(content: bytes) -> dict[str, Described]:
+    first, _, rest = unpacked(content).partition("\n")
+    if not first.startswith("# "):
+        raise ValueError("its first line does not describe the curves")
+    about = json.loads(first[2:])
+    heads, *rows = csv.reader(io.StringIO(rest), strict=True)
+    if heads[:2] != ["run", "step"] or len(set(heads)) < len(heads):
+        raise ValueError("its columns are not run, step and tags")
+    points: dict[str, list[list[str]]] = {name: [] for name in about}
+    for number, row in enumerate(rows, 3):
         if len(row) != len(heads):
             raise ValueError(f"line {number} has {len(row)} cells, and the heading {len(heads)}: was it cut off?")
-    columns = list(zip(*lines, strict=True))
-    if heads[:1] != ["step"] or len(columns) != len(heads) or len(set(heads)) < len(heads):
-        raise ValueError("its columns are not step and tags, or it has no rows")
-    steps, *values = (np.array(list(_numbers(column)), np.float64) for column in columns)
+        if row[0] not in points:
+            raise ValueError(f"line {number} is of {row[0]!r:.80}, which its first line does not describe")
+        points[row[0]].append(row[1:])
+    if odd := [name for name in points if not name.isprintable() or Path(name).name != name]:
+        raise ValueError(f"a run cannot be called {odd[0]!r:.80}")
+    return {name: (about[name], _columns(heads[2:], own)) for name, own in points.items()}
+
+
+def _columns(tags: Sequence[str], rows: Sequence[Sequence[str]]) -> Curves:
+    """Make curves of the rows of a run: a step, and a value for each tag or nothing. Raises ValueError."""
+    if not rows:
+        raise ValueError("it has a run without rows")
+    texts, *columns = zip(*rows, strict=True)
+    steps = _numbers(texts)
     if not (np.isfinite(steps).all() and steps[0] >= 0 and steps[-1] <= LAST and (np.diff(steps) > 0).all()):
         raise ValueError("its steps do not ascend")
-    return Curves(steps.astype(np.int64), {tag: value.astype(np.float32) for tag, value in zip(heads[1:], values)})
+    values = {tag: _numbers(own).astype(np.float32) for tag, own in zip(tags, columns, strict=True) if any(own)}
+    return Curves(steps.astype(np.int64), values)
 
 
-def _numbers(column: Iterable[str]) -> Iterator[float]:
-    """Yield the numbers of a column, NaN for an empty cell. Raises ValueError, also if all cells are empty."""
-    if not any(column):
-        raise ValueError("a column is empty")
-    for text in column:
-        number = float(text or "nan")
+def _numbers(column: Sequence[str]) -> Array:
+    """The numbers of a column, float64, NaN for an empty cell. Raises ValueError."""
+    numbers = np.array([float(text or "nan") for text in column])
+    for text, number in zip(column, numbers, strict=True):
         if text and not abs(number) < BEYOND:
             raise ValueError(f"{text:.80} is not a finite number")
-        yield number
+    return numbers

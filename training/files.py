@@ -1,5 +1,7 @@
-"""Reading text and writing files, with errors that name the file."""
+"""Reading and writing files, with errors that name the file."""
 
+import gzip
+import io
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +13,7 @@ from outlast.envs.storage.outputs import check_file, check_folder
 from .errors import TrainingError
 
 LARGEST = 2**30  # bytes of a text, such as the log of a long run
+LARGEST_PACKED = 2**26  # bytes of a text that was compressed
 
 
 def read_text(path: Path) -> str:
@@ -22,6 +25,26 @@ def read_text(path: Path) -> str:
     except ValueError as error:
         wrong = "it is no text" if isinstance(error, UnicodeDecodeError) else error
         raise TrainingError(f"{path} cannot be read: {wrong}") from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file. Raises TrainingError if it cannot be read."""
+    try:
+        return limited_read.read_bytes(path, LARGEST)
+    except OSError as error:
+        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise TrainingError(f"{path} cannot be read: {error}") from error
+
+
+def packed(text: str) -> bytes:
+    """Return a text compressed by gzip; equal texts give equal bytes."""
+    return gzip.compress(text.encode(), 9, mtime=0)
+
+
+def unpacked(content: bytes) -> str:
+    """Return the text that was compressed by `packed`. Raises ValueError if the content is something else."""
+    return limited_read.read_gzip(io.BytesIO(content), LARGEST_PACKED).decode()
 
 
 def check_out(folder: str | os.PathLike[str]) -> Path:

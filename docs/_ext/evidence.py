@@ -23,11 +23,12 @@ from outlast.training.reproduction.experiments import Experiment, experiments
 from outlast.training.tables import NONE
 
 DOCS = Path(__file__).resolve().parent.parent
+RESULTS = DOCS.parent / "results"
 TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
-ORIGINAL = "original"  # the folder of docs/results in which the paper's runs are repeated, and the preset of these
+ORIGINAL = "original"  # the folder of results in which the paper's runs are repeated, and the preset of these
 TEXT = "text"  # the folder and preset of the runs that follow the paper's text
-COMPARED = [DOCS / "results" / folder / "ffa_4-original-0.csv" for folder in (ORIGINAL, "worlds-64")]
+COMPARED = [RESULTS / folder / "ffa_4-original-0" for folder in (ORIGINAL, "worlds-64")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
 
@@ -100,8 +101,8 @@ def deviations() -> str:
 
 
 def kept(folder: str = ORIGINAL) -> list[RunGroup]:
-    """The results in a folder of docs/results, by variant."""
-    return group_runs(load_runs([DOCS / "results" / folder]))
+    """The results in a folder of results, by variant."""
+    return group_runs(load_runs([RESULTS / folder]))
 
 
 def beside_the_paper() -> str:
@@ -117,29 +118,29 @@ def _missing(part: str, name: Callable[[Experiment], str]) -> str:
 
 
 def _lacking(experiment: Experiment) -> list[int]:
-    """Return the seeds of an experiment whose results are not in docs/results."""
-    return [seed for seed in range(experiment.seeds) if not experiment.kept(DOCS / "results", seed).exists()]
+    """Return the seeds of an experiment whose results are not kept."""
+    return [seed for seed in range(experiment.seeds) if not experiment.steps_done(RESULTS, seed)]
 
 
 def trained() -> str:
     """Figure, end values and film of each variant that was trained as in the paper."""
-    parts, place = [], Path("results", ORIGINAL)
+    parts, place = [], Path("../results", ORIGINAL)
     for group in kept():
         parts.append(f"### {group.variant}")
         parts.append(f"![Learning curves of {group.variant}: ours and the paper's]({place / group.name}.png)")
         parts.append(markdown(group))
-        parts.append(f"![An episode of {group.variant} after training]({place / group.name}.gif)")
+        parts.append(f"![An episode of {group.variant} after training]({Path('results', ORIGINAL, group.name)}.gif)")
     return "\n\n".join(parts)
 
 
 def ends(folder: str) -> str:
-    """End values of the results in a folder of docs/results, a table for each variant."""
+    """End values of the results in a folder of results, a table for each variant."""
     return "\n\n".join(map(markdown, kept(folder)))
 
 
 def as_written() -> str:
     """End values of runs by the paper's text beside runs by its code, and which have not been trained yet."""
-    table = (DOCS / "results" / TEXT / "ends.md").read_text().partition("\n\n")[0]
+    table = (RESULTS / TEXT / "ends.md").read_text().partition("\n\n")[0]
     return table + _missing(TEXT, lambda each: f"{code(each.game)} {code(each.preset)}")
 
 
@@ -149,8 +150,8 @@ def claimed() -> str:
 
 
 def mended(*games: str) -> str:
-    """What agents do in these games of docs/results/mended: a column for each, without rows of zeros."""
-    lines = (DOCS / "results" / "mended" / "measured.md").read_text().splitlines()
+    """What agents do in these games of results/mended: a column for each, without rows of zeros."""
+    lines = (RESULTS / "mended" / "measured.md").read_text().splitlines()
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     by_game = {row[0]: row for row in rows}
     columns = [[code(game.replace("+", " +")), *by_game[game][1:]] for game in games]

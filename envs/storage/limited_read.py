@@ -4,6 +4,7 @@ import gzip
 import io
 import os
 import zlib
+from typing import BinaryIO
 
 LARGEST_TEXT = 2**24  # bytes; as JSON, they take about 30 times as much memory
 CHUNK = 2**20  # bytes that are read at once
@@ -35,8 +36,8 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
 
 
-def read_gzip(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return what a gzip file holds.
+def read_gzip(path: str | os.PathLike[str] | BinaryIO, most: int = LARGEST_TEXT) -> bytes:
+    """Return what a gzip file holds, which may be open.
 
     Raises:
         ValueError: It holds more than `most` bytes, or is no gzip file.

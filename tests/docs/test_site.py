@@ -33,7 +33,8 @@ from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-ORIGINAL = DOCS / "results/original"
+RESULTS = ROOT / "results"
+ORIGINAL = RESULTS / "original"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_nb", "furo")
 LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
@@ -310,10 +311,10 @@ def test_figures_of_training_show_the_kept_results() -> None:
     for group in groups:
         with image.open(ORIGINAL / f"{group.name}.png") as figure:
             assert figure.text["Source"] == figures.digest(group)
-        assert (ORIGINAL / f"{group.name}.gif").exists()
+        assert (DOCS / "results/original" / f"{group.name}.gif").exists()
     assert (ORIGINAL / "ends.md").read_text() == report(groups)
-    text = DOCS / "results/text"
+    text = RESULTS / "text"
     assert (text / "ends.md").read_text() == report(group_runs(load_runs([text])), groups)
-    with image.open(DOCS / "results/worlds-64/curves.png") as figure:
-        compared = [place / "ffa_4-original-0.csv" for place in (ORIGINAL, DOCS / "results/worlds-64")]
+    with image.open(RESULTS / "worlds-64/curves.png") as figure:
+        compared = [place / "ffa_4-original-0" for place in (ORIGINAL, RESULTS / "worlds-64")]
         assert figure.text["Source"] == compare(compared).digest()

@@ -1,6 +1,7 @@
 """Fuzz targets: checkpoints that runs resume from, saved policies, logs and kept results."""
 
 import dataclasses
+import gzip
 import json
 import os
 import pickle
@@ -19,7 +20,9 @@ from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import checkpoint, resume
 from outlast.training.config import TrainingConfig
+from outlast.training.curves import FILE, format_curves
 from outlast.training.errors import TrainingError
+from outlast.training.files import unpacked
 from outlast.training.paper import end_values, figures, results
 from outlast.training.player import Player
 from outlast.training.presets import preset
@@ -186,7 +189,7 @@ class Results:
         (self.folder / "log.csv").write_bytes(self.log)
         (self.folder / "run.json").write_bytes(self.header)
         (found,) = results.load_runs([self.folder])
-        self.valid = found.text().encode()
+        self.valid = unpacked(format_curves({found.name: (found.about, found.curves)})).encode()
 
     def mutate(self, rng: Random) -> bytes:
         """A hostile log, kept result or run.json."""
@@ -204,15 +207,22 @@ class Results:
 
     def use(self, path: Path) -> None:
         """Make a table, and sometimes figures."""
-        first, source = path.read_bytes()[:1], path
+        content = path.read_bytes()
+        source, first = self.folder, content[:1]
         if first in (b"t", b"{"):
-            source = self.folder
-            (source / "log.csv").write_bytes(path.read_bytes() if first == b"t" else self.log)
-            (source / "run.json").write_bytes(path.read_bytes() if first == b"{" else self.header)
+            (source / "log.csv").write_bytes(content if first == b"t" else self.log)
+            (source / "run.json").write_bytes(content if first == b"{" else self.header)
+        else:
+            source = self.folder / "kept"
+            source.mkdir(exist_ok=True)
+            (source / FILE).write_bytes(gzip.compress(content, 1))
         (group,) = results.group_runs(results.load_runs([source]))
         for name in (group.name, group.runs[0].name):
             assert Path(name).name == name, f"{name} would be written elsewhere"
-        assert len(group.runs[0].text()) > len(end_values.markdown(group) + end_values.csv_table([group])) / 9
+        for run in group.runs:
+            format_curves({run.name: (run.about, run.curves)})
+        assert end_values.markdown(group)
+        assert end_values.csv_table([group])
         if path.stat().st_size % 64 == 0:
             figures.picture(group, "svg")
 

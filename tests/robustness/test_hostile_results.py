@@ -8,7 +8,9 @@ import pytest
 
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training.curves import FILE, format_curves
 from outlast.training.errors import TrainingError
+from outlast.training.files import packed, unpacked
 from outlast.training.paper import results
 from outlast.training.plots.plot import plot
 from outlast.training.presets import preset
@@ -42,25 +44,28 @@ def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> li
 def test_runs_that_could_be_written_elsewhere_or_not_be_drawn_are_refused(
     tmp_path: Path, changes: dict[str, Any], reason: str
 ) -> None:
-    assert run(tmp_path)[0].name == "ffa_2-paper-0.csv"
+    assert run(tmp_path)[0].name == "ffa_2-paper-0"
     with pytest.raises(TrainingError, match=reason):
         run(tmp_path, **changes)
 
 
 def test_kept_results_are_of_the_papers_quantities(tmp_path: Path) -> None:
     (found,) = run(tmp_path)
-    path = tmp_path / "kept.csv"
-    path.write_text(found.text())
-    assert results.load_runs([path])[0].about == found.about
+    path = tmp_path / "kept" / FILE
+    path.parent.mkdir()
+    kept = format_curves({found.name: (found.about, found.curves)})
+    path.write_bytes(kept)
+    assert results.load_runs([path.parent])[0].about == found.about
+    text = unpacked(kept)
     for old, new in (
         ("rollout/steps", "train/loss"),
         ("rollout/reward0", "rollout/reward\u0663"),
-        ('"changed": {', '"changed": {"x": "$", '),
+        ('"changed":{', '"changed":{"x":"$",'),
     ):
-        assert old in found.text()
-        path.write_text(found.text().replace(old, new, 1).replace(", }", "}"))
-        with pytest.raises(TrainingError, match=r"kept.csv does not hold the curves of a run"):
-            results.load_runs([path])
+        assert old in text
+        path.write_bytes(packed(text.replace(old, new, 1).replace(",}", "}")))
+        with pytest.raises(TrainingError, match=r"ffa_2-paper-0 does not hold the curves of a run"):
+            results.load_runs([path.parent])
 
 
 @pytest.mark.parametrize("name", ["$\\frac", "a|b", "<b>", "x" * 200])

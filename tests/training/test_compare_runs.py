@@ -28,7 +28,7 @@ from outlast.training.image import STYLE  # noqa: E402
 from outlast.training.plots import figure  # noqa: E402
 from outlast.training.plots.plot import compare, plot  # noqa: E402
 
-KEPT = Path(__file__).resolve().parents[2] / "docs/results/worlds-64"
+KEPT = Path(__file__).resolve().parents[2] / "results/worlds-64"
 
 
 def run(

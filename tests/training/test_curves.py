@@ -1,4 +1,4 @@
-"""Curves of runs: the paper's are those that were published, logs and kept files are read exactly or refused."""
+"""Curves of runs: the paper's are those that were published, logs and kept ones are read exactly or refused."""
 
 import json
 from collections.abc import Sequence
@@ -12,8 +12,9 @@ from outlast import VARIANTS, variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import log_file
 from outlast.training.averages import average, end_value, smooth
-from outlast.training.curves import Curves, curves_of_log, format_curves, read_curves
+from outlast.training.curves import FILE, Curves, curves_of_log, format_curves, read_curves, rounded
 from outlast.training.errors import TrainingError
+from outlast.training.files import packed
 from outlast.training.paper import curves, results
 from outlast.training.paper.curves import BOXES, is_known
 from outlast.training.presets import preset
@@ -105,7 +106,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
         log_file.read_log(tmp_path / "log.csv")
 
 
-# ---- kept files
+# ---- kept curves
 
 
 def test_kept_curves_are_the_same(tmp_path: Path) -> None:
@@ -113,36 +114,72 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
     values = (rng.normal(size=50) * 10.0 ** rng.integers(-12, 12, 50)).astype(np.float32)
     values[[0, 7]] = np.nan
     whole = Curves(np.arange(1, 51) * 7, {"rollout/steps": values, "rollout/kills0": np.zeros(50, np.float32)})
-    (tmp_path / "a.csv").write_text(format_curves({"variant": "ffa_1", "n": [1]}, whole))
-    about, again = read_curves(tmp_path / "a.csv")
-    assert about == {"variant": "ffa_1", "n": [1]}
-    assert again.steps.tolist() == whole.steps.tolist()
-    assert {tag: array.tobytes() for tag, array in again.values.items()} == {
-        tag: array.tobytes() for tag, array in whole.values.items()
-    }
+    other = Curves(np.array([3]), {"rollout/boxes_placed": np.array([0.1], np.float32)})
+    runs = {"a": ({"variant": "ffa_1", "n": [1]}, whole), "b=0.5": ({}, other)}
+    (tmp_path / FILE).write_bytes(format_curves(runs))
+    found = read_curves(tmp_path / FILE)
+    assert [*found] == ["a", "b=0.5"]
+    for name, (about, kept) in runs.items():
+        again = found[name][1]
+        assert found[name][0] == about
+        assert again.steps.tolist() == kept.steps.tolist()
+        assert {tag: array.tobytes() for tag, array in again.values.items()} == {
+            tag: array.tobytes() for tag, array in kept.values.items()
+        }
+
+
+def test_a_file_that_has_changed_is_read_anew(tmp_path: Path) -> None:
+    for value in (1.0, 2.0):
+        written = Curves(np.array([1]), {"a": np.array([value], np.float32)})
+        (tmp_path / FILE).write_bytes(format_curves({"x": ({}, written)}))
+        assert read_curves(tmp_path / FILE)["x"][1].values["a"].tolist() == [value]
+
+
+def test_curves_are_rounded_to_digits() -> None:
+    values = np.array([1234.5, -0.00098765, np.nan, 0.5], np.float32)
+    found = rounded(Curves(np.arange(4), {"a": values}), 3).values["a"]
+    np.testing.assert_array_equal(found, np.array([1230, -0.000988, np.nan, 0.5], np.float32))
+
+
+ABOUT = '# {"r": {}}\n'
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (LINES, "its first line does not describe the curves"),
-        ("# no json\nstep,a\n1,2\n", "Expecting value"),
-        ("# {}\nstep,a\n1,2,3\n", "line 3 has 3 cells, and the heading 2"),
-        ("# {}\nsteps,a\n1,2\n", "its columns are not step and tags"),
-        ("# {}\nstep,a\n", "it has no rows"),
-        ("# {}\nstep,a\n2,2\n1,2\n", "its steps do not ascend"),
-        ("# {}\nstep,a\n1,inf\n", "inf is not a finite number"),
-        ("# {}\nstep,a\n1,x\n", "could not convert"),
-        ("# {}\n", "not enough values"),
-        ("# {}\nstep,a\n1,2\n", "does not hold the curves of a run: 'variant'"),
-        ('# {"variant": "ffa_9", "plan": {}, "changed": {}}\nstep,a\n1,2\n', "there is no variant 'ffa_9'"),
-        ("# []\nstep,a\n1,2\n", "does not hold the curves of a run"),
-        ("# {}\nstep,a\n1,2\n2\n", "line 4 has 1 cells, and the heading 2: was it cut off"),
+        ("# no json\nrun,step,a\nr,1,2\n", "Expecting value"),
+        (ABOUT + "run,step,a\nr,1,2,3\n", "line 3 has 4 cells, and the heading 3: was it cut off"),
+        (ABOUT + "run,step,a\nr,1,2\nr,2\n", "line 4 has 2 cells, and the heading 3: was it cut off"),
+        (ABOUT + "run,steps,a\nr,1,2\n", "its columns are not run, step and tags"),
+        (ABOUT + "run,step,a,a\nr,1,2,2\n", "its columns are not run, step and tags"),
+        (ABOUT + "run,step,a\nr,1,2\ns,1,2\n", "line 4 is of 's', which its first line does not describe"),
+        ('# {"r": {}, "s": {}}\nrun,step,a\nr,1,2\n', "it has a run without rows"),
+        ('# {"../r": {}}\nrun,step,a\n../r,1,2\n', "a run cannot be called '../r'"),
+        (ABOUT + "run,step,a\nr,2,2\nr,1,2\n", "its steps do not ascend"),
+        (ABOUT + "run,step,a\nr,,2\n", "its steps do not ascend"),
+        (ABOUT + "run,step,a\nr,1,inf\n", "inf is not a finite number"),
+        (ABOUT + "run,step,a\nr,1,x\n", "could not convert"),
+        (ABOUT, "not enough values"),
+        (ABOUT + "run,step,a\nr,1,2\n", "r does not hold the curves of a run: 'variant'"),
+        (
+            '# {"r": {"variant": "ffa_9", "plan": {}, "changed": {}}}\nrun,step,a\nr,1,2\n',
+            "there is no variant 'ffa_9'",
+        ),
+        ("# 7\nrun,step,a\nr,1,2\n", "does not hold the curves of runs"),
+        ('# {"r": []}\nrun,step,a\nr,1,2\n', "does not hold the curves of a run"),
     ],
 )
 def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / FILE).write_bytes(packed(text))
     with pytest.raises(TrainingError, match=message):
+        results.load_runs([tmp_path])
+
+
+@pytest.mark.parametrize("content", [b"", b"# {}", packed("x" * 999)[:-9], packed(LINES)[:10] + b"\xff" * 99])
+def test_what_gzip_cannot_read_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / FILE).write_bytes(content)
+    with pytest.raises(TrainingError, match=f"{FILE} does not hold the curves of runs"):
         results.load_runs([tmp_path])
 
 
@@ -181,7 +218,7 @@ def test_a_run_is_what_it_says(tmp_path: Path) -> None:
         tmp_path / "x", {"safe_zone_damage": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5}
     )
     (run,) = results.load_runs([changed])
-    assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
+    assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4")
     assert run.unlike == {"worlds": 64, "gamma": 0.9, "safe_zone_damage": 2}
     (plain,) = results.load_runs([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}

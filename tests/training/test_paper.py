@@ -10,6 +10,9 @@ from typing import Any
 import pytest
 
 from outlast.envs.cli.main import main, parser
+from outlast.training.curves import FILE, format_curves, read_curves
+from outlast.training.errors import TrainingError
+from outlast.training.files import packed
 from outlast.training.reproduction import experiments
 from outlast.training.reproduction.experiments import PARTS, expected_seconds, seconds_table
 
@@ -19,7 +22,7 @@ for library in ("torch", "tensorboard", "matplotlib"):
 from outlast.training.reproduction import mended, output  # noqa: E402
 from tests.training.test_run import outlast_train  # noqa: E402
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 
 
 def outlast_paper(*arguments: object) -> int:
@@ -128,32 +131,48 @@ def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch
 
 
 def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
-    """Two teams of two: means over a side's agents, and sums over its side, of both sides."""
+    """Two teams of two: means over a side's agents, and sums over its side, of both sides; kept, and read again."""
     roles = [
         {"kills": 1.0, "damage_dealt": 30.0, "mate_distance": 4.0},
         {"kills": 0.5, "damage_dealt": 10.0, "mate_distance": 6.0},
     ]
+    measured = mended.Measured()
     for name, far in (("teams", 1), ("alone", 0)):
         own = [
-            {key: {"mean": value * (far if key == "mate_distance" else 1)} for key, value in role.items()}
+            {key: {"mean": value * (far if key == "mate_distance" else 1), "error": 0.1} for key, value in role.items()}
             for role in roles
         ]
         others = [
-            {"policies": pair, "figures": [{"wins": {"mean": 0.25}}, {"wins": {"mean": 0.75}}]}
+            {"policies": pair, "figures": [{"wins": {"mean": share, "error": 0.1}} for share in (0.25, 0.75)]}
             for pair in (["last", "half"], ["scripted", "last"])
         ]
         played = {
             "scenario": {"numbers": {"agents_count": 4}},
             "pairings": [{"policies": ["last", "last"], "figures": own}, *others],
         }
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "evaluation.json").write_text(json.dumps(played))
-    heads, _, *rows = mended.table({name: [tmp_path / name] for name in ("teams", "alone")}).splitlines()
+        folder = tmp_path / name / mended.FOLDER
+        folder.mkdir(parents=True)
+        (folder / "evaluation.json").write_text(json.dumps(played))
+        measured[name] = mended.rows(tmp_path / name)
+    kept = tmp_path / mended.FILE
+    kept.write_bytes(mended.format_measured(measured))
+    again = mended.read_measured(kept)
+    heads, _, *rows = mended.table({name: [again[name]] for name in ("teams", "alone")}).splitlines()
     cells = [[cell.strip() for cell in line.split("|")] for line in (heads, *rows)]
     found = [dict(zip(cells[0], row, strict=True)) for row in cells[1:]]
     assert [float(found[0][name]) for name in ("wins against scripted", "against itself at half time")] == [0.75, 0.25]
     assert [float(found[0][name]) for name in ("kills", "damage", "m to a mate")] == [1 + 0.5, 2 * 30 + 2 * 10, 5]
     assert found[1]["m to a mate"] == "–"
+    with pytest.raises(TrainingError, match="last has not played against scripted"):
+        mended.table({"teams": [[row for row in again["teams"] if row["against"] != "scripted"]]})
+
+
+@pytest.mark.parametrize("content", [b"run,agents", packed("run,agents\n1,2\n"), packed("run,agents")[:-9]])
+def test_what_is_not_measured_is_refused(tmp_path: Path, content: bytes) -> None:
+    assert mended.read_measured(tmp_path / mended.FILE) == {}
+    (tmp_path / mended.FILE).write_bytes(content)
+    with pytest.raises(TrainingError, match=f"{mended.FILE} does not hold what was measured of runs"):
+        mended.read_measured(tmp_path / mended.FILE)
 
 
 @pytest.mark.parametrize(
@@ -164,26 +183,34 @@ def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
     ],
 )
 def test_tables_are_of_all_games_that_are_there(
-    part: str, games: tuple[str, ...], table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    part: str,
+    games: tuple[str, ...],
+    table: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Also where one is asked for after the other; films are of that one."""
     filmed = list[str]()
     monkeypatch.setattr(output, "_film", lambda scenario, run, path: filmed.append(path.name) or path)
-    for kept in (file for game in games for file in (RESULTS / part).glob(f"{game}-0.*")):
-        (tmp_path / part).mkdir(exist_ok=True)
-        shutil.copy(kept, tmp_path / part)
-        if part == "mended":
-            shutil.copytree(
-                RESULTS / part / "measured" / kept.stem, tmp_path / part / "measured" / kept.stem, dirs_exist_ok=True
-            )
+    runs, study = [f"{game}-0" for game in games], tmp_path / part
+    curves, measured = read_curves(RESULTS / part / FILE), mended.read_measured(RESULTS / part / mended.FILE)
+    study.mkdir()
+    (study / FILE).write_bytes(format_curves({run: curves[run] for run in runs}))
+    if part == "mended":
+        (study / mended.FILE).write_bytes(mended.format_measured({run: measured[run] for run in runs}))
     assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
-    found = (tmp_path / part / table).read_text()
+    found = (study / table).read_text()
     assert all(game.rpartition("-")[0] in found for game in games)
     assert filmed == [f"{games[0]}.gif" if part == "original" else "ffa_2.gif"]
+    assert read_curves(study / FILE).keys() == {*runs}
     if part == "mended":  # the other one is not measured for that
-        shutil.rmtree(tmp_path / part / "measured" / f"{games[1]}-0")
+        (study / mended.FILE).write_bytes(mended.format_measured({runs[0]: measured[runs[0]]}))
         assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
-        assert games[1].rpartition("-")[0] not in (tmp_path / part / table).read_text()
+        assert games[1].rpartition("-")[0] not in (study / table).read_text()
+        (study / mended.FILE).unlink()  # nor is one that is asked for, if only its curves are there
+        assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 2
+        assert f"has nothing on {runs[0]}" in capsys.readouterr().err
 
 
 @pytest.mark.nightly
@@ -213,11 +240,10 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     assert "| teams_2+bounty | 2 |" in table
     for name in ("ffa_2+bounty.gif", "ffa_2/curves.png", "teams_2/curves.png", "ffa_2+bounty-fast-1.zip"):
         assert (tmp_path / "mended" / name).stat().st_size > 1000
-    evaluation = tmp_path / "mended/measured/ffa_2+bounty-fast-0/evaluation.json"
+    evaluation = tmp_path / "runs/mended/ffa_2+bounty-fast-0/measured/evaluation.json"
     played: Any = json.loads(evaluation.read_text())
     assert played["policies"][1]["policy"].endswith("steps_0000016384.zip")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*") if path.is_file()}
-    before[evaluation] = evaluation.stat().st_mtime_ns
     assert outlast_paper(*words) == 0
     assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing is trained or measured twice
     ends = (tmp_path / "mended/ffa_2/ends.csv").read_text()
@@ -243,8 +269,9 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
     for name in names:
-        for end in (".png", ".gif", "-0.csv", "-0.zip"):
+        for end in (".png", ".gif", "-0.zip"):
             assert (tmp_path / "text" / f"{name}{end}").exists()
+    assert [*read_curves(tmp_path / "text" / FILE)] == [f"{name}-0" for name in names]
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
     assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]

@@ -22,14 +22,14 @@ from outlast import make_vec, variant
 from outlast.envs.rollout.saved import newest
 from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
-from outlast.training.curves import Curves, format_curves
+from outlast.training.curves import FILE, Curves, format_curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
 from outlast.training.paper.end_values import csv_table, markdown
 from outlast.training.paper.measures import over
 from outlast.training.paper.report import report
-from outlast.training.paper.results import RunGroup, group_runs, load_runs
+from outlast.training.paper.results import RunGroup, group_runs, kept_runs, load_runs
 from tests.conftest import call
 from tests.helpers.outputs import rows_of
 
@@ -47,13 +47,14 @@ PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "s
 def keep(
     folder: Path, name: str, seed: int = 0, factor: float = 1.0, points: int = 1000, *, variant: str = "", **plan: Any
 ) -> Path:
-    """The paper's own curves, times a factor, as a result of ours; `variant`: of another game."""
+    """The paper's own curves, times a factor, kept in a folder as a run of ours; `variant`: of another game."""
     theirs, name = published_curves(name), variant or name
     values = {tag: (factor * value[:points]).astype(np.float32) for tag, value in theirs.values.items()}
-    about = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
-    path = folder / f"{name}-{about['plan']['preset']}-{seed}.csv"  # type: ignore[index]
-    path.write_text(format_curves(about, Curves(theirs.steps[:points], values)))
-    return path
+    about: dict[str, Any] = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
+    run = f"{name}-{about['plan']['preset']}-{seed}"
+    others = kept_runs(folder)
+    (folder / FILE).write_bytes(format_curves(others | {run: (about, Curves(theirs.steps[:points], values))}))
+    return folder / run
 
 
 def group(*paths: Path) -> RunGroup:
@@ -235,10 +236,11 @@ def test_claims_say_nothing_of_other_games(tmp_path: Path) -> None:
 def test_kept_results_make_the_same_figures(tmp_path: Path) -> None:
     keep(tmp_path, "ffa_2", 7)
     for out in ("a", "b"):
-        source = tmp_path / "ffa_2-original-7.csv" if out == "a" else tmp_path / "kept"
+        source = tmp_path / "ffa_2-original-7" if out == "a" else tmp_path / "kept"
         assert outlast_plot(source, "--out", tmp_path / out, "--keep", tmp_path / "kept", "--format", "svg") == 0
     assert files(tmp_path / "a") == ["ends.csv", "ends.md", "ffa_2-original.svg"]
-    assert files(tmp_path / "kept") == ["ffa_2-original-7.csv"]
+    assert files(tmp_path / "kept") == [FILE]
+    assert (tmp_path / "kept" / FILE).read_bytes() == (tmp_path / FILE).read_bytes()
     for name in files(tmp_path / "a"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
@@ -246,18 +248,36 @@ def test_kept_results_make_the_same_figures(tmp_path: Path) -> None:
 def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir(), (tmp_path / "kept").mkdir()
     before = keep(tmp_path / "kept", "ffa_2", dead="drop")
-    content = before.read_bytes()
+    content = (tmp_path / "kept" / FILE).read_bytes()
     mine = keep(tmp_path / "one", "ffa_2")
     with pytest.raises(
-        TrainingError, match=r"keeps another run: dead is drop in .*kept.* and keep in .*one.*: choose another"
+        TrainingError,
+        match=r"keeps another ffa_2-original-0: dead is drop in .*kept.* and keep in .*one.*: choose",
     ):
         outlast_plot(mine, "--out", tmp_path / "out", "--keep", tmp_path / "kept")
     with pytest.raises(TrainingError, match="dead is keep in"):
         outlast_plot(mine, before, "--out", tmp_path / "out")
     with pytest.raises(TrainingError, match=r"cannot be a folder: .* is a file"):
-        outlast_plot(mine, "--out", mine)
+        outlast_plot(mine, "--out", tmp_path / "one" / FILE)
     assert files(tmp_path) == ["kept", "one"]
-    assert before.read_bytes() == content
+    assert (tmp_path / "kept" / FILE).read_bytes() == content
+
+
+def test_runs_that_are_kept_already_stay(tmp_path: Path) -> None:
+    """One is kept beside another, and can be drawn without it; a run of theirs that is not there is named."""
+    for seed in (8, 7):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        outlast_plot(keep(folder, "ffa_2", seed), "--out", tmp_path / "out", "--keep", tmp_path / "kept")
+    assert [run.seed for run in load_runs([tmp_path / "kept"])] == [7, 8]
+    assert [run.seed for run in load_runs([tmp_path / "kept/ffa_2-original-8"])] == [8]
+    for place, message in (
+        ("kept/ffa_2-original-9", "has no run ffa_2-original-9, but ffa_2-original-7, ffa_2-original-8"),
+        (f"kept/{FILE}", "is a file: give the folder of a run, or one with runs in it"),
+        ("none/ffa_2-original-8", "there is no folder"),
+    ):
+        with pytest.raises(TrainingError, match=message):
+            load_runs([tmp_path / place])
 
 
 def test_the_command_needs_no_torch() -> None:
@@ -287,7 +307,7 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         )
         run.TrainingRun(config, tmp_path / "runs" / str(seed)).train()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
-    assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
+    assert files(tmp_path / "kept") == [FILE, "ffa_1-original-1.zip", "ffa_1-original-2.zip"]
     unlike = (
         "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, safe_zone_radii = [9.0, 4.0]"
     )

@@ -4,14 +4,13 @@ Of matches it holds how many games were won, drawn and lost, and of each entry's
 Games and opponents are described once for each task. Needs no PyTorch.
 """
 
-import gzip
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import TrainingError
-from ..files import write_files
+from ..files import packed, write_files
 from . import result
 from .result import BEST, SELF, Content, Result, read, read_json, wrong_with_match, wrong_with_result
 from .tasks import PROTOCOL
@@ -77,7 +76,7 @@ def write(place: Path, entries: Iterable[Result], cross: Cross) -> None:
     in_order = sorted(entries, key=lambda entry: [entry.content[key] for key in ("budget", "task", "agent", "seed")])
     content = {"version": PROTOCOL, "tasks": tasks, "entries": [*map(_packed, in_order)], "cross": cross}
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    write_files({place / NAME: gzip.compress(text.encode(), 9, mtime=0)})
+    write_files({place / NAME: packed(text)})
 
 
 def _packed(entry: Result) -> Content:

@@ -30,7 +30,8 @@ def add(commands: Any) -> None:
     )
     text = "draw the learning curves of runs, and tabulate their end values"
     command = commands.add_parser("plot", help=text, description=description, examples=examples)
-    text = "folder of a run, a kept result (.csv), or a folder with several of these, such as runs"
+    text = "folder of a run, a folder with several of these, such as runs, or kept results: all of a folder, or one by "
+    text += "its name, such as results/original/ffa_2-original-0"
     command.add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
     text = (
         "settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default: "

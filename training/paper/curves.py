@@ -2,7 +2,7 @@
 
 from importlib.resources import as_file, files
 
-from ..curves import Curves, Quantity, read_curves
+from ..curves import FILE, Curves, Quantity, read_curves
 
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
 RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")
@@ -36,5 +36,5 @@ def is_known(tag: str) -> bool:
 
 def published_curves(variant: str) -> Curves:
     """The paper's curves of a variant, by its name: "ffa_2"."""
-    with as_file(files(__package__).joinpath(f"{variant}.csv")) as path:
-        return read_curves(path)[1]
+    with as_file(files(__package__).joinpath(FILE)) as path:
+        return read_curves(path)[variant][1]

@@ -1,4 +1,4 @@
-"""Results of runs, from their folders or from kept files, in groups that differ by seeds only. Needs no PyTorch."""
+"""Results of runs, from their folders or as they are kept, in groups that differ by seeds only. Needs no PyTorch."""
 
 import io
 import logging
@@ -16,11 +16,10 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
-from ..curves import NEEDED, Curves, Logged, curves_of_log, format_curves, read_curves
+from ..curves import FILE, NEEDED, Curves, Described, Logged, curves_of_log, format_curves, read_curves
 from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
 from ..presets import ROLLOUT, preset
-from ..tables import ENDS
 from .curves import PAPER_STEPS, is_kept, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
@@ -34,9 +33,10 @@ logger = logging.getLogger("outlast")
 
 @dataclass(frozen=True)
 class RunResult(Logged):
-    """A run: its folder or kept file, and curves of the paper's quantities and of what agents did.
+    """A run: where it is, and curves of the paper's quantities and of what agents did.
 
-    variant: With ablations. plan: That of run.json. changed: Numbers of the scenario that differ from the paper's.
+    origin: Its folder; of a run that is kept, its name in the folder of the others. variant: With ablations. plan: That
+    of run.json. changed: Numbers of the scenario that differ from the paper's.
     """
 
     origin: Path
@@ -65,17 +65,13 @@ class RunResult(Logged):
 
     @property
     def about(self) -> dict[str, Any]:
-        """The description in a kept file."""
+        """What is kept with its curves."""
         return {"variant": self.variant, "plan": self.plan, "changed": self.changed}
 
     @property
     def name(self) -> str:
-        """The name of the file that keeps its curves."""
-        return f"{self.variant}-{self.plan['preset']}-{self.seed}.csv"
-
-    def text(self) -> str:
-        """The content of a kept file."""
-        return format_curves(self.about, self.curves)
+        """The name by which it is kept."""
+        return f"{self.variant}-{self.plan['preset']}-{self.seed}"
 
 
 @dataclass(frozen=True)
@@ -133,8 +129,9 @@ def read_runs(places: Iterable[Path], read: Callable[[Path], Kind]) -> list[Kind
     """Read all runs. Those in which no episode has ended yet are left out, and named in a warning.
 
     Args:
-        places: Folders of runs, kept files, or folders of either.
-        read: Reads one folder or kept file; raises EmptyRunError for a run without a curve.
+        places: Folders of runs, folders around them, studies (folders with runs that are kept), or single runs of a
+            study, as if they were folders in it.
+        read: Reads one folder or kept run; raises EmptyRunError for a run without a curve.
 
     Raises:
         TrainingError: A place holds no runs, or none with a curve.
@@ -162,18 +159,34 @@ NOT_THE_PAPERS = {
 
 
 def _found(place: Path) -> list[Path]:
-    """Folders of runs and kept files in a place, which may itself be one."""
-    if not place.exists():
-        raise TrainingError(f"there is no file or folder {place}")
-    if place.is_file() or any((place / name).exists() for name in RUN_FILES):
+    """Folders of runs and kept runs in a place, which may itself be one."""
+    if any((place / name).exists() for name in RUN_FILES):
         return [place]
+    if not place.exists():
+        return [_kept_run(place)]
+    if place.is_file():
+        raise TrainingError(f"{place} is a file: give the folder of a run, or one with runs in it or in its {FILE}")
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
-    kept = (path for path in place.glob("*.csv") if path.name != ENDS)  # the table of end values may be beside results
-    found = sorted([*kept, *runs])
+    found = sorted([*(place / name for name in kept_runs(place)), *runs])
     if not found:
-        wanted = f"neither {log_file.NAME} nor folders or files with results of outlast"
+        wanted = f"neither {log_file.NAME} nor {FILE} nor folders of runs"
         raise TrainingError(f"there are no runs in {place}: {wanted}")
     return found
+
+
+def kept_runs(study: Path) -> dict[str, Described]:
+    """What is kept of the runs of a study, by name; nothing if there is none. Raises TrainingError."""
+    return read_curves(study / FILE) if (study / FILE).exists() else {}
+
+
+def _kept_run(place: Path) -> Path:
+    """The place, if it is that of a kept run. Raises TrainingError."""
+    known = kept_runs(place.parent)
+    if not known:
+        raise TrainingError(f"there is no folder {place}")
+    if place.name not in known:
+        raise TrainingError(f"{place.parent / FILE} has no run {place.name}, but {', '.join(known)}")
+    return place
 
 
 def _of_folder(folder: Path) -> RunResult:
@@ -202,8 +215,8 @@ def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_kept(path: Path) -> RunResult:
-    """The run of a kept file."""
-    about, curves = read_curves(path)
+    """The run of a study, as if it were a folder in it."""
+    about, curves = read_curves(path.parent / FILE)[path.name]
     try:
         result = RunResult(path, variant(about["variant"]).name, about["plan"], about["changed"], curves)
         preset(result.plan["preset"])
@@ -255,14 +268,19 @@ def _difference(one: RunResult, other: RunResult) -> str:
 
 
 def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
-    """Curves and policies to keep, by path. Raises TrainingError where another run would be overwritten."""
-    places = {folder / run.name: run for run in runs}
-    for path, run in places.items():
-        if path.exists() and (difference := _difference(read_kept(path), run)):
-            raise TrainingError(f"{path} keeps another run: {difference}: choose another folder with --keep")
-    contents = {path: run.text().encode() for path, run in places.items()}
-    policies = {path.with_suffix(".zip"): _newest_checkpoint(run.origin) for path, run in places.items()}
-    return contents | {path: policy_only(source) for path, source in policies.items() if source}
+    """Curves and policies to keep, by path, beside those of other runs that the folder keeps already.
+
+    Raises:
+        TrainingError: A run would take the place of another one.
+    """
+    kept = kept_runs(folder)
+    for run in runs:
+        if run.name in kept and (difference := _difference(read_kept(folder / run.name), run)):
+            raise TrainingError(f"{folder} keeps another {run.name}: {difference}: choose another folder with --keep")
+    kept |= {run.name: (run.about, run.curves) for run in runs}
+    policies = {folder / f"{run.name}.zip": _newest_checkpoint(run.origin) for run in runs}
+    contents = {path: policy_only(source) for path, source in policies.items() if source}
+    return {folder / FILE: format_curves(dict(sorted(kept.items())))} | contents
 
 
 def policy_only(checkpoint: Path) -> bytes:
@@ -275,6 +293,6 @@ def policy_only(checkpoint: Path) -> bytes:
 
 
 def _newest_checkpoint(origin: Path) -> Path | None:
-    """The last checkpoint of a run's folder, or the policy beside a kept file."""
-    found = checkpoints(origin) if origin.is_dir() else [origin.with_suffix(".zip")]
+    """The last checkpoint of a run's folder, or the policy that is kept."""
+    found = checkpoints(origin) if origin.is_dir() else [origin.with_name(f"{origin.name}.zip")]
     return found[-1] if found and found[-1].exists() else None

@@ -43,7 +43,8 @@ def plot(
     >>> print(outlast.plot(["runs/weak", "runs/strong"], by="melee_damage"))
 
     Args:
-        runs: Folders of runs, kept results, or folders that contain several of them.
+        runs: Folders of runs, folders that contain several of them, or of kept results: all, or one by its name,
+            as "results/original/ffa_4-original-0".
         out: Folder to write to: curves.png, ends.md, ends.csv.
         by: Settings that distinguish groups, such as "melee_damage", "preset", "opponents", "seed". By default, a group
             has runs that differ only by seeds, and groups are named by what distinguishes them.

@@ -30,11 +30,11 @@ class Run(Logged):
     """A run.
 
     Attributes:
-        origin: Its folder, or the file that keeps its curves.
+        origin: Its folder; of a run that is kept, its name in the folder of the others.
         scenario: The name of what is played.
         numbers: The numbers of the scenario, by name.
         plan: The plan of run.json.
-        curves: Everything that was logged, by tag; of kept files, the paper's quantities.
+        curves: Everything that was logged, by tag; of kept runs, the paper's quantities.
         label: The scenario's name with what was changed: "ffa_2-melee_damage=50"; "" if that is the name alone.
         asked: Agent-steps that were asked for; None if that is not recorded.
     """

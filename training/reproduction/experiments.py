@@ -2,7 +2,6 @@
 
 import ast
 import csv
-import glob
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,11 +14,11 @@ from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
-from ..curves import read_curves
 from ..errors import TrainingError
 from ..log_file import NAME as LOG
 from ..log_file import last_step
 from ..paper.curves import PAPER_STEPS
+from ..paper.results import kept_runs
 from ..plots.panels import hours
 from ..plots.runs import load
 
@@ -107,23 +106,26 @@ class Experiment:
         """The file of its film; mended games have one preset."""
         return f"{self.name}.gif" if self.part == "mended" else f"{self.name}-{self.preset}.gif"
 
-    def kept(self, out: Path, seed: int) -> Path:
-        """The file with the kept curves of a run, beside its policy; with these, its folder is not needed any more."""
-        return out / self.part / f"{self.folder(out, seed).name}.csv"
-
     def results(self, out: Path) -> list[Path]:
-        """Its complete runs, in order of seeds: their folders, or what is kept of them."""
+        """Its complete runs, in order of seeds: their folders, or what is kept of them in the folder of the part.
+
+        A run that is kept, with its policy, does not need its folder any more. Where both are there, the folder counts.
+        """
         name = f"{self.name}-{self.preset}-"
-        found = [*self.kept(out, 0).parent.glob(f"{glob.escape(name)}*.csv")]
-        found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if checkpoints(path)]
-        whole = [path for path in found if _steps(path) >= self.steps]
-        # Where both are there, the folder counts: folders come last.
-        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in whole}
+        steps = {out / self.part / run: done for run, done in self._kept(out).items()}
+        folders = self.folder(out, 0).parent.glob("*")
+        steps |= {path: last_step(path / LOG) for path in folders if path.name.startswith(name) and checkpoints(path)}
+        by_seed = {path.name.removeprefix(name): path for path, done in steps.items() if done >= self.steps}
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
         """Agent-steps of a run, by its log or by what is kept."""
-        return max(_steps(self.folder(out, seed)), _steps(self.kept(out, seed)))
+        folder = self.folder(out, seed)
+        return max(last_step(folder / LOG), self._kept(out).get(folder.name, 0))
+
+    def _kept(self, out: Path) -> dict[str, int]:
+        """Agent-steps of all runs of its part that are kept, by name."""
+        return {name: int(curves.steps[-1]) for name, (_, curves) in kept_runs(out / self.part).items()}
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -184,11 +186,6 @@ def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> 
         if every or each.key in known:
             rows.writerow([*each.key, round(sum(every) / len(every) if every else known[each.key])])
     return text.getvalue()
-
-
-def _steps(place: Path) -> int:
-    """Agent-steps of a run's folder, or of what is kept of a run; 0 if it is not there."""
-    return read_curves(place)[1].steps[-1] if place.suffix == ".csv" and place.exists() else last_step(place / LOG)
 
 
 def _timed() -> dict[tuple[str, str, str], float]:

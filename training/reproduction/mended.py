@@ -1,6 +1,8 @@
 """What emerges in mended games: each run's policy plays itself, its own past and the scripted one, and is measured."""
 
 import contextlib
+import csv
+import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,10 +19,12 @@ from ..errors import TrainingError
 from ..evaluation.contenders import contenders
 from ..evaluation.evaluation import Evaluation
 from ..evaluation.report import TABLES, write_tables
-from ..files import read_text
+from ..files import packed, read_bytes, read_text, unpacked
 from ..tables import NONE, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
+FOLDER = "measured"  # the folder of a run with what was measured of it
+FILE = "measured.csv.gz"  # that of all runs which are kept
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
 MATES = "mate_distance"  # 0 where nobody has a mate
 BY_SIDES, BY_AGENTS = 2, 0  # factors from the mean of both roles to a sum over all agents: 2; the number of agents
@@ -43,16 +47,18 @@ HEADS = (
     "against itself at half time",
     *(name for name, _ in SELF_PLAY.values()),
 )
-Figures = dict[str, dict[str, float]]  # mean and error by name
+FIGURES = ("wins", *SELF_PLAY)  # those that are kept
+COLUMNS = ("agents", "policy", "against", "role", *(f"{name} {of}" for name in FIGURES for of in ("mean", "error")))
+Row = dict[str, str]  # the cells of COLUMNS: the figures of a policy in a role against another one
+Measured = dict[str, list[Row]]  # by the names of runs
 
 
-def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
-    """Let the policy of a run play, and write the tables of that, unless they are there.
+def measure(game: Scenario, run: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
+    """Let the policy of a run play, and write the tables of that into its folder, unless they are there.
 
     Args:
         game: What it was trained in.
         run: The folder of the run; its past is the checkpoint after half of its steps.
-        out: Folder for the tables.
         progress: Called with how many more episodes have ended.
 
     Raises:
@@ -64,6 +70,7 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
     chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})
     for contender in chosen[:2]:
         contender.text = "/".join(Path(contender.text).parts[-2:])  # results are kept without the place of the runs
+    out = run / FOLDER
     if _complete(out, [contender.text for contender in chosen]):
         return
     evaluation = Evaluation(game.with_(Behaviour()), chosen, episodes=EPISODES)
@@ -72,54 +79,93 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
         write_tables(evaluation, out)
 
 
-def table(measured: Mapping[str, Sequence[Path]]) -> str:
+def is_measured(run: Path) -> bool:
+    """Whether the folder of a run has the tables of `measure`."""
+    return (run / FOLDER / TABLES).exists()
+
+
+def rows(run: Path) -> list[Row]:
+    """What is kept of the tables of `measure` in the folder of a run. Raises TrainingError."""
+    found = _read(run / FOLDER)
+    agents, kept = found["scenario"]["numbers"]["agents_count"], list[Row]()
+    for pairing in found["pairings"]:
+        for role, figures in enumerate(pairing["figures"]):
+            policy, against = pairing["policies"][:: 1 - 2 * role]
+            row = {"agents": str(agents), "policy": policy, "against": against, "role": str(role)}
+            for name in figures.keys() & {*FIGURES}:
+                row[f"{name} mean"] = str(figures[name]["mean"])
+                row[f"{name} error"] = f"{figures[name]['error']:.4g}"
+            kept.append(row)
+    return kept
+
+
+def format_measured(measured: Measured) -> bytes:
+    """Write the rows of runs as one CSV file, compressed."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, ("run", *COLUMNS), "", lineterminator="\n")
+    table.writeheader()
+    table.writerows({"run": run, **row} for run, own in measured.items() for row in own)
+    return packed(text.getvalue())
+
+
+def read_measured(path: Path) -> Measured:
+    """Read what `format_measured` has written; nothing if there is no such file. Raises TrainingError."""
+    found = Measured()
+    if not path.exists():
+        return found
+    content = read_bytes(path)
+    try:
+        table = csv.DictReader(io.StringIO(unpacked(content)), strict=True)
+        if table.fieldnames != ["run", *COLUMNS]:
+            raise ValueError("its columns are others")
+        for row in table:
+            found.setdefault(row.pop("run"), []).append(row)
+    except (ValueError, csv.Error) as error:
+        raise TrainingError(f"{path} does not hold what was measured of runs: {error}") from None
+    return found
+
+
+def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
     """What was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
 
     Where a policy plays itself, both of its roles count.
 
     Args:
-        measured: Folders of `measure` by game, one for each seed.
+        measured: The rows of each seed, by game.
     """
-    return markdown_table(
-        HEADS, [_row(game, [_read(folder) for folder in folders]) for game, folders in measured.items()]
-    )
+    return markdown_table(HEADS, [_cells(game, seeds) for game, seeds in measured.items()])
 
 
-def _row(game: str, seeds: Sequence[dict[str, Any]]) -> list[str]:
+def _cells(game: str, seeds: Sequence[Sequence[Row]]) -> list[str]:
     cells = [game, str(len(seeds))]
-    cells += [
-        with_spread([_figures(one, LAST, other)[0]["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)
-    ]
-    own = [_figures(one, LAST, LAST) for one in seeds]
-    agents = [one["scenario"]["numbers"]["agents_count"] for one in seeds]
+    cells += [with_spread([_mean(rows, other, "wins") for rows in seeds]) for other in (SCRIPTED, HALF)]
     for name, (_, times) in SELF_PLAY.items():
         there = [
-            (times or count) * float(np.mean([role[name]["mean"] for role in roles]))
-            for roles, count in zip(own, agents, strict=True)
-            if name in roles[0]
+            (times or int(rows[0]["agents"])) * _mean(rows, LAST, name)
+            for rows in seeds
+            if all(row[f"{name} mean"] for row in _against(rows, LAST))
         ]
         lacking = name == MATES and not any(there)
         cells.append(NONE if lacking else with_spread(there) if there else "")
     return cells
 
 
-def _figures(evaluation: dict[str, Any], policy: str, against: str) -> list[Figures]:
-    """The figures of a policy: in its role against another one; in both roles against itself."""
-    for pairing in evaluation["pairings"]:
-        if sorted(pairing["policies"]) == sorted((policy, against)):
-            roles: list[Figures] = pairing["figures"]
-            return roles if policy == against else [roles[pairing["policies"].index(policy)]]
-    raise TrainingError(f"{policy} has not played against {against}")
+def _mean(rows: Sequence[Row], other: str, name: str) -> float:
+    """A figure of the last policy against another one, or against itself: the mean over its roles there."""
+    return float(np.mean([float(row[f"{name} mean"]) for row in _against(rows, other)]))
 
 
-def measured(folder: Path) -> bool:
-    """Whether a folder has the tables of `measure`."""
-    return (folder / TABLES).exists()
+def _against(rows: Sequence[Row], other: str) -> list[Row]:
+    """The rows of the last policy against another one, or against itself: one for each of its roles there."""
+    found = [row for row in rows if (row["policy"], row["against"]) == (LAST, other)]
+    if not found:
+        raise TrainingError(f"{LAST} has not played against {other}")
+    return found
 
 
 def _complete(folder: Path, texts: Sequence[str]) -> bool:
     """Whether a folder has the complete evaluation of these policies."""
-    if not measured(folder):
+    if not (folder / TABLES).exists():
         return False
     found = _read(folder)
     return bool(found["complete"]) and [policy["policy"] for policy in found["policies"]] == list(texts)

@@ -8,17 +8,18 @@ import outlast
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 
-from ..curves import format_curves, thinned
+from ..curves import FILE, format_curves, rounded, thinned
+from ..errors import TrainingError
 from ..files import write_files
 from ..paper.report import figures_and_tables
-from ..paper.results import files_to_keep, group_runs, load_runs, policy_only
+from ..paper.results import files_to_keep, group_runs, kept_runs, load_runs, policy_only
 from ..plots.plot import plot
 from . import mended
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
-POINTS = 200  # points that are kept of a curve of a mended game
+POINTS, DIGITS = 200, 3  # what is kept of a curve of a mended game, which is drawn only: points, and their digits
 FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 
@@ -43,7 +44,8 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     yield from _written({out / SECONDS: timed.encode()})
     there = [each for each in experiments([part]) if each.results(out)]
     if part == "mended":
-        shown = [each for each in there if each in chosen or all(map(mended.measured, _tables(each, out).values()))]
+        known = mended.read_measured(out / part / mended.FILE)
+        shown = [each for each in there if each in chosen or all(_measured(run, known) for run in each.results(out))]
         yield from _mended(part, shown, out, progress)
     else:
         yield from _beside_the_paper(part, there, out, progress)
@@ -65,34 +67,37 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
 
 
 def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Policies to keep, what was measured of them, and a figure for each variant."""
-    measured, curves = dict[str, list[Path]](), dict[str, list[Path]]()
+    """Policies, curves and what was measured, to keep; a table, and a figure for each variant."""
+    study = out / part
+    curves, measured, policies = kept_runs(study), mended.read_measured(study / mended.FILE), dict[Path, bytes]()
     for each in there:
-        for place, tables in _tables(each, out).items():
-            kept = tables.parents[1] / f"{tables.name}.csv"
-            if place.is_dir():
-                mended.measure(each.scenario, place, tables)
-                yield from _written(_kept(place, kept))
-            measured.setdefault(each.name, []).append(tables)
-            curves.setdefault(each.game.partition("+")[0], []).append(kept)
+        for run in each.results(out):
+            if run.is_dir():
+                mended.measure(each.scenario, run)
+                measured[run.name] = mended.rows(run)
+                (result,) = load_runs([run])
+                curves[run.name] = result.about, rounded(thinned(result.curves, POINTS), DIGITS)
+                policies[study / f"{run.name}.zip"] = policy_only(newest(run))
+            elif run.name not in measured:
+                raise TrainingError(f"{study / mended.FILE} has nothing on {run.name}, and its folder is not there")
             progress(1)
-    yield from _written({out / part / "measured.md": (mended.table(measured) + "\n").encode()})
+    kept = {FILE: format_curves(dict(sorted(curves.items())))}
+    kept |= {mended.FILE: mended.format_measured(dict(sorted(measured.items())))}
+    shown = {each.name: [measured[run.name] for run in each.results(out)] for each in there}
+    kept |= {"measured.md": (mended.table(shown) + "\n").encode()}
+    yield from _written({study / name: content for name, content in kept.items()} | policies)
     changed = sorted({pair.partition("=")[0] for each in there for pair in each.numbers})
-    for name, own in curves.items():
-        yield from plot(own, out / part / name, by=("scenario", *changed), curves=CURVES).files
+    runs = dict[str, list[Path]]()
+    for each in there:
+        runs.setdefault(each.game.partition("+")[0], []).extend(study / run.name for run in each.results(out))
+    for name, own in runs.items():
+        yield from plot(own, study / name, by=("scenario", *changed), curves=CURVES).files
         progress(1)
 
 
-def _tables(each: Experiment, out: Path) -> dict[Path, Path]:
-    """The folder of what is measured of each run of a mended game, by the run's folder or kept curves."""
-    return {place: out / each.part / "measured" / place.name.removesuffix(".csv") for place in each.results(out)}
-
-
-def _kept(run: Path, place: Path) -> dict[Path, bytes]:
-    """Curves and policy of a run, by path."""
-    (result,) = load_runs([run])
-    text = format_curves(result.about, thinned(result.curves, POINTS))
-    return {place: text.encode(), place.with_suffix(".zip"): policy_only(newest(run))}
+def _measured(run: Path, known: mended.Measured) -> bool:
+    """Whether a run was measured: one that has its folder, or one that is kept."""
+    return mended.is_measured(run) if run.is_dir() else run.name in known
 
 
 def _written(contents: dict[Path, bytes]) -> list[Path]:
@@ -102,7 +107,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 def _film(game: Scenario, run: Path, path: Path) -> Path:
     """Film an episode of a run's last policy."""
-    policy = newest(run) if run.is_dir() else run.with_suffix(".zip")
+    policy = newest(run) if run.is_dir() else run.with_name(f"{run.name}.zip")
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
     return outlast.film(game, path, policy=policy, worlds=1, seed=0, steps=length, **FILM)
