@@ -203,7 +203,7 @@ def page() -> Image:
     """The page of a recording of a trained policy. Needs PyTorch, playwright and a Chromium on the PATH."""
     from playwright.sync_api import sync_playwright
 
-    player = outlast.load_policy(DOCS / "results/original/ffa_2-original-0.zip")
+    player = outlast.load_policy(DOCS.parent / "results/policies/ffa_2/original-0.safetensors")
     env = outlast.make_vec(player.scenario(outlast.variant("ffa_2")), 1, seed=0)
     with tempfile.TemporaryDirectory() as folder:
         recording, target = Path(folder) / "trained.rec", Path(folder) / "trained.html"

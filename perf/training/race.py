@@ -6,7 +6,7 @@
 
 Each run trains on one thread. Every so many CPU seconds of training it stops,
 and so does its clock, to play against the reference: the policy of
-docs/results/original/VARIANT-original-0.zip. A run is as good as the reference
+results/policies/VARIANT/original-0.safetensors. A run is as good as the reference
 when it wins 60 % of these games and its episodes of self-play last as long as
 the reference's. Then it ends, unless --whole asks for all of its steps.
 """
@@ -32,7 +32,7 @@ from outlast.training.resume import capture
 from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results" / "original"
+RESULTS = Path(__file__).parents[2] / "results" / "policies"
 WINS, LENGTH = 0.6, 0.97  # win rate; episode length as a share of the reference's, as lengths have errors of 2 %
 SHOWN = {"train/entropy": "entropy", "rollout/heals_used": "heals", "rollout/deaths_melee": "melee"}
 EPISODES, WORLDS = 300, 100  # of each duel with the reference
@@ -110,7 +110,7 @@ def race(
 
 
 def reference(name: str) -> Path:
-    return RESULTS / f"{name}-original-0.zip"
+    return RESULTS / name / "original-0.safetensors"
 
 
 def wins(scenario: Scenario, path: Path) -> float:

@@ -47,16 +47,18 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     Path("docs").mkdir()
     for game in (ROOT / "docs/examples").glob("*.py"):
         Path(game.name).symlink_to(game)
-    for name in ("results", "examples"):  # trained policies, and games of one's own
-        Path("docs", name).symlink_to(ROOT / "docs" / name)
+    for name in ("results", "docs/results", "docs/examples"):  # trained policies, and games of one's own
+        Path(name).symlink_to(ROOT / name)
     run = Path("runs/ffa_2-fast-0")  # in place of what the page trains
     run.mkdir(parents=True)
-    run.joinpath(CHECKPOINT.format(10_000_000)).symlink_to(ROOT / "docs/results/original/ffa_2-original-0.zip")
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue
-        if any(".zip" in option or option.startswith("runs/") for option in options):
+        if any(".safetensors" in option or option.startswith("runs/") for option in options):
             pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
+            from tests.helpers.checkpoints import as_checkpoint
+
+            as_checkpoint("ffa_2/original-0", run / CHECKPOINT.format(10_000_000))
         if "--out" in options:
             out = Path(options[options.index("--out") + 1])
             out.parent.mkdir(parents=True, exist_ok=True)

@@ -3,7 +3,6 @@
 import importlib
 import logging
 import random
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,18 @@ from outlast.envs.scenarios.serialize import classes
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.films import HOLD  # noqa: E402
-from outlast.training import film, run_header  # noqa: E402
+from outlast.training import film, policy_file  # noqa: E402
 from outlast.training.episode import episode, recorded_scenario  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.film import film_checkpoint  # noqa: E402
+from tests.helpers.checkpoints import KEPT, as_checkpoint  # noqa: E402
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results" / "original"
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("run") / "steps_0000001024.zip"
-    return Path(shutil.copy(RESULTS / "teams_3-original-0.zip", place))
+    return as_checkpoint("teams_3/original-0", tmp_path_factory.mktemp("run") / "steps_0000001024.zip")
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +76,7 @@ def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
 
 def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a file that was imported twice, those that are there now."""
-    monkeypatch.syspath_prepend(str(RESULTS.parents[1] / "examples"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs/examples"))
     import tag
 
     game = tag.TAG
@@ -95,7 +93,7 @@ def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytes
 
 
 def test_a_difference_of_the_scenario_is_reported() -> None:
-    header = run_header.read_checkpoint(RESULTS / "ffa_1-original-0.zip", (), ())[0]
+    header = policy_file.read_header(KEPT / "ffa_1/original-0.safetensors", ())
     del header["scenario"]["numbers"]["give_last_passes_on"]
     made, differs = recorded_scenario(header)
     assert made.name == "ffa_1"
@@ -142,7 +140,7 @@ def test_a_film_leaves_random_numbers_and_threads_alone(policy: Path, tmp_path: 
 def test_films_of_one_seed_begin_in_the_same_world(tmp_path: Path) -> None:
     firsts = []
     for k in range(2):
-        path = Path(shutil.copy(RESULTS / f"ffa_2-original-{k}.zip", tmp_path / f"steps_{k}.zip"))
+        path = KEPT / f"ffa_2/original-{k}.safetensors"
         read = cv2.VideoCapture(str(film_checkpoint(path, tmp_path)[0]))
         firsts.append(read.read()[1][30:])  # below the title, which has the checkpoint's name
     assert np.array_equal(*firsts)

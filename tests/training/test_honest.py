@@ -18,7 +18,7 @@ from outlast.training.rollout import RewardScale  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 
-KEPT = str(Path(__file__).resolve().parents[2] / "docs/results/original/ffa_2-original-0.zip")
+KEPT = str(Path(__file__).resolve().parents[2] / "results/policies/ffa_2/original-0.safetensors")
 
 
 def test_a_policy_that_takes_the_likeliest_actions_does_so_in_evaluations() -> None:

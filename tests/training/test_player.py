@@ -20,13 +20,14 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint, resume  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.episode import recorded_scenario  # noqa: E402
 from outlast.training.noise import EpisodeNoise  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
-from outlast.training.reproduction.experiments import PARTS, experiments  # noqa: E402
 from outlast.training.run_header import NAME  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 from tests.helpers.added_fields import Stamina  # noqa: E402
+from tests.helpers.checkpoints import KEPT  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -185,17 +186,15 @@ def test_an_agent_that_sees_nothing_plays(tmp_path: Path, chosen: str) -> None:
         assert player(blind).shape == (*batch, 6)
 
 
-KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
-
-
-@pytest.mark.parametrize("path", sorted(KEPT.rglob("*.zip")), ids=lambda path: str(path.relative_to(KEPT)))
+@pytest.mark.parametrize("path", sorted(KEPT.rglob("*.safetensors")), ids=lambda path: str(path.relative_to(KEPT)))
 @pytest.mark.by_day(8)
 def test_every_kept_policy_plays(path: Path) -> None:
     with pytest.raises(ValueError, match="seed = 'likeliest': an integer >= 0 is needed"):
         load_policy(path, seed="likeliest")  # type: ignore[arg-type]
     player = load_policy(path, seed=None)
-    games = {f"{each.name}-{each.preset}": each.scenario for each in experiments(PARTS)}
-    with contextlib.closing(make_vec(player.scenario(games[path.stem.rpartition("-")[0]]), 4, seed=0)) as env:
+    game, differs = recorded_scenario(player.header)
+    assert differs == ""
+    with contextlib.closing(make_vec(game, 4, seed=0)) as env:
         player.check(env)
         actions = player(env.reset()[0])
     assert actions.shape == (4, env.num_agents, len(env.action_sizes))

@@ -32,13 +32,14 @@ from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import HEADER, read_log  # noqa: E402
 from outlast.training.logs import CsvLog  # noqa: E402
 from outlast.training.watch import RunWatcher, figures  # noqa: E402
+from tests.helpers.checkpoints import as_checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
 @pytest.fixture(scope="module")
-def policy() -> Path:
-    return Path(__file__).parents[2] / "docs/results/original/teams_3-original-0.zip"
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return as_checkpoint("teams_3/original-0", tmp_path_factory.mktemp("kept") / "a.zip")
 
 
 @pytest.fixture
