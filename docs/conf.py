@@ -12,7 +12,7 @@ author = "The outlast authors"
 version = release = outlast.__version__
 html_title = f"outlast {version}"
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "film", "replay", "tables"]
 nb_execution_mode = "off"  # notebooks hold their outputs, which docs/notebooks.py makes
 exclude_patterns = ["_build", "examples"]
 default_role = "code"  # for single backticks in docstrings

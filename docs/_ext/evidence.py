@@ -129,7 +129,7 @@ def trained() -> str:
         parts.append(f"### {group.variant}")
         parts.append(f"![Learning curves of {group.variant}: ours and the paper's]({place / group.name}.png)")
         parts.append(markdown(group))
-        parts.append(f"![An episode of {group.variant} after training]({Path('results', ORIGINAL, group.name)}.gif)")
+        parts.append(f"[An episode of {group.variant} after training]({place / group.name}.webm)")
     return "\n\n".join(parts)
 
 

@@ -311,7 +311,7 @@ def test_figures_of_training_show_the_kept_results() -> None:
     for group in groups:
         with image.open(ORIGINAL / f"{group.name}.png") as figure:
             assert figure.text["Source"] == figures.digest(group)
-        assert (DOCS / "results/original" / f"{group.name}.gif").exists()
+        assert (ORIGINAL / f"{group.name}.webm").exists()
     assert (ORIGINAL / "ends.md").read_text() == report(groups)
     text = RESULTS / "text"
     assert (text / "ends.md").read_text() == report(group_runs(load_runs([text])), groups)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from outlast.envs.rendering.video import write_film
+from outlast.envs.rendering.video.codecs import compress
 from tests.conftest import scaled
 
 SUFFIXES = (".mp4", ".webm", ".gif", ".apng", "")
@@ -115,6 +116,19 @@ def test_an_mp4_plays_everywhere(tmp_path: Path) -> None:
     assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", output)
     content = path.read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")
+
+
+def test_a_film_is_compressed_and_holds_every_frame(tmp_path: Path) -> None:
+    """VP9 with the same colours, which is smaller than what is easy to encode."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    write_film(whole := tmp_path / "film.gif", frames(), 20)
+    compress(whole, path := tmp_path / "film.webm")
+    assert path.stat().st_size < whole.stat().st_size / 2
+    seen, drawn = decoded(path, 96, 128).astype(int), np.array(list(frames()), int)
+    assert [int(np.abs(each - drawn).mean((1, 2, 3)).argmin()) for each in seen] == list(range(COUNT))
+    assert np.abs(seen - drawn).mean() < 4
+    output = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True).stderr
+    assert re.search(r"Video: vp9 .*yuv420p\(tv, bt709", output)
 
 
 def test_an_apng_is_an_animation_for_others_and_a_png_for_the_rest(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def test_tables_are_of_all_games_that_are_there(
     assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
     found = (study / table).read_text()
     assert all(game.rpartition("-")[0] in found for game in games)
-    assert filmed == [f"{games[0]}.gif" if part == "original" else "ffa_2.gif"]
+    assert filmed == [f"{games[0]}.webm" if part == "original" else "ffa_2.webm"]
     assert read_curves(study / FILE).keys() == {*runs}
     if part == "mended":  # the other one is not measured for that
         (study / mended.FILE).write_bytes(mended.format_measured({runs[0]: measured[runs[0]]}))
@@ -238,7 +238,7 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     table = (tmp_path / "mended/measured.md").read_text()
     assert table.count("\n") == 4
     assert "| teams_2+bounty | 2 |" in table
-    for name in ("ffa_2+bounty.gif", "ffa_2/curves.png", "teams_2/curves.png", "ffa_2+bounty-fast-1.zip"):
+    for name in ("ffa_2+bounty.webm", "ffa_2/curves.png", "teams_2/curves.png", "ffa_2+bounty-fast-1.zip"):
         assert (tmp_path / "mended" / name).stat().st_size > 1000
     evaluation = tmp_path / "runs/mended/ffa_2+bounty-fast-0/measured/evaluation.json"
     played: Any = json.loads(evaluation.read_text())
@@ -269,7 +269,7 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
     for name in names:
-        for end in (".png", ".gif", "-0.zip"):
+        for end in (".png", ".webm", "-0.zip"):
             assert (tmp_path / "text" / f"{name}{end}").exists()
     assert [*read_curves(tmp_path / "text" / FILE)] == [f"{name}-0" for name in names]
     text = (tmp_path / "text/ends.md").read_text()

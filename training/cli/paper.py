@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
         from ..reproduction.output import write_part
 
         importlib.import_module("matplotlib")
-        find_ffmpeg(".gif")
+        find_ffmpeg(".webm")
     except ModuleNotFoundError as error:
         raise TrainingError(f"this needs {error.name}: {install('train,plot,video')}") from error
     except FilmError as error:

@@ -104,7 +104,7 @@ class Experiment:
     @property
     def film(self) -> str:
         """The file of its film; mended games have one preset."""
-        return f"{self.name}.gif" if self.part == "mended" else f"{self.name}-{self.preset}.gif"
+        return f"{self.name}.webm" if self.part == "mended" else f"{self.name}-{self.preset}.webm"
 
     def results(self, out: Path) -> list[Path]:
         """Its complete runs, in order of seeds: their folders, or what is kept of them in the folder of the part.

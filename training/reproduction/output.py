@@ -1,10 +1,12 @@
 """What `outlast paper` writes about a part once its runs are there: kept results, figures, tables, claims, films."""
 
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import outlast
+from outlast.envs.rendering.video.codecs import compress
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -110,4 +112,8 @@ def _film(game: Scenario, run: Path, path: Path) -> Path:
     policy = newest(run) if run.is_dir() else run.with_name(f"{run.name}.zip")
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
-    return outlast.film(game, path, policy=policy, worlds=1, seed=0, steps=length, **FILM)
+    with tempfile.TemporaryDirectory() as folder:
+        whole, small = Path(folder, "film.mp4"), Path(folder, path.name)
+        compress(outlast.film(game, whole, policy=policy, worlds=1, seed=0, steps=length, **FILM), small)
+        (written,) = _written({path: small.read_bytes()})
+    return written
