@@ -18,7 +18,7 @@ from outlast.envs.scenarios.scenario import Scenario
 try:
     import torch
 
-    from . import checkpoint, policy_file
+    from . import checkpoint, policy_file, run_header
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
@@ -284,6 +284,24 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
             sizes = (" x ".join(map(str, shape)) or "one number" for shape in (known[key], found[key]))
             parts.append("{} is {} in training and {} here".format(key, *sizes))
     return "; ".join(parts)
+
+
+def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list[dict[str, Array]]]:
+    """Return run.json of a saved policy, and its weights by name, float32; several if teams have policies of their own.
+
+    Args:
+        path: The file.
+        critic: Whether the weights that only values need are among them, if the file has them.
+
+    Raises:
+        TrainingError: The file cannot be read, or is damaged.
+    """
+    player = Player(path)
+    left_out = () if critic and player.critic else policy_file.CRITIC
+    return player.header, [
+        {name: values.numpy() for name, values in policy.state_dict().items() if not name.startswith(left_out)}
+        for policy in player.policies
+    ]
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:

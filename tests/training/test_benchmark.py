@@ -20,10 +20,22 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark import crossplay, described, kept, matches, result, scores, suite, table, tasks, verify  # noqa: E402
+from outlast.training import policy_file  # noqa: E402
+from outlast.training.benchmark import (  # noqa: E402
+    anchors,
+    crossplay,
+    described,
+    kept,
+    matches,
+    result,
+    scores,
+    suite,
+    table,
+    tasks,
+    verify,
+)
 from outlast.training.benchmark import entry as entries  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
-from outlast.training.benchmark.anchors import make  # noqa: E402
 from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
 from outlast.training.benchmark.matches import digest  # noqa: E402
 from outlast.training.benchmark.result import Content, Result  # noqa: E402
@@ -33,6 +45,7 @@ from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.evaluation.contenders import Contender  # noqa: E402
 from outlast.training.evaluation.matches import Act  # noqa: E402
 from outlast.training.evaluation.ratings import anchored  # noqa: E402
+from outlast.training.player import Player  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -73,7 +86,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tasks, "tasks", lambda: known)
         patch.setattr(suite, "STYLES", STYLES)
-        patch.setattr(make, "STYLES", STYLES)
+        patch.setattr(anchors, "STYLES", STYLES)
         for module in (described, entries):
             patch.setattr(module, "response_config", small_response)
         patch.setattr(suite, "FOLDER", folder / "anchors")
@@ -85,7 +98,7 @@ def results(place: Path) -> Path:
     """Results of two seeds of a preset and one of a function, with cross-play and scores."""
     before = EntryRun(entry(place / "before", seed=9))
     before._enter()
-    make.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
+    anchors.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
     (place / "mine.py").write_text(MINE)
     out = place / "results"
     for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'mine.py'}:make", 1)):
@@ -437,6 +450,51 @@ def test_a_part_of_the_results_can_be_verified_from_within(
     assert sum("against mine/1: a policy that played it is not here" in line for line in lines) == 2
     assert not any("fast/0 against fast/1" in line for line in lines)
     assert last == "12 checks: 0 as recorded, 0 wrong, 12 not verified"
+
+
+# ---- anchors
+
+
+def test_anchors_are_the_policies_that_were_rated(place: Path, results: Path) -> None:
+    """Each with its own header and weights; another weight or another training is another anchor."""
+    (own,) = [member for member in suite.suite(tasks.task_of(NAME)) if member.file is not None]
+    header, (weights,) = policy_file.read(place / "anchors" / "games" / f"{NAME}-{own.name}.safetensors")
+    found, stacked = suite.read_anchors(place / "anchors" / f"{NAME}.safetensors")[1][own.name]
+    assert found == header
+    assert stacked.keys() == weights.keys()
+    assert all(np.array_equal(stacked[name], weights[name]) for name in weights)
+    assert not own.contender().player.critic
+    trained = Player(place / "before" / str(BUDGET) / NAME / "fast/9/trained/steps_0000000512.zip")
+    last = [player.policies[0].actor.last.weight for player in (own.contender().player, trained)]
+    assert np.allclose(*(each.detach().numpy() for each in last), atol=1e-3)
+    assert suite.digest_of(found, stacked) == own.digest
+    assert suite.digest_of(found | {"plan": {}}, stacked) != own.digest
+    name = next(iter(stacked))
+    assert suite.digest_of(found, stacked | {name: stacked[name] + 1}) != own.digest
+    with pytest.raises(TrainingError, match="anchors of a task must be of one preset"):
+        suite.write_anchors(place / "a", [(found, stacked), (found | {"preset": "paper"}, stacked)], {"members": []})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rated: rated.update(version=2), "its version or its game cannot be"),
+        (lambda rated: rated["members"][0].update(elo="1"), "a member that cannot be: {'name': 'random', 'elo': '1'"),
+        (lambda rated: rated["members"][0].update(steps=-1, plan={}), "an anchor that cannot be: {'name': 'random'"),
+        (lambda rated: rated["members"][0].update(steps=1, plan={}), "its weights are not those of 2 anchors"),
+        (lambda rated: rated.pop("members"), "KeyError: 'members'"),
+        (lambda rated: rated["fingerprint"]["numbers"].update(heals_count=3), "its ratings are of another game"),
+    ],
+)
+def test_anchors_that_are_none_are_refused(
+    place: Path, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
+) -> None:
+    header, policies = policy_file.read(place / "anchors" / f"{NAME}.safetensors")
+    change(header["suite"])
+    policy_file.write(tmp_path / f"{NAME}.safetensors", header, policies)
+    monkeypatch.setattr(suite, "FOLDER", tmp_path)
+    with pytest.raises(TrainingError, match=re.escape(message)):
+        suite.suite(tasks.task_of(NAME))
 
 
 # ---- what is read of others

@@ -93,16 +93,16 @@ def test_an_unknown_task_is_refused_with_a_hint() -> None:
         task_of("ffa_2")
 
 
-@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.safetensors")), ids=lambda path: path.stem)
 def test_anchors_that_are_shipped_are_of_their_task(path: Path) -> None:
-    members = suite(task_of(path.stem))  # which checks digests and the game
+    members = suite(task_of(path.stem))  # which checks the game
     assert sum(member.file is not None for member in members) >= 8
 
 
 def test_styles_are_beaten_where_flaws_are_mended() -> None:
     """What docs/benchmark.md says of the ratings."""
-    assert {path.stem for path in FOLDER.glob("*.json")} == set(tasks())
-    for path in FOLDER.glob("*.json"):
+    assert {path.stem for path in FOLDER.glob("*.safetensors")} == set(tasks())
+    for path in FOLDER.glob("*.safetensors"):
         members = suite(task_of(path.stem))
         best = max(member.rating or 0.0 for member in members if member.file is None)
         anchors = {member.name: member.rating or 0.0 for member in members if member.file is not None}

@@ -39,8 +39,8 @@ def described(path: Path, task: Task) -> Content:
     teacher, _ = parse_warm_start(plan.get("warm_start", ""))
     changed = plan.get("levels") or plan.get("anneal") or is_saved(teacher)
     of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
-    known = {Path(name).name for name in (*_opponents(plan), teacher)}
-    met = [member.name for member in suite(task) if (member.file.name if member.file else member.name) in known]
+    known = {Path(name).stem for name in (*_opponents(plan), teacher)}
+    met = [member.name for member in suite(task) if {member.name, f"{task.name}-{member.name}"} & known]
     return {"digest": digest(path), STEPS: header[STEPS], "of_task": of_task, "met": met}
 
 

@@ -1,23 +1,34 @@
 """The held-out suite: opponents that no agent is trained against, the same for everyone, with fixed ratings.
 
-These are scripted styles, and frozen checkpoints: files of this package, which `outlast benchmark anchors` makes. For
-each task, there is a file anchors/TASK.json with the ratings of all of them in that task.
+These are scripted styles, and anchors: frozen policies. For each task, `outlast benchmark anchors` makes a file
+anchors/TASK.safetensors with all its anchors and the ratings of the whole suite in that task.
 """
 
-from collections.abc import Iterable
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
 
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 
+from .. import checkpoint, policy_file, run_header
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
-from .matches import digest
-from .result import BEST, DIGEST, SELF, Content, Result, are_finite, read_json
+from ..player import Player
+from .result import BEST, SELF, Content, Result, are_finite
 from .tasks import PROTOCOL, Task
 
 STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
-FOLDER = Path(__file__).parent / "anchors"
+FOLDER = Path(__file__).resolve().parents[2] / "results" / "anchors"
+RATED = "suite"  # the part of an anchors' file that is about the whole suite
+OWN = ("steps", "plan")  # parts of run.json that each anchor has for itself
+Weights = dict[str, np.ndarray[Any, Any]]
+Anchor = tuple[run_header.Header, Weights]  # run.json and the weights
 
 
 @dataclass(frozen=True)
@@ -26,8 +37,8 @@ class Member:
 
     Attributes:
         name: A style, or the name of an anchor.
-        file: The file of an anchor; None for a style.
-        digest: The digest of the file; empty for a style.
+        file: The file of the task's anchors; None for a style.
+        digest: See `digest_of`; empty for a style.
         rating: Its fixed Elo rating in the task; None: it has none yet.
     """
 
@@ -38,27 +49,84 @@ class Member:
 
     def contender(self) -> Contender:
         """The opponent as a policy. Raises TrainingError."""
-        return Contender(self.name, self.name if self.file is None else str(self.file))
+        if self.file is None:
+            return Contender(self.name, self.name)
+        header, weights = read_anchors(self.file)[1][self.name]
+        tensors = {name: torch.from_numpy(values) for name, values in weights.items()}
+        content = {run_header.NAME: json.dumps(header).encode(), "policy.pt": checkpoint.tensor_bytes(tensors)}
+        found = Contender(self.name, Player(content))
+        found.text = self.name
+        return found
 
 
-def suite(task: Task, folder: Path | None = None) -> list[Member]:
-    """The suite of a task: styles, then anchors. folder: Of the anchors, if these are not the package's own.
+def suite(task: Task) -> list[Member]:
+    """The suite of a task: styles, then anchors.
 
-    Raises TrainingError if an anchor's file is not the one that was rated, or it was rated in another game.
+    Raises TrainingError if its file is none, or was made in another game.
     """
-    place = (folder or FOLDER) / f"{task.name}.json"
+    place = FOLDER / f"{task.name}{policy_file.SUFFIX}"
     if not place.exists():
         return [Member(name) for name in STYLES]
-    content = read_json(place, _wrong)
-    if other := difference(content["fingerprint"], fingerprint(task.games[0].scenario)):
+    rated, anchors = read_anchors(place)
+    if other := difference(rated["fingerprint"], fingerprint(task.games[0].scenario)):
         raise TrainingError(f"{place}: its ratings are of another game {other}")
-    found = []
-    for entry in content["members"]:
-        file = place.parent / entry["file"] if entry["file"] else None
-        if file is not None and (not file.exists() or digest(file) != entry["digest"]):
-            raise TrainingError(f"{file} is not the policy that was rated, as {place} says: its digest is another one")
-        found.append(Member(entry["name"], file, entry["digest"], float(entry["elo"])))
-    return found
+    return [_member(entry, place, anchors.get(entry["name"])) for entry in rated["members"]]
+
+
+def _member(entry: Content, place: Path, anchor: Anchor | None) -> Member:
+    """A member of a suite. entry: What the file says of it. anchor: None for a style."""
+    name, rating = entry["name"], float(entry["elo"])
+    return Member(name, rating=rating) if anchor is None else Member(name, place, digest_of(*anchor), rating)
+
+
+def digest_of(header: run_header.Header, weights: Weights) -> str:
+    """Return the SHA-256 of an anchor, hexadecimal: of its run.json and its weights."""
+    found = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for name, values in sorted(weights.items()):
+        found.update(f"{name} {values.shape}".encode() + values.astype("<f4").tobytes())
+    return found.hexdigest()
+
+
+def write_anchors(path: Path, anchors: Sequence[Anchor], rated: Content) -> None:
+    """Write the file of a task's anchors, completely or not at all.
+
+    Args:
+        path: The file.
+        anchors: In the order in which `rated` has them.
+        rated: What is said of the suite: "members" has "name", "elo" and "error" of each, first of styles.
+
+    Raises:
+        TrainingError: Anchors differ in more than their weights and OWN, as those of two presets do.
+    """
+    common = [{key: value for key, value in header.items() if key not in OWN} for header, _ in anchors]
+    shapes = [{name: values.shape for name, values in weights.items()} for _, weights in anchors]
+    if any(each != common[0] for each in common) or any(each != shapes[0] for each in shapes):
+        raise TrainingError("anchors of a task must be of one preset and one version of its game: leave out the others")
+    members = [dict(member) for member in rated["members"]]
+    for member, (header, _) in zip(members[len(members) - len(anchors) :], anchors, strict=True):
+        member |= {key: header[key] for key in OWN}
+    stacked = {name: np.stack([weights[name] for _, weights in anchors]) for name in shapes[0]}
+    header = common[0] | {"steps": 0, RATED: rated | {"members": members}}
+    policy_file.write(path, header, [stacked])
+
+
+def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
+    """Return what a file of anchors says of the suite, and the anchors by name. Raises TrainingError."""
+    header, policies = policy_file.read(path)
+    rated = header.pop(RATED, None)
+    try:
+        fault = _wrong(rated)
+    except (KeyError, TypeError, AttributeError) as error:
+        fault = f"{type(error).__name__}: {error}"
+    names = [] if fault else [member["name"] for member in rated["members"] if OWN[0] in member]
+    if not fault and any(len(values) != len(names) for own in policies for values in own.values()):
+        fault = f"its weights are not those of {len(names)} anchors"
+    if fault:
+        raise TrainingError(f"{path} does not hold the anchors of a task: {fault:.200}")
+    own = {member["name"]: {key: member[key] for key in OWN} for member in rated["members"] if OWN[0] in member}
+    (stacked,) = policies
+    weights = [{name: values[k] for name, values in stacked.items()} for k in range(len(names))]
+    return rated, {name: (header | own[name], each) for name, each in zip(names, weights, strict=True)}
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
@@ -80,15 +148,13 @@ def other_games(content: Content, task: Task) -> str:
     return ""
 
 
-def _wrong(content: Content) -> str:
-    """What is wrong with the content of a file of anchors; empty if nothing is."""
-    if content["version"] != PROTOCOL or not is_fingerprint(content["fingerprint"]):
+def _wrong(rated: Content) -> str:
+    """What is wrong with what a file of anchors says of the suite; empty if nothing is."""
+    if rated["version"] != PROTOCOL or not is_fingerprint(rated["fingerprint"]):
         return "its version or its game cannot be"
-    for entry in content["members"]:
-        plain = all(isinstance(entry[key], str) and entry[key].isprintable() for key in ("name", "file", "digest"))
-        if not plain or not is_word(entry["name"]) or Path(entry["file"]).name != entry["file"]:
+    for entry in rated["members"]:
+        if not is_word(entry["name"]) or not are_finite((entry["elo"], entry["error"])):
             return f"a member that cannot be: {entry!r:.80}"
-        known = bool(entry["file"]) == bool(DIGEST.fullmatch(entry["digest"]))
-        if not known or not are_finite((entry["elo"], entry["error"])):
-            return f"a rating or a digest that cannot be: {entry!r:.80}"
+        if OWN[0] in entry and not all(run_header.VALIDATORS[key](entry[key]) for key in OWN):
+            return f"an anchor that cannot be: {entry!r:.80}"
     return ""

@@ -310,7 +310,7 @@ def _table(options: argparse.Namespace) -> int:
 
 def _anchors(options: argparse.Namespace) -> int:
     """Rate checkpoints, for who ships the benchmark."""
-    from ..benchmark.anchors.make import make
+    from ..benchmark.anchors import make
 
     if len(options.names) != 1 or not options.policies or options.out is None:
         raise TrainingError("benchmark anchors needs a task, --policies and --out")

@@ -1,1 +1,0 @@
-"""Anchors: for each task, TASK.json with ratings of the whole suite, and frozen checkpoints. `make` makes both."""
