@@ -5,13 +5,18 @@ shows. `--steps` shortens the training in the second notebook; the stored output
 """
 
 import argparse
+import base64
 import re
 from pathlib import Path
 
+import cv2
 import nbformat
+import numpy as np
 from nbclient import NotebookClient
+from pictures import small_png
 
 FOLDER = Path(__file__).parent / "notebooks"
+PNG = "image/png"
 STEPS = re.compile(r"^steps = [\d_]+", re.MULTILINE)
 
 
@@ -24,7 +29,16 @@ def executed(path: Path, steps: int | None = None) -> nbformat.NotebookNode:
     NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(path.parent)}}).execute()
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)  # the times at which it ran differ in each run
+        for output in cell.get("outputs", ()):
+            if picture := output.get("data", {}).get(PNG):
+                output.data[PNG] = smaller(picture)
     return notebook
+
+
+def smaller(picture: str) -> str:
+    """A PNG in base64, as one of few colours."""
+    content = np.frombuffer(base64.b64decode(picture), np.uint8)
+    return base64.b64encode(small_png(cv2.imdecode(content, cv2.IMREAD_COLOR_RGB))).decode()
 
 
 def main() -> None:

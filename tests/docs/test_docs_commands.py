@@ -47,7 +47,7 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     Path("docs").mkdir()
     for game in (ROOT / "docs/examples").glob("*.py"):
         Path(game.name).symlink_to(game)
-    for name in ("results", "docs/results", "docs/examples"):  # trained policies, and games of one's own
+    for name in ("results", "docs/examples"):  # trained policies, and games of one's own
         Path(name).symlink_to(ROOT / name)
     run = Path("runs/ffa_2-fast-0")  # in place of what the page trains
     run.mkdir(parents=True)
