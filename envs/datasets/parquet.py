@@ -37,7 +37,8 @@ def export_parquet(target: Path, replay: Replay, selection: Selection, flat: boo
     about, count = manifest(replay), 0
     names = [column["name"] for column in about["actions"]]
     numbers = _numbers(replay, about["observations"]) if flat else {}
-    taken = RESERVED.union(*numbers.values(), *([f"final_{name}" for name in own] for own in numbers.values()))
+    lists = [(f"observation_{key}", f"final_{key}") for key in about["observations"]]
+    taken = RESERVED.union(*([_twice(name) for own in numbers.values() for name in own] if flat else lists))
     if twice := sorted({*names} & taken):
         raise RecordingError(
             f"the action {twice[0]!r} has the name of another column of .parquet; rename it, or write a folder of .npz"
@@ -63,10 +64,15 @@ def _numbers(replay: Replay, shapes: dict[str, list[int]]) -> dict[str, list[str
         key: [name.replace(".", "_") for name in number_names(key, shape, fields.get(key, {}))]
         for key, shape in shapes.items()
     }
-    counts = Counter(name for names in found.values() for name in names)
+    counts = Counter(name for names in found.values() for each in names for name in _twice(each))
     if twice := [name for name, count in counts.items() if count > 1]:
         raise RecordingError(f"two numbers that agents observe would be called {twice[0]!r}: leave out --flat")
     return found
+
+
+def _twice(name: str) -> tuple[str, str]:
+    """Return the names of the two columns of a number: with the observation of a step, and with the last one."""
+    return name, f"final_{name}"
 
 
 def _table(batch: Samples, names: list[str], numbers: dict[str, list[str]]) -> Any:

@@ -247,6 +247,8 @@ def test_columns_of_flat_parquet_with_one_name_are_refused() -> None:
     assert parquet._numbers(replay, {"a": [2, 1], "b": [1]}) == {"a": ["a_0_0", "a_1_0"], "b": ["b_0"]}
     with pytest.raises(RecordingError, match=r"two numbers .* would be called 'a_0_0': leave out --flat"):
         parquet._numbers(replay, {"a": [2, 1], "a_0": [1]})
+    with pytest.raises(RecordingError, match=r"two numbers .* would be called 'final_a_0': leave out --flat"):
+        parquet._numbers(replay, {"final_a": [1], "a": [1]})
 
 
 def test_flat_is_for_tables(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path) -> None:

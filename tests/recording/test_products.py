@@ -46,6 +46,20 @@ def listen(speak: Read[Speak], body: Read[Body], agents: Rows[Bag]) -> None:
     pass
 
 
+class Look(Action, order=9):
+    final_own: Array = column("i1", "agents", low=0, high=5)
+
+
+class Watch(Module):
+    def singletons(self) -> Any:
+        return [Look()]
+
+
+@Watch.system(Phase.LOOK)
+def watch(look: Read[Look], body: Read[Body], agents: Rows[Bag]) -> None:
+    pass
+
+
 class Meeting(Event, capacity="agents"):
     agent: Array = column("i4", unit="entity")
     amount: Array = column("f4", 2)
@@ -76,10 +90,11 @@ def recorded(path: Path, scenario: Any, steps: int = 8) -> Path:
 # ---- what they do
 
 
-def test_an_action_does_not_replace_a_column_of_a_table(tmp_path: Path) -> None:
-    game = outlast.variant("ffa_1").with_(Say())
+@pytest.mark.parametrize(("mechanic", "name"), [(Say(), "reward"), (Watch(), "final_own")])
+def test_an_action_does_not_replace_a_column_of_a_table(tmp_path: Path, mechanic: Module, name: str) -> None:
+    game = outlast.variant("ffa_1").with_(mechanic)
     replay = Replay(Recording.open(recorded(tmp_path / "a.rec", game), game))
-    with pytest.raises(RecordingError, match="action 'reward' has the name of another column"):
+    with pytest.raises(RecordingError, match=f"action '{name}' has the name of another column"):
         export_dataset(str(tmp_path / "a.parquet"), replay, Selection([0], 0, 7))
     assert [path.name for path in tmp_path.iterdir()] == ["a.rec"]
 
