@@ -89,7 +89,7 @@ def _opened(path: Path, weights: bool) -> tuple[bytes, dict[str, Array]]:
         raise TrainingError(f"{path} needs {error.name}: {install('train')}") from error
     try:
         if path.stat().st_size > LARGEST:
-            raise TrainingError(f"{path} is larger than {LARGEST:,} bytes: it is not a policy")
+            raise ValueError(f"it has more than {LARGEST:,} bytes")
         with safe_open(path, framework="np") as file:
             entry = (file.metadata() or {}).get(ENTRY, "")
             names = file.keys() if weights else ()

@@ -40,6 +40,12 @@ def _policy(path: Path) -> None:
     outlast.load_policy(path)
 
 
+def _weights(path: Path) -> None:
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
+    outlast.load_policy(path.replace(path.with_suffix(".safetensors")))
+
+
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {  # and bytes of a file that is too large
     "roles": (lambda path: with_roles(VARIANT, path), 2**24 + 1),
     "levels": (lambda path: levels.load(path, VARIANT), 2**24 + 1),
@@ -48,6 +54,7 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {  # and bytes of a f
     "run.json": (_run_folder, 2**20 + 1),
     "result.json": (_result, 2**24 + 1),
     "policy": (_policy, 2**30 + 1),
+    "weights": (_weights, 2**26 + 1),
 }
 
 
@@ -63,7 +70,7 @@ def test_a_file_has_a_limit(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs a device that never ends")
-@pytest.mark.parametrize("name", [name for name in READERS if name != "run.json"])
+@pytest.mark.parametrize("name", [name for name in READERS if name not in ("run.json", "weights")])
 def test_a_file_that_never_ends_is_not_read_to_its_end(name: str) -> None:
     with pytest.raises(ValueError, match=r"/dev/zero.* (it has more than|it is empty)"):
         READERS[name][0](Path("/dev/zero"))
