@@ -66,6 +66,17 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     assert not [path for path in out.iterdir() if path.suffix not in (".json", ".csv")]
 
 
+def test_tables_of_evaluate_fit_the_terminal(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are divided there; a pipe gets them whole."""
+    widths = []
+    for columns in ("80", ""):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert evaluate("teams_3", "noop", "scripted", "--episodes", 4, "--worlds", 4, *QUICK, "--quiet") == 0
+        rows = [line for line in capsys.readouterr().out.splitlines() if re.search(r"\S  +\S", line)]
+        widths.append(max(map(len, rows)))
+    assert widths[0] <= 80 < widths[1]
+
+
 @pytest.mark.nightly
 def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) -> None:
     small = ("--episodes", 6, "--worlds", 2, *QUICK, "--quiet")
