@@ -12,7 +12,7 @@ import numpy as np
 from outlast.envs.core.validation import check_count
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import REVEALED, cameras_mode, newest
+from outlast.envs.rollout.saved import REVEALED, cameras_mode, located
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -59,14 +59,14 @@ class Player:
     def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
         """Read a policy. Only tensors and numbers are read; nothing in the file is executed. Raises TrainingError.
 
-        path: A file, or the content of the files in a checkpoint. seed: See `load_policy`.
+        path: A model's name, a file, or the content of the files in a checkpoint. seed: See `load_policy`.
         """
         if isinstance(path, dict):
             self._origin, self.header, size = "", checkpoint.header_of(path), len(path["policy.pt"])
             weights = checkpoint.policies_in(path)
         else:
             self._origin = f"{path}: "
-            self.header, weights, size = checkpoint.read_policies(Path(path))
+            self.header, weights, size = checkpoint.read_policies(located(path))
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header["fields"])
         self.preset = preset(self.header["preset"])
@@ -305,12 +305,15 @@ def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:
-    """Load the policy of a checkpoint of `outlast train`, to play with or against.
+    """Load a saved policy, to play with or against: a model by its name, or what `outlast train` has saved.
 
+    >>> env = gymnasium.make("outlast/Teams3-v1", others=outlast.load_policy("teams_3/fast-0"))
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
 
     Args:
-        path: The file, `steps_0001000000.zip` or FILE.safetensors; or the folder of a run, for its newest checkpoint.
+        path: The name of a model, of which `outlast models` prints a list; the file, `steps_0001000000.zip` or
+            FILE.safetensors; or the folder of a run, for its newest checkpoint. A text that is a model's name is never
+            taken for a path: name the folder "./teams_3/fast-0", or as a pathlib.Path.
         seed: Seed of the generator that samples actions; None: the likeliest actions.
 
     Returns:
@@ -319,9 +322,9 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
 
     Raises:
         TrainingError: The file cannot be read, or is damaged.
-        UsageError: A folder is not that of a single run.
+        UsageError: A folder is not that of a single run, or a model cannot be had.
         ValueError: The seed is not valid.
     """
     if seed is not None:
         check_count("seed", seed, 0, 2**64 - 1)
-    return Player(newest(Path(path)), seed)
+    return Player(path, seed)

@@ -14,6 +14,7 @@ import torch
 
 from outlast.ecs.available import available_cores
 from outlast.envs.errors import install
+from outlast.envs.rollout.models import models
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
@@ -350,5 +351,5 @@ class TrainingRun:
 def _same_teacher(then: str, now: str) -> bool:
     """Whether two warm starts name one file that was moved, or files of one run: it is over, so either will do."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
-    moved = is_saved(one) and is_saved(other) and steps == others
+    moved = is_saved(one) and is_saved(other) and not {one, other} & models().keys() and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

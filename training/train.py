@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import checked_entries, parse_mixture
-from outlast.envs.rollout.saved import newest
+from outlast.envs.rollout.saved import newest, text_of
 from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
@@ -199,7 +199,7 @@ def _annealed(anneal: Any) -> tuple[Anneal, ...]:
 
 
 def _start(warm_start: Any) -> str:
-    start = os.fspath(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
+    start = text_of(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
     if not isinstance(start, str):
         needed = f"a name, such as '{TEACHERS[0]}', or the path of a saved policy is needed; '' for none"
         raise TrainingError(f"warm_start = {start!r:.200}: {needed}")

@@ -5,7 +5,7 @@ from typing import Any
 SECTIONS = {
     "games": ("variants", "numbers", "layout", "schedule", "check"),
     "play and look": ("rollout", "frames", "play", "replay"),
-    "train and compare": ("train", "watch", "evaluate", "plot", "benchmark"),
+    "train and compare": ("train", "watch", "models", "evaluate", "plot", "benchmark"),
     "help": ("help", "completion"),
 }  # in the order of first use; what is in none of them comes behind
 

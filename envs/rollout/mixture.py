@@ -17,8 +17,9 @@ from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import has_memory, tell
+from .models import models
 from .policies import POLICIES, Policy, hashed, others_policy
-from .saved import SAVED_AS, is_saved, load_saved, policy_file
+from .saved import SAVED_AS, is_saved, load_saved, policy_file, text_of
 
 Array = np.ndarray[Any, Any]
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
@@ -34,8 +35,8 @@ def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[s
     """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
-        text: Names or saved policies (FILE.zip, FILE.safetensors or the folder of a run), each followed by a colon and
-            its weight; without these, the weight is 1.
+        text: Names of policies or models, or saved policies (FILE.zip, FILE.safetensors or the folder of a run), each
+            followed by a colon and its weight; without these, the weight is 1.
         names: The names that are allowed.
 
     Returns:
@@ -58,8 +59,8 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
     """Check policies with their weights, and return them.
 
     Args:
-        pairs: Pairs of a policy and its weight, a finite number above 0. A policy is a name, the path of a saved
-            policy, the folder of a run, whose newest policy is taken, or a function (observations) -> actions.
+        pairs: Pairs of a policy and its weight, a finite number above 0. A policy is a name, also of a model, the path
+            of a saved policy, the folder of a run, whose newest one is taken, or a function (observations) -> actions.
         names: The names that are allowed.
 
     Raises:
@@ -67,7 +68,7 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
     """
     entries: Entries = []
     for given, weight in pairs:
-        policy = os.fspath(given) if isinstance(given, os.PathLike) else given
+        policy = text_of(given) if isinstance(given, os.PathLike) else given
         if isinstance(policy, str):
             policy = _named(policy, names)
         elif not callable(policy):
@@ -197,7 +198,7 @@ def _named(name: str, names: Collection[str]) -> str:
     name = policy_file(name, names)
     if name in names or is_saved(name):
         return name
-    raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, names, after=' ')}{_needed(names)}")
+    raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, [*names, *models()], after=' ')}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:
@@ -218,4 +219,6 @@ def _checked_weight(policy: object, weight: Any) -> float:
 
 def _same(policy: str | Policy) -> object:
     """Return a value that is equal for two spellings of the same path."""
-    return os.path.realpath(policy) if isinstance(policy, str) and is_saved(policy) else policy
+    if isinstance(policy, str) and is_saved(policy) and policy not in models():
+        return os.path.realpath(policy)
+    return policy

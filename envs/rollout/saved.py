@@ -1,15 +1,19 @@
 """Saved policies: finding and loading them, and giving an environment the observations that they need."""
 
+import os
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.errors import did_you_mean
+
 from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
+from .models import fetched, models
 
 ENDINGS = ".zip", ".safetensors"  # of saved policies: a checkpoint of a run, or weights alone
-SAVED_AS = "FILE.zip, FILE.safetensors or the folder of a run"  # what a saved policy is named by
+SAVED_AS = "a model's name, FILE.zip, FILE.safetensors or the folder of a run"  # what a saved policy is named by
 CHECKPOINT = "steps_{:010d}.zip"  # name of a saved policy in the folder of a run, with its agent-steps
 STEPS = re.compile(r"steps_(\d{10,})\.zip")
 MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of cameras_mode
@@ -22,8 +26,28 @@ def cameras_mode(scenario: Scenario) -> str | None:
 
 
 def is_saved(name: str) -> bool:
-    """Whether it names the file of a saved policy, by its ending."""
-    return name.endswith(ENDINGS) and name not in ENDINGS
+    """Whether it names a saved policy: a model, or a file by its ending."""
+    return name in models() or (name.endswith(ENDINGS) and name not in ENDINGS)
+
+
+def text_of(given: str | os.PathLike[str]) -> str:
+    """Return what names a policy as text; a path that looks like a model's name becomes "./teams_3/fast-0"."""
+    text = os.fspath(given)
+    return text if isinstance(given, str) or text not in models() else os.path.join(os.curdir, text)
+
+
+def located(given: str | os.PathLike[str]) -> Path:
+    """Return the file of a saved policy: a model's, by its name; the file that is named; a run's newest, by its folder.
+
+    Raises:
+        UsageError: There is no such model, or its file cannot be had; or the folder is not that of a single run.
+    """
+    text = text_of(given)
+    if text in models():
+        return fetched(text)
+    if "/" in text and not (is_saved(text) or os.path.exists(text)):
+        raise UsageError(f"there is no {text}: {did_you_mean(text, models(), after=' ')}{SAVED_AS} is needed")
+    return newest(Path(text))
 
 
 def checkpoints(folder: Path) -> list[Path]:
@@ -51,8 +75,9 @@ def newest(place: Path) -> Path:
 
 
 def policy_file(name: str, names: Collection[str]) -> str:
-    """Return a name if it is one of `names`, else a path: for the folder of a run that of its `newest` policy."""
-    return str(newest(Path(name))) if name and name not in names and Path(name).is_dir() else name
+    """Return a name if it is one of `names` or a model's, else a path; for a folder that of its `newest` policy."""
+    named = not name or name in names or name in models()
+    return name if named or not Path(name).is_dir() else str(newest(Path(name)))
 
 
 def load_saved(path: str, seed: int = 0) -> Any:

@@ -466,7 +466,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no saved policy": (
         {"others": "policy.pt"},
         ValueError,
-        r"policy.pt: .* or a saved policy \(FILE.zip, FILE.safetensors or the folder of a run\) is needed",
+        r"policy.pt: .* \(a model's name, FILE.zip, FILE.safetensors or the folder of a run\) is needed",
     ),
     "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),

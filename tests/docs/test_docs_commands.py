@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from outlast.envs.cli.main import main
+from outlast.envs.rollout.models import models
 from outlast.envs.rollout.saved import CHECKPOINT
 from tests.conftest import COMPILED
 
@@ -54,7 +55,7 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue
-        if any(".safetensors" in option or option.startswith("runs/") for option in options):
+        if any(option.startswith("runs/") or any(name in option for name in models()) for option in options):
             pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
             from tests.helpers.checkpoints import as_checkpoint
 

@@ -31,7 +31,7 @@ LONGEST_FILE = 400  # lines, docstrings included
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 # Libraries that a module may import though they are not installed.
-OPTIONAL = "PIL benchmarl imageio_ffmpeg matplotlib minari pettingzoo pufferlib pyarrow ray stable_baselines3 "
+OPTIONAL = "PIL benchmarl imageio_ffmpeg matplotlib minari pettingzoo pooch pufferlib pyarrow ray stable_baselines3 "
 OPTIONAL += "tensorboard tensordict torch torchrl websockets"
 
 # Written in two parts, as this file is searched, too.

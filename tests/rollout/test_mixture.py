@@ -27,7 +27,7 @@ TEXTS: dict[str, dict[str, float]] = {
     "C:\\runs\\a.zip,b:c.zip:3": {"C:\\runs\\a.zip": 1, "b:c.zip": 3},
 }
 
-NEEDED = "or a saved policy (FILE.zip, FILE.safetensors or the folder of a run) is needed"
+NEEDED = "or a saved policy (a model's name, FILE.zip, FILE.safetensors or the folder of a run) is needed"
 
 
 @pytest.mark.parametrize("text", TEXTS)

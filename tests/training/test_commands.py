@@ -150,7 +150,7 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
         (("scriptd",), r"scriptd: did you mean scripted\?"),
         (
             ("runs/nowhere",),
-            r"runs/nowhere is no saved policy: FILE\.zip, FILE\.safetensors or the folder of a run is needed",
+            r"runs/nowhere is no saved policy: a model's name, FILE\.zip, .* or the folder of a run is needed",
         ),
         (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
         (("noop", "--film"), "films need a folder"),
@@ -227,7 +227,7 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", "--policy", "best"))
-    needed = "or a saved policy (FILE.zip, FILE.safetensors or the folder of a run) is needed"
+    needed = "or a saved policy (a model's name, FILE.zip, FILE.safetensors or the folder of a run) is needed"
     assert f"best: {', '.join(POLICIES)} {needed}" in capsys.readouterr().err
 
 

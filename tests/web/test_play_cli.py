@@ -49,7 +49,11 @@ def test_a_taken_port_is_reported_in_one_line(capsys):
         ("--fps", "nan", "a number above 0"),
         ("--fps", "1e9", "a number above 0"),
         ("--agent", "-1", "an integer of at least 0"),
-        ("--others", "best", "a saved policy (FILE.zip, FILE.safetensors or the folder of a run) is needed"),
+        (
+            "--others",
+            "best",
+            "(a model's name, FILE.zip, FILE.safetensors or the folder of a run) is needed",
+        ),
         ("--others", "noop:0.5,scriptd", "did you mean scripted"),
     ],
 )

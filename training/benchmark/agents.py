@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import Policy
-from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, located
 from outlast.envs.scenarios.imports import module_of
 
 from ..errors import TrainingError
@@ -76,12 +77,10 @@ class Agent:
 
     def policy(self, task: str, seed: int) -> Path:
         """The saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
-        place = Path(self.place(task, seed))
-        if is_saved(place.name) and place.exists():
-            return place
-        if not place.is_dir():
-            raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {place}; {FORMS} is needed")
-        return newest(place)
+        text = self.place(task, seed)
+        if text not in models() and not Path(text).exists():
+            raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {text}; {FORMS} is needed")
+        return located(text)
 
 
 class Made(Contender):

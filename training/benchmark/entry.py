@@ -17,12 +17,15 @@ from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.folder_lock import FolderLock
 
 from .. import log_file
+from ..checkpoint import files_of
 from ..config import FAST, OPPONENTS, TrainingConfig
 from ..config import SELF as OWN
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..files import write_files
-from ..paper.results import policy_only
+from ..paper.results import policy_only, zipped
+from ..player import Player
+from ..policy_file import SUFFIX
 from ..run import TrainingRun
 from ..workload import Workload
 from . import result
@@ -203,9 +206,13 @@ class EntryRun:
         return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
 
     def _keep(self, path: Path, name: str) -> Content:
-        """Copy a policy without what only training needs; returns what the result says about it."""
+        """Copy a policy without what only training needs, as a checkpoint; returns what the result says about it."""
         kept = self.entry.folder / name
-        write_files({kept: policy_only(path)})
+        if path.suffix == SUFFIX:
+            player = Player(path)
+            write_files({kept: zipped(files_of(player.header, player.policies))})
+        else:
+            write_files({kept: policy_only(path)})
         return described(kept, self.entry.task)
 
     def _train(self, config: TrainingConfig, name: str) -> Path:

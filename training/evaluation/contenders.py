@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from outlast.ecs.errors import did_you_mean
 from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.mixture import checked_entries
+from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import POLICIES, Policy
-from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in, text_of
 
 from ..errors import TrainingError
 from ..noise import EpisodeNoise
@@ -129,12 +131,13 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
     if not isinstance(policy, (str, Path)):
         checked_entries([(policy, 1)])
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
-    place = Path(policy)
-    if str(policy) in POLICIES or not place.is_dir():
-        if len(place.parts) > 1 and not is_saved(str(policy)):
-            raise TrainingError(f"{policy} is no saved policy: {SAVED_AS} is needed")
-        checked_entries([(policy, 1)])
-        return [(str(policy), str(policy))]
+    place, text = Path(policy), text_of(policy)
+    if text in (*POLICIES, *models()) or not place.is_dir():
+        if len(place.parts) > 1 and not is_saved(text):
+            meant = did_you_mean(text, models(), after=" ")
+            raise TrainingError(f"{text} is no saved policy: {meant}{SAVED_AS} is needed")
+        checked_entries([(text, 1)])
+        return [(text, text)]
     return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
 
 
@@ -150,6 +153,8 @@ def _parts(text: str) -> tuple[str, ...]:
     """Parts of a path, without the ending of a file; a name as it is."""
     if text in POLICIES or not (is_saved(text) or re.search(r"[/\\]", text)):
         return (text,)
+    if text in models():
+        return tuple(text.split("/"))
     path = Path(text).resolve()
     return path.parts if text.endswith("/") else path.with_suffix("").parts
 

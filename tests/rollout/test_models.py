@@ -1,0 +1,282 @@
+"""Models by name: the table, and files from a checkout, a folder or a server, or from none of them."""
+
+import contextlib
+import functools
+import hashlib
+import http.server
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+
+import outlast
+from outlast.envs.errors import UsageError
+from outlast.envs.rollout import models as table
+from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.rollout.models import ADDRESS, RESULTS, fetched, models
+from outlast.envs.rollout.saved import is_saved, located, policy_file, text_of
+from tests.conftest import run
+
+NAME = "teams_3/fast-0"
+LONG = "teams_2+health_cap+team_share+bounty+steering+give_last_reach=10/pool-0"  # whose address has %2B and %3D
+
+
+class Server:
+    """A server on this machine, which answers with `content`, or else with the files of a folder.
+
+    Attributes:
+        asked: The paths that were asked for.
+        content: What is sent in place of the file.
+        cut: Bytes of the file that are not sent, although they are announced.
+        status: What is answered.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[str] = []
+        self.content: bytes | None = None
+        self.cut, self.status = 0, 200
+        server = self
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                server.asked.append(self.path)
+                path = folder / unquote(self.path).removeprefix("/results/")
+                content = path.read_bytes() if server.content is None else server.content
+                self.send_response(server.status)
+                self.send_header("Content-Length", str(len(content)))
+                self.end_headers()
+                with contextlib.suppress(OSError):
+                    self.wfile.write(content[: len(content) - server.cut])
+
+            def log_message(self, *given: Any) -> None:
+                """Print nothing."""
+
+        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,))
+        self._thread.start()
+        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/results"
+
+    def close(self) -> None:
+        """Stop it; connections are refused from now on."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Server]:
+    """A server of the results, which is the address of models, and an empty cache."""
+    pytest.importorskip("pooch", reason="needs pooch: outlast[models]")
+    if not RESULTS.is_dir():
+        pytest.skip("results are not part of this archive")
+    found = Server(RESULTS)
+    monkeypatch.setenv(ADDRESS, found.address)
+    monkeypatch.setenv("OUTLAST_CACHE_DIR", str(tmp_path / "cache"))
+    yield found
+    found.close()
+
+
+def cached(tmp_path: Path) -> list[str]:
+    """The names of the files in the cache."""
+    return sorted(path.name for path in (tmp_path / "cache").rglob("*") if path.is_file())
+
+
+# ---- the table
+
+
+@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+def test_the_table_has_a_row_for_each_file() -> None:
+    files = {path.relative_to(RESULTS).as_posix(): path for path in (RESULTS / "policies").rglob("*.safetensors")}
+    assert files.keys() == {model.file for model in models().values()}
+    for model in models().values():
+        content = files[model.file].read_bytes()
+        assert (model.size, model.sha256) == (len(content), hashlib.sha256(content).hexdigest()), model.name
+        assert 0 <= model.wins <= 1
+
+
+@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+def test_the_table_agrees_with_the_headers() -> None:
+    pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
+    from outlast.training.policy_file import read_header
+
+    for model in models().values():
+        header = read_header(RESULTS / model.file, ("plan", "steps", "preset"))
+        told = header["preset"], header["plan"]["seed"], header["steps"]
+        assert (model.preset, model.seed, model.steps) == told, model.name
+
+
+def test_they_are_listed(capsys: Any) -> None:
+    status, out, err = run(capsys, "models")
+    head, *lines = out.splitlines()
+    assert (status, err, head.split()[-1]) == (0, "", "name")
+    assert [line.split()[-1] for line in lines] == [*models()]
+    (line,) = (line for line in lines if line.endswith(f" {NAME}"))
+    known = models()[NAME]
+    numbers = [f"{known.steps:,}", f"{known.wins:.3f}", f"{known.size:,}", known.sha256[:12]]
+    assert line.split() == [known.preset, "0", *numbers, NAME]
+
+
+# ---- names and paths
+
+
+def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is in the working directory; a folder of that name is meant by "./" in front, or by a Path."""
+    monkeypatch.chdir(tmp_path)
+    Path(NAME).mkdir(parents=True)
+    (newest := Path(NAME, "steps_0000000512.zip")).touch()
+    assert parse_mixture(f"{NAME}:2,scripted") == {NAME: 2.0, "scripted": 1.0}
+    assert (policy_file(NAME, ()), is_saved(NAME), text_of(NAME)) == (NAME, True, NAME)
+    for given in (f"./{NAME}", Path(NAME)):
+        assert located(given) == newest
+        assert checked_entries([(given, 1)]) == [(str(newest), 1.0)]
+    assert not is_saved(f"./{NAME}")
+    assert checked_entries([(NAME, 1), (f"./{NAME}", 1)]) == [(NAME, 1.0), (str(newest), 1.0)]
+
+
+@pytest.mark.parametrize("name", ["teams_3/fast-9", "teams_3/fst-0"])
+def test_unknown_names_are_refused(name: str) -> None:
+    words = r"did you mean teams_3/fast-0.*a model's name, FILE\.zip, .* is needed"
+    for ask in (located, parse_mixture):
+        with pytest.raises(UsageError, match=rf"{name}: {words}"):
+            ask(name)
+
+
+# ---- files
+
+
+@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+def test_a_checkout_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pooch", None)
+    assert fetched(NAME) == located(NAME) == RESULTS / "policies" / f"{NAME}.safetensors"
+
+
+@pytest.mark.parametrize("name", [NAME, LONG])
+def test_they_are_downloaded_once(server: Server, tmp_path: Path, name: str) -> None:
+    first = fetched(name)
+    assert first.read_bytes() == (RESULTS / models()[name].file).read_bytes()
+    assert first.is_relative_to(tmp_path / "cache")
+    assert fetched(name) == first
+    assert len(server.asked) == 1
+    first.write_bytes(b"broken")  # as by a full disk
+    assert fetched(name) == first
+    assert hashlib.sha256(first.read_bytes()).hexdigest() == models()[name].sha256
+    assert len(server.asked) == 2
+    server.close()
+    assert fetched(name) == first
+    server.close = lambda: None  # type: ignore[method-assign]
+
+
+def test_nothing_stays_of_a_download_that_fails(server: Server, tmp_path: Path) -> None:
+    """Another content, an error of the server, a connection that breaks off."""
+    another = rf"{NAME}: what is at http.* is another file, by its checksum; nothing was kept; set {ADDRESS}"
+    failures: list[tuple[dict[str, Any], str]] = [
+        ({"content": b"another"}, another),
+        (
+            {"status": 404},
+            rf"{NAME} cannot be downloaded from http.*: 404 Not Found; connect .* {ADDRESS}",
+        ),
+        ({"cut": 100}, rf"{NAME} (cannot be downloaded|: what is at) .*"),
+    ]
+    for changes, words in failures:
+        vars(server).update({"content": None, "status": 200, "cut": 0} | changes)
+        with pytest.raises(UsageError, match=words) as refused:
+            fetched(NAME)
+        assert len(str(refused.value).splitlines()) == 1
+        assert cached(tmp_path) == []
+    vars(server).update({"content": None, "status": 200, "cut": 0})
+    fetched(NAME)
+    assert cached(tmp_path) == ["fast-0.safetensors"]
+
+
+def test_without_a_network_the_message_names_the_cure(server: Server, tmp_path: Path) -> None:
+    server.close()
+    with pytest.raises(UsageError, match=rf"{NAME} cannot be downloaded from .*; connect to the .*, or set {ADDRESS}"):
+        fetched(NAME)
+    assert cached(tmp_path) == []
+    server.close = lambda: None  # type: ignore[method-assign]
+
+
+def test_without_pooch_the_message_names_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ADDRESS, "http://127.0.0.1:9/results")
+    monkeypatch.setitem(sys.modules, "pooch", None)
+    with pytest.raises(UsageError, match=rf"{NAME} is downloaded by pooch: pip install 'outlast\[models\]'"):
+        fetched(NAME)
+
+
+@pytest.mark.parametrize("form", [str, Path.as_uri])
+def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its files are read where they are, if they are the ones of the table."""
+    if not RESULTS.is_dir():
+        pytest.skip("results are not part of this archive")
+    there = tmp_path / "a b" / models()[NAME].file
+    there.parent.mkdir(parents=True)
+    monkeypatch.setenv(ADDRESS, form(tmp_path / "a b"))
+    with pytest.raises(UsageError, match=rf"{NAME}: .* cannot be read \(No such file .*\): set {ADDRESS} to a folder"):
+        fetched(NAME)
+    there.write_bytes((RESULTS / models()[NAME].file).read_bytes())
+    assert fetched(NAME) == there
+    there.write_bytes(b"another")
+    with pytest.raises(UsageError, match=f"{NAME}: .* is not the file that was kept, by its checksum: restore it"):
+        fetched(NAME)
+
+
+def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked = list[str]()
+    monkeypatch.delenv(ADDRESS, raising=False)
+    monkeypatch.setattr(table, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.setattr(table, "_downloaded", lambda model, address: asked.append(address))
+    monkeypatch.setattr(table, "metadata", lambda name: Described("Source, https://host/outlast"))
+    with pytest.raises(UsageError, match=f"knows no address of its results: set {ADDRESS} to a folder or an address"):
+        fetched(NAME)
+    monkeypatch.setattr(table, "metadata", lambda name: Described("Results, https://host/raw/results"))
+    fetched(NAME)
+    fetched(LONG)
+    name = LONG.replace("+", "%2B").replace("=", "%3D")
+    assert asked == [f"https://host/raw/results/policies/{each}.safetensors" for each in (NAME, name)]
+
+
+class Described:
+    """The metadata of a package with one address."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+
+    def get_all(self, key: str) -> list[str]:
+        """Return what a key has."""
+        return {"Project-URL": [self.address]}[key]
+
+
+# ---- playing
+
+
+def test_models_play_wherever_policies_do(capsys: Any) -> None:
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
+    if not RESULTS.is_dir():
+        pytest.skip("results are not part of this archive")
+    from outlast.training.config import TrainingConfig, parse_warm_start
+    from outlast.training.trainer import Trainer
+
+    player = outlast.load_policy(NAME)
+    assert (player.header["steps"], player.critic) == (models()[NAME].steps, True)
+    small = ("--worlds=2", "--steps=10", "--quiet")
+    for policy, others in ((NAME, "scripted"), ("scripted", f"{NAME}:2,noop:1")):
+        status, out, _ = run(capsys, "rollout", "teams_3", "--policy", policy, "--others", others, *small)
+        assert (status, NAME in out) == (0, True)
+    found = outlast.evaluate("teams_3", [NAME, "teams_3/original-1"], episodes=2, worlds=2, quiet=True)
+    assert [(each.label, each.text) for each in found.chosen] == [
+        ("fast-0", NAME),
+        ("original-1", "teams_3/original-1"),
+    ]
+    config = functools.partial(TrainingConfig, outlast.variant("teams_3"), worlds=2, rollout=64)
+    against = Trainer(config(opponents={"self": 1.0, NAME: 1.0}))
+    against.collect()
+    assert against.config.header()["plan"]["opponents"] == f"self:1,{NAME}:1"
+    assert [parse_warm_start(text) for text in (NAME, f"{NAME}:2e6")] == [(NAME, 0), (NAME, 2_000_000)]
+    begun = Trainer(config(warm_start=NAME))
+    begun.take_weights()
+    assert begun.config.header()["plan"]["warm_start"] == NAME
