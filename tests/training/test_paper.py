@@ -192,7 +192,7 @@ def test_tables_are_of_all_games_that_are_there(
 ) -> None:
     """Also where one is asked for after the other; films are of that one."""
     filmed = list[str]()
-    monkeypatch.setattr(output, "_film", lambda scenario, run, path: filmed.append(path.name) or path)
+    monkeypatch.setattr(output, "_film", lambda scenario, policy, path: filmed.append(path.name) or path)
     runs, study = [f"{game}-0" for game in games], tmp_path / part
     curves, measured = read_curves(RESULTS / part / FILE), mended.read_measured(RESULTS / part / mended.FILE)
     study.mkdir()
@@ -238,7 +238,12 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     table = (tmp_path / "mended/measured.md").read_text()
     assert table.count("\n") == 4
     assert "| teams_2+bounty | 2 |" in table
-    for name in ("ffa_2+bounty.webm", "ffa_2/curves.png", "teams_2/curves.png", "ffa_2+bounty-fast-1.zip"):
+    for name in (
+        "ffa_2+bounty.webm",
+        "ffa_2/curves.png",
+        "teams_2/curves.png",
+        "../policies/ffa_2+bounty/pool-1.safetensors",
+    ):
         assert (tmp_path / "mended" / name).stat().st_size > 1000
     evaluation = tmp_path / "runs/mended/ffa_2+bounty-fast-0/measured/evaluation.json"
     played: Any = json.loads(evaluation.read_text())
@@ -269,9 +274,11 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
     for name in names:
-        for end in (".png", ".webm", "-0.zip"):
+        for end in (".png", ".webm"):
             assert (tmp_path / "text" / f"{name}{end}").exists()
     assert [*read_curves(tmp_path / "text" / FILE)] == [f"{name}-0" for name in names]
+    policies = [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*.safetensors"))]
+    assert policies == [f"policies/teams_2/{name}-0.safetensors" for name in ("original", "paper", "scaled")]
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
     assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]

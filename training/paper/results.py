@@ -268,7 +268,14 @@ def _difference(one: RunResult, other: RunResult) -> str:
 
 
 def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
-    """Curves and policies to keep, by path, beside those of other runs that the folder keeps already.
+    """Curves and policies to keep, by path. Raises TrainingError where a run would take the place of another one."""
+    policies = {folder / f"{run.name}.zip": _newest_checkpoint(run.origin) for run in runs}
+    contents = {path: policy_only(source) for path, source in policies.items() if source}
+    return curves_to_keep(runs, folder) | contents
+
+
+def curves_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
+    """Curves to keep, by path, with those of other runs that the folder keeps already.
 
     Raises:
         TrainingError: A run would take the place of another one.
@@ -278,9 +285,7 @@ def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
         if run.name in kept and (difference := _difference(read_kept(folder / run.name), run)):
             raise TrainingError(f"{folder} keeps another {run.name}: {difference}: choose another folder with --keep")
     kept |= {run.name: (run.about, run.curves) for run in runs}
-    policies = {folder / f"{run.name}.zip": _newest_checkpoint(run.origin) for run in runs}
-    contents = {path: policy_only(source) for path, source in policies.items() if source}
-    return {folder / FILE: format_curves(dict(sorted(kept.items())))} | contents
+    return {folder / FILE: format_curves(dict(sorted(kept.items())))}
 
 
 def policy_only(checkpoint: Path) -> bytes:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from statistics import mean
 
-from outlast.envs.rollout.saved import checkpoints
+from outlast.envs.rollout.saved import checkpoints, newest
 from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
@@ -21,6 +21,7 @@ from ..paper.curves import PAPER_STEPS
 from ..paper.results import kept_runs
 from ..plots.panels import hours
 from ..plots.runs import load
+from ..policy_file import SUFFIX
 
 PARTS = {
     "original": "the eight variants, with the authors' networks and numbers",
@@ -33,6 +34,7 @@ SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # presets that take
 FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
 MANY_WORLDS = ("ffa_2", "ffa_3")  # except in these: with 64, they end where the paper does; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
+KEPT_AS = "pool"  # what policies of mended games are called, as those of the preset alone are others
 POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
 SINGLE = {
     "ffa_2": ("health_cap", "bounty", "rivalry", "steering"),
@@ -100,6 +102,16 @@ class Experiment:
     def folder(self, out: Path, seed: int) -> Path:
         """The folder of a run."""
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
+
+    def policy(self, out: Path, run: Path) -> Path:
+        """The policy of a run in `results`: its newest checkpoint, or what is kept of that."""
+        return newest(run) if run.is_dir() else self.kept_policy(out, run)
+
+    def kept_policy(self, out: Path, run: Path) -> Path:
+        """The file in which the policy of a run is kept."""
+        kind = KEPT_AS if self.part == "mended" else self.preset
+        seed = run.name.rpartition("-")[2]
+        return out / "policies" / self.name / f"{kind}-{seed}{SUFFIX}"
 
     @property
     def film(self) -> str:

@@ -10,11 +10,13 @@ from outlast.envs.rendering.video.codecs import compress
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 
+from .. import policy_file
 from ..curves import FILE, format_curves, rounded, thinned
 from ..errors import TrainingError
 from ..files import write_files
 from ..paper.report import figures_and_tables
-from ..paper.results import files_to_keep, group_runs, kept_runs, load_runs, policy_only
+from ..paper.results import curves_to_keep, group_runs, kept_runs, load_runs
+from ..player import weights_of
 from ..plots.plot import plot
 from . import mended
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
@@ -52,14 +54,14 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     else:
         yield from _beside_the_paper(part, there, out, progress)
     for each in chosen:
-        yield _film(each.scenario, each.results(out)[0], out / part / each.film)
+        yield _film(each.scenario, each.policy(out, each.results(out)[0]), out / part / each.film)
         progress(1)
 
 
 def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
     """Results to keep, figures and tables."""
     runs = load_runs(place for each in there for place in each.results(out))
-    yield from _written(files_to_keep(runs, out / part))
+    yield from _written(curves_to_keep(runs, out / part) | _policies(there, out))
     games = {each.game for each in there}
     others = [each for each in experiments([FIRST]) if part != FIRST and each.game in games]
     beside = load_runs(place for each in others for place in each.results(out))
@@ -71,7 +73,7 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
 def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
     """Policies, curves and what was measured, to keep; a table, and a figure for each variant."""
     study = out / part
-    curves, measured, policies = kept_runs(study), mended.read_measured(study / mended.FILE), dict[Path, bytes]()
+    curves, measured = kept_runs(study), mended.read_measured(study / mended.FILE)
     for each in there:
         for run in each.results(out):
             if run.is_dir():
@@ -79,7 +81,6 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
                 measured[run.name] = mended.rows(run)
                 (result,) = load_runs([run])
                 curves[run.name] = result.about, rounded(thinned(result.curves, POINTS), DIGITS)
-                policies[study / f"{run.name}.zip"] = policy_only(newest(run))
             elif run.name not in measured:
                 raise TrainingError(f"{study / mended.FILE} has nothing on {run.name}, and its folder is not there")
             progress(1)
@@ -87,7 +88,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
     kept |= {mended.FILE: mended.format_measured(dict(sorted(measured.items())))}
     shown = {each.name: [measured[run.name] for run in each.results(out)] for each in there}
     kept |= {"measured.md": (mended.table(shown) + "\n").encode()}
-    yield from _written({study / name: content for name, content in kept.items()} | policies)
+    yield from _written({study / name: content for name, content in kept.items()} | _policies(there, out))
     changed = sorted({pair.partition("=")[0] for each in there for pair in each.numbers})
     runs = dict[str, list[Path]]()
     for each in there:
@@ -107,9 +108,14 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
     return list(contents)
 
 
-def _film(game: Scenario, run: Path, path: Path) -> Path:
-    """Film an episode of a run's last policy."""
-    policy = newest(run) if run.is_dir() else run.with_name(f"{run.name}.zip")
+def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:
+    """Policies to keep of the runs whose folders are there, by path."""
+    runs = ((each, run) for each in there for run in each.results(out) if run.is_dir())
+    return {each.kept_policy(out, run): policy_file.content(*weights_of(newest(run))) for each, run in runs}
+
+
+def _film(game: Scenario, policy: Path, path: Path) -> Path:
+    """Film an episode of a policy."""
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
     with tempfile.TemporaryDirectory() as folder:
