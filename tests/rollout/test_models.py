@@ -15,10 +15,11 @@ import pytest
 
 import outlast
 from outlast.envs.errors import UsageError
-from outlast.envs.rollout import models as table
 from outlast.envs.rollout.mixture import checked_entries, parse_mixture
-from outlast.envs.rollout.models import ADDRESS, RESULTS, fetched, models
+from outlast.envs.rollout.models import fetched, models
 from outlast.envs.rollout.saved import is_saved, located, policy_file, text_of
+from outlast.envs.storage import kept_results
+from outlast.envs.storage.kept_results import ADDRESS, RESULTS
 from tests.conftest import run
 
 NAME = "teams_3/fast-0"
@@ -227,12 +228,15 @@ def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch: pytest.M
 def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked = list[str]()
     monkeypatch.delenv(ADDRESS, raising=False)
-    monkeypatch.setattr(table, "RESULTS", tmp_path / "nowhere")
-    monkeypatch.setattr(table, "_downloaded", lambda model, address: asked.append(address))
-    monkeypatch.setattr(table, "metadata", lambda name: Described("Source, https://host/outlast"))
-    with pytest.raises(UsageError, match=f"knows no address of its results: set {ADDRESS} to a folder or an address"):
+    monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.setattr(kept_results, "_downloaded", lambda address, *given: asked.append(address))
+    monkeypatch.setattr(kept_results, "metadata", lambda name: Described("Source, https://host/outlast"))
+    with pytest.raises(
+        UsageError,
+        match=f"{NAME}: an installed .* knows no address of them: set {ADDRESS} to a folder",
+    ):
         fetched(NAME)
-    monkeypatch.setattr(table, "metadata", lambda name: Described("Results, https://host/raw/results"))
+    monkeypatch.setattr(kept_results, "metadata", lambda name: Described("Results, https://host/raw/results"))
     fetched(NAME)
     fetched(LONG)
     name = LONG.replace("+", "%2B").replace("=", "%3D")

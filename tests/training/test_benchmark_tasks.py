@@ -1,14 +1,18 @@
 """Tasks never change meaning: their games are as pinned, and fit the protocol."""
 
+import csv
+import hashlib
 from pathlib import Path
 
 import pytest
 
 from outlast import make_vec
+from outlast.envs.errors import UsageError
+from outlast.envs.storage.kept_results import ADDRESS
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark.suite import FOLDER, suite
+from outlast.training.benchmark.suite import FOLDER, TABLE, suite
 from outlast.training.benchmark.tasks import BUDGETS, GAMES, SEEDS, check_training_seed, task_of, tasks, track_of
 from outlast.training.errors import TrainingError
 from tests.conftest import COMPILED
@@ -99,6 +103,28 @@ def test_anchors_that_are_shipped_are_of_their_task(path: Path) -> None:
     assert sum(member.file is not None for member in members) >= 8
 
 
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
+def test_the_package_knows_the_checksums_of_anchors() -> None:
+    with TABLE.open(newline="") as file:
+        known = {row["task"]: row["sha256"] for row in csv.DictReader(file)}
+    files = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest() for path in FOLDER.glob("*.safetensors")}
+    assert known == files
+    assert known.keys() == set(tasks())
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
+def test_an_installed_outlast_fetches_anchors(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """And plays against no smaller suite where it cannot."""
+    expected = suite(task_of("ffa_1-v1"))
+    monkeypatch.setattr("outlast.training.benchmark.suite.FOLDER", tmp_path / "nowhere/anchors")
+    monkeypatch.setenv(ADDRESS, str(FOLDER.parent))
+    assert suite(task_of("ffa_1-v1")) == expected
+    monkeypatch.setenv(ADDRESS, str(tmp_path))
+    with pytest.raises(UsageError, match=rf"the anchors of ffa_1-v1: .* cannot be read .*: set {ADDRESS}"):
+        suite(task_of("ffa_1-v1"))
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
 def test_styles_are_beaten_where_flaws_are_mended() -> None:
     """What docs/benchmark.md says of the ratings."""
     assert {path.stem for path in FOLDER.glob("*.safetensors")} == set(tasks())

@@ -4,6 +4,7 @@ These are scripted styles, and anchors: frozen policies. For each task, `outlast
 anchors/TASK.safetensors with all its anchors and the ratings of the whole suite in that task.
 """
 
+import csv
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 import torch
 
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from outlast.envs.storage.kept_results import RESULTS, kept_file
 
 from .. import checkpoint, policy_file, run_header
 from ..errors import TrainingError
@@ -24,7 +26,8 @@ from .result import BEST, SELF, Content, Result, are_finite
 from .tasks import PROTOCOL, Task
 
 STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
-FOLDER = Path(__file__).resolve().parents[2] / "results" / "anchors"
+FOLDER = RESULTS / "anchors"
+TABLE = Path(__file__).with_name("anchors.csv")  # checksums of its files
 RATED = "suite"  # the part of an anchors' file that is about the whole suite
 OWN = ("steps", "plan")  # parts of run.json that each anchor has for itself
 Weights = dict[str, np.ndarray[Any, Any]]
@@ -62,15 +65,25 @@ class Member:
 def suite(task: Task) -> list[Member]:
     """The suite of a task: styles, then anchors.
 
-    Raises TrainingError if its file is none, or was made in another game.
+    Raises TrainingError if its file is none, or was made in another game; UsageError if it cannot be fetched.
     """
-    place = FOLDER / f"{task.name}{policy_file.SUFFIX}"
+    place = _place(task)
     if not place.exists():
         return [Member(name) for name in STYLES]
     rated, anchors = read_anchors(place)
     if other := difference(rated["fingerprint"], fingerprint(task.games[0].scenario)):
         raise TrainingError(f"{place}: its ratings are of another game {other}")
     return [_member(entry, place, anchors.get(entry["name"])) for entry in rated["members"]]
+
+
+def _place(task: Task) -> Path:
+    """The file of a task's anchors; fetched where no results are. Raises UsageError."""
+    place = FOLDER / f"{task.name}{policy_file.SUFFIX}"
+    if FOLDER.parent.is_dir():
+        return place
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        known = {row["task"]: row["sha256"] for row in csv.DictReader(file)}
+    return kept_file(f"anchors/{place.name}", known[task.name], f"the anchors of {task.name}")
 
 
 def _member(entry: Content, place: Path, anchor: Anchor | None) -> Member:

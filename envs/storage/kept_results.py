@@ -1,0 +1,96 @@
+"""Files of results/, which the package does not hold: found in the checkout, or fetched, and known by their checksums.
+
+They come from the checkout that outlast was installed from, or from where results are published, through pooch, which
+keeps them in the cache. A variable of the environment names another place.
+"""
+
+import hashlib
+import os
+from importlib.metadata import PackageNotFoundError, metadata
+from pathlib import Path
+from urllib.parse import quote, urlsplit
+from urllib.request import url2pathname
+
+from outlast.ecs.cache_folder import cache_folders
+
+from ..errors import UsageError, install
+
+RESULTS = Path(__file__).resolve().parents[2] / "results"  # of a checkout; a wheel has none
+ADDRESS = "OUTLAST_RESULTS_URL"  # the variable that names another place of results
+LABEL = "Results"  # of the address in the project's metadata
+SECONDS = 30  # that a server may be silent
+
+
+def kept_file(file: str, sha256: str, what: str) -> Path:
+    """Return a file of the results, which has this checksum.
+
+    Args:
+        file: Its path in results/.
+        sha256: Its checksum.
+        what: What it is called in errors.
+
+    Raises:
+        UsageError: It cannot be had.
+    """
+    given = os.environ.get(ADDRESS, "")
+    address = given or (str(RESULTS) if RESULTS.is_dir() else _published(what))
+    if urlsplit(address).scheme in ("http", "https"):
+        return _downloaded(f"{address.rstrip('/')}/{quote(file)}", file, sha256, what)
+    folder = Path(url2pathname(urlsplit(address).path)) if address.startswith("file:") else Path(address)
+    return _checked(folder.expanduser() / file, sha256, what)
+
+
+def _checked(path: Path, sha256: str, what: str) -> Path:
+    """Return the path, if that file has the checksum. Raises UsageError."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        cure = f"set {ADDRESS} to a folder or an address with outlast's results"
+        raise UsageError(f"{what}: {path} cannot be read ({error.strerror}): {cure}") from error
+    if hashlib.sha256(content).hexdigest() != sha256:
+        cure = "restore it; a policy that is named by its path plays as it is"
+        raise UsageError(f"{what}: {path} is not the file that was kept, by its checksum: {cure}")
+    return path
+
+
+def _published(what: str) -> str:
+    """Return the address of the results in the project's metadata. Raises UsageError."""
+    try:
+        lines: list[str] = metadata("outlast").get_all("Project-URL") or []
+    except PackageNotFoundError:  # outlast was imported from a folder without being installed
+        lines = []
+    addresses: dict[str, str] = dict(line.split(", ", 1) for line in lines)
+    if LABEL not in addresses:
+        cure = f"set {ADDRESS} to a folder or an address with them, such as results of a checkout"
+        raise UsageError(f"{what}: an installed outlast has no results, and knows no address of them: {cure}")
+    return addresses[LABEL]
+
+
+def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
+    """Return the file in the cache, downloaded if it is not there. Raises UsageError."""
+    try:
+        import pooch  # imported here, as a checkout needs none
+    except ModuleNotFoundError as error:
+        raise UsageError(f"{what} is downloaded by {error.name}: {install('models')}") from error
+    folder = cache_folders().writable
+    if folder is None:
+        raise UsageError(f"{what} has no folder to be downloaded to: name one in OUTLAST_CACHE_DIR")
+    target, loader = folder / file, pooch.HTTPDownloader(timeout=SECONDS)
+    pooch.get_logger().setLevel("WARNING")
+    try:
+        found = pooch.retrieve(address, f"sha256:{sha256}", target.name, target.parent, downloader=loader)
+    except OSError as error:
+        cure = f"connect to the network, or set {ADDRESS} to another address or a folder"
+        raise UsageError(f"{what} cannot be downloaded from {address}: {_reason(error)}; {cure}") from error
+    except ValueError as error:  # of pooch, about the checksum
+        cure = f"nothing was kept; set {ADDRESS} to the results of this version of outlast"
+        raise UsageError(f"{what}: what is at {address} is another file, by its checksum; {cure}") from error
+    return Path(found)
+
+
+def _reason(error: OSError) -> str:
+    """Return the first line of an error of a connection, without the objects in it."""
+    response = getattr(error, "response", None)
+    if response is not None:
+        return f"{response.status_code} {response.reason}"
+    return type(error).__name__ if not error.strerror else error.strerror
