@@ -19,7 +19,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import PIL.Image
 
 import outlast
 from outlast.components import Bag, Body, Item, Shape
@@ -41,6 +40,8 @@ Image = np.ndarray[Any, Any]
 
 def small_png(image: Image) -> bytes:
     """A picture, uint8 (height, width, 3) RGB, as a PNG of at most 256 colours, a third as large as one of all."""
+    import PIL.Image  # here, as tests ask what pictures there are without it
+
     file = io.BytesIO()
     PIL.Image.fromarray(image).quantize(256, dither=PIL.Image.Dither.NONE).save(file, "png", optimize=True)
     return file.getvalue()
