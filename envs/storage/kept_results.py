@@ -1,6 +1,6 @@
 """Files of results/, which the package does not hold: found in the checkout, or fetched, and known by their checksums.
 
-They come from the checkout that outlast was installed from, or from where results are published, through pooch, which
+They come from the checkout that outlast runs from or in, or from where results are published, through pooch, which
 keeps them in the cache. A variable of the environment names another place.
 """
 
@@ -16,6 +16,7 @@ from outlast.ecs.cache_folder import cache_folders
 from ..errors import UsageError, install
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"  # of a checkout; a wheel has none
+HERE = "results"  # of a checkout that is the working directory, from which outlast may have been installed
 ADDRESS = "OUTLAST_RESULTS_URL"  # the variable that names another place of results
 LABEL = "Results"  # of the address in the project's metadata
 SECONDS = 30  # that a server may be silent
@@ -32,8 +33,8 @@ def kept_file(file: str, sha256: str, what: str) -> Path:
     Raises:
         UsageError: It cannot be had.
     """
-    given = os.environ.get(ADDRESS, "")
-    address = given or (str(RESULTS) if RESULTS.is_dir() else _published(what))
+    folders = [str(RESULTS)] * RESULTS.is_dir() + [HERE] * Path(HERE, file).is_file()
+    address = os.environ.get(ADDRESS) or (folders[0] if folders else _published(what))
     if urlsplit(address).scheme in ("http", "https"):
         return _downloaded(f"{address.rstrip('/')}/{quote(file)}", file, sha256, what)
     folder = Path(url2pathname(urlsplit(address).path)) if address.startswith("file:") else Path(address)

@@ -155,6 +155,15 @@ def test_a_checkout_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fetched(NAME) == located(NAME) == RESULTS / "policies" / f"{NAME}.safetensors"
 
 
+@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+def test_an_installed_outlast_finds_them_in_a_checkout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """If that is the working directory, as where it was installed from."""
+    monkeypatch.delenv(ADDRESS, raising=False)
+    monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.chdir(RESULTS.parent)
+    assert fetched(NAME).resolve() == RESULTS / models()[NAME].file
+
+
 @pytest.mark.parametrize("name", [NAME, LONG])
 def test_they_are_downloaded_once(server: Server, tmp_path: Path, name: str) -> None:
     first = fetched(name)
@@ -229,6 +238,7 @@ def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch: pyte
     asked = list[str]()
     monkeypatch.delenv(ADDRESS, raising=False)
     monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kept_results, "_downloaded", lambda address, *given: asked.append(address))
     monkeypatch.setattr(kept_results, "metadata", lambda name: Described("Source, https://host/outlast"))
     with pytest.raises(
