@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import sys
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from outlast.training.benchmark import (  # noqa: E402
     anchors,
     crossplay,
     described,
+    keeping,
     kept,
     matches,
     result,
@@ -37,6 +37,7 @@ from outlast.training.benchmark import (  # noqa: E402
 from outlast.training.benchmark import entry as entries  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
 from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
+from outlast.training.benchmark.games import Games  # noqa: E402
 from outlast.training.benchmark.matches import digest  # noqa: E402
 from outlast.training.benchmark.result import Content, Result  # noqa: E402
 from outlast.training.benchmark.verify import checks, cross_checks  # noqa: E402
@@ -289,10 +290,10 @@ def with_match(first: Result, *pair: Contender, games: int = 64) -> Result:
     return Result(first.folder, first.content | {"matches": [match]})
 
 
-@pytest.mark.parametrize("side", ["policy.zip", "scripted"])
+@pytest.mark.parametrize("side", ["policy.safetensors", "scripted"])
 def test_one_altered_action_is_found(first: Result, side: str) -> None:
     """So nobody can play a match again until it goes well: of neither side, not even one action of a thousand."""
-    names = [str(first.folder / "policy.zip"), "scripted"]
+    names = [str(first.folder / "policy.safetensors"), "scripted"]
     pair = [Altered(name, one_other) if name.endswith(side) else Contender("other", name) for name in names]
     (found,) = [each.wrong for check in checks(with_match(first, *pair)) if (each := check()).wrong]
     assert re.search(rf"{side} did not play it: in world 0, tick 1, agent [01] it chooses \[.*\], not \[", found)
@@ -314,7 +315,7 @@ def test_of_networks_what_is_within_rounding_is_counted(
         differ[0] += int((choice != last).any(1).sum())
         return last
 
-    altered = Altered(str(first.folder / "policy.zip"), change, 2**-8, keyed)
+    altered = Altered(str(first.folder / "policy.safetensors"), change, 2**-8, keyed)
     entry = with_match(first, altered, Contender("scripted", "scripted"))
     entry.matches[0]["keyed"] = keyed
     monkeypatch.setattr(matches, "ROUNDING", 2**-7)
@@ -325,15 +326,15 @@ def test_of_networks_what_is_within_rounding_is_counted(
     assert bool(match.missing) == (not keyed)
     assert whole.of([match]).wrong == ("" if differ[0] <= 3 else "more of its actions differ than rounding explains")
     monkeypatch.setattr(matches, "ROUNDING", 2**-30)
-    assert "policy.zip did not play it" in checks(entry)[1]().wrong
+    assert "policy.safetensors did not play it" in checks(entry)[1]().wrong
 
 
 def test_another_policy_is_found(first: Result, results: Path) -> None:
-    shutil.copy(results / str(BUDGET) / NAME / "fast/1" / "policy.zip", first.folder)
-    assert wrong(first)[0] == "policy.zip is another file than the one that was tested"
-    first.content["policy"]["digest"] = digest(first.folder / "policy.zip")
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1" / "policy.safetensors", first.folder)
+    assert wrong(first)[0] == "policy.safetensors is another file than the one that was tested"
+    first.content["policy"]["digest"] = digest(first.folder / "policy.safetensors")
     (found,) = wrong(first)
-    assert "policy.zip did not play it" in found
+    assert "policy.safetensors did not play it" in found
 
 
 @pytest.mark.parametrize(
@@ -341,7 +342,7 @@ def test_another_policy_is_found(first: Result, results: Path) -> None:
 )
 def test_what_is_said_of_a_policy_is_what_its_file_says(first: Result, what: str, said: Any, by_file: Any) -> None:
     first.content["policy"][what] = said
-    assert wrong(first) == [f"{what} of policy.zip is {said} in the result, and {by_file} by the file"]
+    assert wrong(first) == [f"{what} of policy.safetensors is {said} in the result, and {by_file} by the file"]
 
 
 def test_another_opponent_or_game_is_found(first: Result) -> None:
@@ -359,13 +360,13 @@ def test_another_opponent_or_game_is_found(first: Result) -> None:
 
 def test_another_response_is_found(first: Result, results: Path) -> None:
     """One that was trained otherwise; the policy itself, which it never beats."""
-    shutil.copy(first.folder / "policy.zip", first.folder / "response.zip")
+    shutil.copy(first.folder / "policy.safetensors", first.folder / "response.safetensors")
     first.content["response"] = first.content["policy"]
-    assert wrong(first)[0] == "response.zip was not trained against policy.zip, but self:1"
-    shutil.copy(results / str(BUDGET) / NAME / "fast/1/response.zip", first.folder)
+    assert wrong(first)[0] == "response.safetensors was not trained against policy.safetensors, but self:1"
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1/response.safetensors", first.folder)
     first.content["response"] = result.read(results / str(BUDGET) / NAME / "fast/1" / result.NAME).content["response"]
-    assert wrong(first)[0] == "response.zip was trained otherwise than best responses are: seed is 1, not 0"
-    kept = results / str(BUDGET) / NAME / "fast/0/response.zip"
+    assert wrong(first)[0] == "response.safetensors was trained otherwise than best responses are: seed is 1, not 0"
+    kept = results / str(BUDGET) / NAME / "fast/0/response.safetensors"
     for plan, steps, numbers, words in (
         ({"settings": {"learning_rate": 1e-9}}, {}, {}, "otherwise than best responses are: settings is .*, not {}"),
         ({"dead": "drop"}, {}, {}, "otherwise than best responses are: dead is drop, not keep"),
@@ -373,9 +374,9 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
         ({}, {}, {"heals_count": 3}, "otherwise than best responses are: game is False, not True"),
         ({}, {"steps": 256}, {}, "for 256 agent-steps, not for 512"),
     ):
-        _change(kept, first.folder / "response.zip", plan, numbers, **steps)
-        first.content["response"] = described.described(first.folder / "response.zip", tasks.task_of(NAME))
-        assert re.match(f"response.zip was trained {words}", wrong(first)[0])
+        _change(kept, first.folder / "response.safetensors", plan, numbers, **steps)
+        first.content["response"] = described.described(first.folder / "response.safetensors", tasks.task_of(NAME))
+        assert re.match(f"response.safetensors was trained {words}", wrong(first)[0])
 
 
 @pytest.mark.parametrize(("share", "fine"), [(1, True), (0.71, True), (0.7, False), (1.01, False)])
@@ -390,8 +391,8 @@ def test_errors_may_count_all_episodes_as_they_once_did(first: Result, share: fl
 
 def test_a_response_may_be_trained_by_any_number_of_threads(first: Result, tmp_path: Path) -> None:
     """As `--threads` says."""
-    _change(first.folder / "response.zip", tmp_path / "response.zip", {"threads": 3}, {})
-    assert described.wrong_with_response(tmp_path / "response.zip", tasks.task_of(NAME), 0, BUDGET) == ""
+    _change(first.folder / "response.safetensors", tmp_path / "response.safetensors", {"threads": 3}, {})
+    assert described.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
 
 
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
@@ -578,7 +579,7 @@ def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) 
 
 def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Else an interval over seeds would be of no training but that one."""
-    own = results / str(BUDGET) / NAME / "fast/1/policy.zip"
+    own = results / str(BUDGET) / NAME / "fast/1/policy.safetensors"
     words = ["benchmark", "run", NAME, "--agent", f"one={own}", "--seed", "0", "1", "--out", str(tmp_path)]
     assert main(words) == 2
     assert "is one training, whatever the seed: name one --seed, or put {seed} in it" in capsys.readouterr().err
@@ -608,7 +609,7 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
     own = entered(tmp_path, results / str(BUDGET) / "{task}/fast/{seed}/trained", 1)
     known = json.loads((results / str(BUDGET) / NAME / "fast/1" / result.NAME).read_text())["policy"]
     assert own == known
-    changed = tmp_path / "changed.zip"
+    changed = tmp_path / "changed.safetensors"
     for plan, game, expected in (
         ({"opponents": "self:1,scripted:0.5"}, {}, (["scripted"], True)),
         ({"warm_start": "scripted:2e6"}, {}, (["scripted"], True)),
@@ -619,10 +620,10 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
         ({"levels": "choose"}, {}, ([], False)),
         ({}, {"heals_count": 3}, ([], False)),
     ):
-        _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, plan, game)
+        _change(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", changed, plan, game)
         found = entered(tmp_path / str(expected) / str(len(plan)) / "-".join(plan), changed)
         assert (found["met"], found["of_task"]) == expected
-    _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, {"seed": 2**62}, {})
+    _change(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", changed, {"seed": 2**62}, {})
     with pytest.raises(TrainingError, match="kept for the worlds of tests"):
         entered(tmp_path / "seed", changed)
     with pytest.raises(TrainingError, match=r"mine, quick-v1, seed 0: there is no .*absent"):
@@ -631,13 +632,10 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
 
 def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str, Any], **more: Any) -> None:
     """Another file of the same policy, whose run.json says otherwise."""
-    with zipfile.ZipFile(source) as given, zipfile.ZipFile(target, "w") as changed:
-        header = json.loads(given.read("run.json"))
-        header["plan"] |= plan
-        header["scenario"]["numbers"] |= numbers
-        header |= more
-        changed.writestr("run.json", json.dumps(header))
-        changed.writestr("policy.pt", given.read("policy.pt"))
+    header, policies = policy_file.read(source)
+    header["plan"] |= plan
+    header["scenario"]["numbers"] |= numbers
+    policy_file.write(target, header | more, policies)
 
 
 # ---- scores and tables
@@ -714,13 +712,13 @@ def test_two_agents_are_compared_in_the_tasks_of_both() -> None:
 
 def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path) -> None:
     table.write(results, tmp_path / "one")
-    table.keep(results, tmp_path / "kept")
+    keeping.keep(results, tmp_path / "kept")
     table.write(tmp_path / "kept", tmp_path / "two")
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert files == ["marl_eval-512.json", "profile-512.png", "table.csv", "table.md"]
     assert all((tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes() for name in files)
     names = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
-    assert names == [kept.NAME, "policy.zip", "trained-self.rec", "trained-self.rec"]  # of the first seed of each agent
+    assert names == ["0.safetensors", kept.NAME, "fast-0.npz"]  # of the first seed, which is no function
     text = (tmp_path / "one" / "table.md").read_text()
     assert "### 512 agent-steps (of no track: 4 games a match)" in text
     assert "mine†" in text
@@ -728,20 +726,23 @@ def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path
 
 def test_kept_results_are_those_of_the_runs(results: Path, tmp_path: Path) -> None:
     """They are found in a folder of one task, too, which only the file describes; keeping them changes nothing."""
-    table.keep(results, tmp_path / "one")
+    keeping.keep(results, tmp_path / "one")
     task = tmp_path / "one" / str(BUDGET) / NAME
     assert [entry.name for entry in kept.find(task / "fast")] == ["fast/0", "fast/1"]
     pairs = [*zip(kept.find(results), kept.find(task), strict=True)]
     for run, own in pairs:
-        assert own.content | {"matches": []} == run.content | {"matches": []}
-        assert own.against["trained", "self"] == run.against["trained", "self"]
+        more = {"file": own_file()} if run.name == "fast/0" else {}
+        assert own.content == run.content | {"policy": run.content["policy"] | more, "matches": own.matches}
+        self_play = run.against["trained", "self"] | {"recording": own.against["trained", "self"]["recording"]}
+        assert own.against["trained", "self"] == self_play
         numbers = {key: {name: match[name] for name in NUMBERS} for key, match in run.against.items()}
         assert {key: {name: match[name] for name in NUMBERS} for key, match in own.against.items()} == numbers
     cross = (crossplay.load(place / str(BUDGET) / NAME) for place in (results, tmp_path / "one"))
     one, two = ([[match[key] for key in ("own", *NUMBERS)] for match in played.values()] for played in cross)
     assert one == two
-    table.keep(tmp_path / "one", tmp_path / "two")
-    assert (tmp_path / "one" / kept.NAME).read_bytes() == (tmp_path / "two" / kept.NAME).read_bytes()
+    keeping.keep(tmp_path / "one", tmp_path / "two")
+    for name in (kept.NAME, own_file(), f"games/{BUDGET}/{NAME}/fast-0.npz"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     with pytest.raises(TrainingError, match=r"neither result.json nor entries.json.gz in .*mine/7, nor in folders"):
         kept.find(task / "mine/7")
 
@@ -749,14 +750,79 @@ def test_kept_results_are_those_of_the_runs(results: Path, tmp_path: Path) -> No
 NUMBERS = ("opponent", "games", "won", "drawn", "lost")
 
 
+def test_policies_beside_kept_results_are_not_copied(results: Path, tmp_path: Path) -> None:
+    beside = tmp_path / "policies" / "quick" / "mine-1.safetensors"
+    beside.parent.mkdir(parents=True)
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", beside)
+    written = keeping.keep(results, tmp_path / "benchmark")
+    files = {entry.name: entry.content["policy"].get("file") for entry in kept.find(tmp_path / "benchmark")}
+    assert files == {"fast/0": own_file(), "fast/1": "../policies/quick/mine-1.safetensors", "mine/1": None}
+    games = f"games/{BUDGET}/{NAME}/fast-0.npz"
+    assert written == [tmp_path / "benchmark" / name for name in (kept.NAME, own_file(), games)]
+    policies = {entry.name: entry.policy for entry in kept.find(tmp_path / "benchmark")}
+    assert policies["fast/1"] == beside
+    assert crossplay.contender(kept.find(tmp_path / "benchmark")[1]).text == str(beside)
+
+
+def kept_changed(place: Path, change: Callable[[Content], Any]) -> None:
+    """Change what kept results say."""
+    content = json.loads(gzip.decompress((place / kept.NAME).read_bytes()))
+    change(content)
+    (place / kept.NAME).write_bytes(gzip.compress(json.dumps(content).encode()))
+
+
+def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each forgery ends with status 1 and says where; what is not kept is no success."""
+
+    def verified(status: int, *words: str) -> str:
+        assert main(["benchmark", "verify", str(tmp_path), "--jobs=1", "--quiet", *words]) == status
+        return capsys.readouterr().out
+
+    def own(content: Content) -> Content:
+        return dict(content["entries"][0])
+
+    keeping.keep(results, tmp_path)
+    numbers = (tmp_path / kept.NAME).read_bytes()
+    games, policy = tmp_path / "games" / str(BUDGET) / NAME / "fast-0.npz", tmp_path / own_file()
+    total = 9 + 9 + 8 + 3 + 3 + 1  # matches, entries, cross-play and all of it
+    assert verified(0, "--allow-missing") == f"{total} checks: 1 as recorded, 0 wrong, {total - 1} not verified\n"
+    assert "fast/1 against mine/1: its recording is not here" in verified(2)
+    kept_changed(tmp_path, lambda content: own(content)["matches"]["trained"].update(self=[0, GAMES, 0]))
+    said = "quick-v1 fast/0, trained against self: {}"
+    assert re.match(said.format(r"\w+ is \d in the result, and \d in the recording"), verified(1, "--allow-missing"))
+    (tmp_path / kept.NAME).write_bytes(numbers)
+    kept_changed(tmp_path, lambda content: own(content)["self"]["figures"][0].update(life=[1.0, 0.0]))
+    assert "life is 1 in the result, and " in verified(1, "--allow-missing")
+    (tmp_path / kept.NAME).write_bytes(numbers)
+    whole, digests = games.read_bytes(), np.load(games)["digests"]
+    Games(digests ^ (np.arange(len(digests)) == 7).astype("<u4"), np.load(games)["doubtful"]).write(games)
+    assert said.format("its recording is another file than the one that was made") in verified(1, "--allow-missing")
+    kept_changed(tmp_path, lambda content: own(content)["self"].update(recording=digest(games)))
+    assert "trained against self: " in (found := verified(1, "--allow-missing"))
+    assert "tick 7 is the first that is not as it is when the match is played again" in found
+    (tmp_path / kept.NAME).write_bytes(numbers)
+    games.write_bytes(whole)
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", policy)
+    assert "0.safetensors is another file than the one that was tested" in verified(1, "--allow-missing")
+    kept_changed(tmp_path, lambda content: own(content)["policy"].update(digest=digest(policy)))
+    assert re.search(r"trained against self: .*tick [12] ", verified(1, "--allow-missing"))
+    policy.unlink()
+    assert "against self: a policy that played it is not here, and is not asked" in verified(2)
+
+
+def own_file() -> str:
+    """The path of the policy that is kept."""
+    return f"policies/{BUDGET}/{NAME}/fast/0.safetensors"
+
+
 def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Result) -> None:
     target = tmp_path.with_name(f"{tmp_path.name}-kept")
     kept.write(target, kept.find(results), {})
     with pytest.raises(TrainingError, match=rf"{BUDGET}/{NAME}/fast/1 is in .*kept and not in .*: keep these"):
-        table.keep(first.folder.parents[3], target)
+        keeping.keep(first.folder.parents[3], target)
     other = replace(first, content=first.content | {"task": "ffa_4-v1"})
     kept.write(target, [other], {f"{BUDGET}/ffa_4-v1": [["fast/0", "fast/1", 4, 0, 0]]})
-    table.keep(results, target)
+    keeping.keep(results, target)
     assert [entry.content["task"] for entry in kept.find(target)] == ["ffa_4-v1", NAME, NAME, NAME]
     assert [*crossplay.load(target / str(BUDGET) / "ffa_4-v1")] == [("fast/0", "fast/1")]
     changed = replace(first, content=first.content | {"fingerprints": {}})
@@ -783,9 +849,7 @@ def test_kept_results_that_are_none_are_refused(
     results: Path, tmp_path: Path, change: Callable[[Content], Any], message: str
 ) -> None:
     kept.write(tmp_path, kept.find(results), {})
-    content = json.loads(gzip.decompress((tmp_path / kept.NAME).read_bytes()))
-    change(content)
-    (tmp_path / kept.NAME).write_bytes(gzip.compress(json.dumps(content).encode()))
+    kept_changed(tmp_path, change)
     with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + re.escape(message)):
         kept.find(tmp_path)
     (tmp_path / kept.NAME).write_bytes(gzip.compress(b"{}")[:-4])

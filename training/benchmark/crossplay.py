@@ -13,7 +13,7 @@ from ..processes import results
 from . import kept, result
 from .agents import Agent
 from .matches import digest, play
-from .result import DIGEST, POLICY, Content, Result, match_twice, read_json, write_json, wrong_with_match
+from .result import DIGEST, Content, Result, match_twice, read_json, write_json, wrong_with_match
 from .tasks import PROTOCOL, Task, task_of
 
 NAME = "cross.json"
@@ -21,7 +21,7 @@ NAME = "cross.json"
 
 def contender(entry: Result) -> Contender:
     """The policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
-    content, path = entry.content, entry.folder / POLICY
+    content, path = entry.content, entry.policy
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
         made = Agent(entry.name, content["source"]).made(content["task"], content["seed"])

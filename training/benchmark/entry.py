@@ -16,16 +16,13 @@ from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.folder_lock import FolderLock
 
-from .. import log_file
-from ..checkpoint import files_of
+from .. import log_file, policy_file
 from ..config import FAST, OPPONENTS, TrainingConfig
 from ..config import SELF as OWN
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..files import write_files
-from ..paper.results import policy_only, zipped
-from ..player import Player
-from ..policy_file import SUFFIX
+from ..player import weights_of
 from ..run import TrainingRun
 from ..workload import Workload
 from . import result
@@ -155,7 +152,7 @@ class EntryRun:
     def _alone(self) -> Iterator[None]:
         """Keep other processes out of the folder, which is made."""
         folder = self.entry.folder
-        lock = FolderLock(folder, "plays this entry", (NAME, "*.zip", "*.rec"))
+        lock = FolderLock(folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", "*.rec"))
         try:
             lock.acquire()
         except BlockingIOError as error:
@@ -206,13 +203,10 @@ class EntryRun:
         return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
 
     def _keep(self, path: Path, name: str) -> Content:
-        """Copy a policy without what only training needs, as a checkpoint; returns what the result says about it."""
+        """Copy a policy, with weights in half precision as they play; returns what the result says about it."""
         kept = self.entry.folder / name
-        if path.suffix == SUFFIX:
-            player = Player(path)
-            write_files({kept: zipped(files_of(player.header, player.policies))})
-        else:
-            write_files({kept: policy_only(path)})
+        saved = path.suffix == policy_file.SUFFIX
+        write_files({kept: path.read_bytes() if saved else policy_file.content(*weights_of(path))})
         return described(kept, self.entry.task)
 
     def _train(self, config: TrainingConfig, name: str) -> Path:

@@ -5,6 +5,7 @@ Games and opponents are described once for each task. Needs no PyTorch.
 """
 
 import json
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from ..errors import TrainingError
 from ..files import packed, write_files
 from . import result
-from .result import BEST, SELF, Content, Result, read, read_json, wrong_with_match, wrong_with_result
+from .result import BEST, POLICY, SELF, Content, Result, read, read_json, wrong_with_match, wrong_with_result
 from .tasks import PROTOCOL
 
 NAME = "entries.json.gz"
@@ -20,7 +21,36 @@ TRAINED = "trained"  # the game of training
 SAME = ("task", "agent", "seed", "budget", "games", "source", "options", "policy", "response", "seconds", "made")
 NUMBERS = ("won", "drawn", "lost")
 NOTHING = "0" * 64  # the digest of a recording that is not kept
+GAMES, SHORT = "games", ".npz"  # the folder and the ending of matches that can be verified, see `games`
 Cross = dict[str, list[list[Any]]]  # by "BUDGET/TASK": one, other, and the games that `one` won, drew and lost
+
+
+class KeptResult(Result):
+    """A result in the file of kept ones. Its folder need not be there: it says what the result is of."""
+
+    @property
+    def place(self) -> Path:
+        """The folder of the file."""
+        return self.folder.parents[3]
+
+    @property
+    def policy(self) -> Path:
+        """The file of its policy, which may not be kept."""
+        own = (self.content["policy"] or {}).get("file")
+        return self.folder / POLICY if own is None else Path(os.path.normpath(self.place / own))
+
+    def recording(self, match: Content) -> Path:
+        """Return the file of a match, which is kept of games against itself only, if at all; see `games`."""
+        if (match["game"], match["against"]) != (TRAINED, SELF):
+            return super().recording(match)
+        budget, task, agent, seed = place_of(self)
+        return self.place / GAMES / budget / task / f"{agent}-{seed}{SHORT}"
+
+
+def place_of(entry: Result) -> tuple[str, str, str, str]:
+    """Return the budget, the task, the agent and the seed of an entry, which name its folder."""
+    budget, task, agent, seed = entry.folder.resolve().parts[-4:]
+    return budget, task, agent, seed
 
 
 def find(place: Path) -> list[Result]:
@@ -114,7 +144,7 @@ def _result(place: Path, packed: Content, of_task: Content) -> Result:
             more = own if (game, name) == (TRAINED, SELF) else {"figures": [{}, {}], "recording": NOTHING}
             matches.append({"game": game, "against": name, "opponent": known[name]} | _outcome(numbers) | more)
     more = {"version": PROTOCOL, "fingerprints": of_task["fingerprints"], "matches": matches}
-    return Result(folder, {key: packed[key] for key in SAME} | more)
+    return KeptResult(folder, {key: packed[key] for key in SAME} | more)
 
 
 def _outcome(numbers: Sequence[int]) -> Content:

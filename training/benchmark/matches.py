@@ -34,6 +34,7 @@ DIGITS = 6  # significant digits of figures
 # By how much cumulative probabilities may differ on another machine. Ten policies of this benchmark were computed in
 # float32 and in float64, and with inputs that differ by a unit in the last place: by 7.5e-7 at most, in 240,000 rows.
 ROUNDING = 2**-18
+OTHER_TICK = "{}: tick {} is the first that is not as it is when the match is played again"
 
 
 def digest(path: Path) -> str:
@@ -57,7 +58,7 @@ def play(
     Returns:
         The outcome, see `outcome`, with "recording", the digest of the file, and "keyed", see `repeat`.
     """
-    with _worlds(game, pair, games) as env, atomic_write(path) as place:
+    with worlds(game, pair, games) as env, atomic_write(path) as place:
         with record(env, place):
             acts = [_act(game, role, policy, env, True) for role, policy in enumerate(pair)]
             found = Match(env, acts, 1, game.seed).play(progress)
@@ -94,11 +95,14 @@ class Repeated:
         outcome: As `play` returned it, without the digest of the recording.
         differing: How many recorded actions are not what a saved policy chooses, but within rounding of it.
         drawn: How many actions saved policies chose.
+        doubtful: Where the choices of saved policies may be rounded otherwise, int (n, 3 + actions): tick, world,
+            agent, and the actions that this agent took.
     """
 
     outcome: dict[str, Any]
     differing: int
     drawn: int
+    doubtful: Array
 
 
 def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path, keyed: bool) -> Repeated:
@@ -130,19 +134,19 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path,
     if all(others[: 1 if len(known) == len(pair) else None]):
         raise RecordingError(f"{path} is of another game {others[0]}")
     with (
-        _worlds(game, known, games, recording) as env,
+        worlds(game, known, games, recording) as env,
         tempfile.TemporaryDirectory() as folder,
         contextlib.closing(recording.tick_records()) as ticks,
     ):
         again = Path(folder, "again.rec")
-        asked = [_asked(game, k, each, env, keyed) for k, each in enumerate(pair)]
-        script = _Script(path, ticks, env, asked)
+        every = [None if each is None else asked(game, k, each, env, keyed) for k, each in enumerate(pair)]
+        script = _Script(path, ticks, env, every)
         with record(env, again):
             match = Match(env, script.acts(), 1, game.seed)
             script.number = lambda: match.records + 1
             found = match.play()
         _compare(path, recording, Recording.open(again))
-    return Repeated(outcome(found), script.differing, script.drawn)
+    return Repeated(outcome(found), script.differing, script.drawn, script.doubtful())
 
 
 class _Script:
@@ -157,6 +161,11 @@ class _Script:
         self._joint, self._records = JointActions(env.worlds), enumerate(ticks)
         self._lows = np.array([low for _, low, _ in self._joint.columns])[:, None, None]  # environments count from 0
         self._at, self._actions = 0, np.zeros(0)
+        self._doubtful = [np.zeros((0, 3 + len(self._lows)), np.int64)]
+
+    def doubtful(self) -> Array:
+        """See Repeated."""
+        return np.concatenate(self._doubtful)
 
     def acts(self) -> list[Act]:
         """One function for each policy."""
@@ -185,8 +194,10 @@ class _Script:
         self.differing += int((actions != choice).any(1).sum())
         self.drawn += len(actions) * (choices.shape[1] > 1)
         for k in np.flatnonzero(((actions < first) | (actions > last)).any(1))[:1]:
-            place = f"in world {indices[0][k]}, tick {self.number()}, agent {indices[1][k]}"
-            raise RecordingError(f"{name} did not play it: {place} it chooses {choice[k]}, not {actions[k]}")
+            check_within(name, actions[k], choices[k], self.number(), *(int(index[k]) for index in indices))
+        doubted = np.flatnonzero((first != last).any(1))
+        place = np.full(len(doubted), self.number()), indices[0][doubted], indices[1][doubted]
+        self._doubtful.append(np.column_stack([*place, actions[doubted]]))
 
     def _now(self) -> Array:
         """The recorded actions of the next step, (worlds, agents, actions)."""
@@ -200,13 +211,30 @@ class _Script:
         return self._actions
 
 
+def check_within(name: str, action: Array, choices: Array, tick: int, world: int, agent: int) -> None:
+    """Check that an action is within rounding of a policy's choice: between the first and the last of `choices`.
+
+    Args:
+        name: The policy in messages.
+        action: Integers (actions,).
+        choices: Integers (3, actions), see Player.doubted; or (1, actions).
+        tick: The number of the tick record; it is in messages, as are `world` and `agent`.
+        world: The row of the world.
+        agent: The number of the agent.
+
+    Raises:
+        RecordingError: It is not.
+    """
+    if (action < choices[0]).any() or (action > choices[-1]).any():
+        place, choice = f"in world {world}, tick {tick}, agent {agent}", choices[len(choices) // 2]
+        raise RecordingError(f"{name} did not play it: {place} it chooses {choice}, not {action}")
+
+
 def _compare(path: Path, there: Recording, here: Recording) -> None:
     """Raise RecordingError where two recordings differ in a tick."""
     for number, (one, two) in enumerate(itertools.zip_longest(there.tick_records(), here.tick_records())):
         if one is None or two is None or not _same(one, two):
-            raise RecordingError(
-                f"{path}: tick {number} is the first that is not as it is when the match is played again"
-            )
+            raise RecordingError(OTHER_TICK.format(path, number))
 
 
 def _same(one: TickRecord, two: TickRecord) -> bool:
@@ -214,7 +242,7 @@ def _same(one: TickRecord, two: TickRecord) -> bool:
 
 
 @contextlib.contextmanager
-def _worlds(
+def worlds(
     game: Game, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
     """The worlds of a match, which all policies can play in. recording: Of such worlds; it tells their cameras_mode."""
@@ -230,8 +258,9 @@ def _worlds(
         evaluation.close()
 
 
-def _asked(game: Game, role: int, policy: Contender | None, env: SurvivalVectorEnv, keyed: bool) -> Asked | None:
-    return None if policy is None else (policy.text, _act(game, role, policy, env, keyed, ROUNDING))
+def asked(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, keyed: bool) -> Asked:
+    """Return a policy that is asked what it would choose in a role, as `repeat` asks it. keyed: See `repeat`."""
+    return policy.text, _act(game, role, policy, env, keyed, ROUNDING)
 
 
 def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, keyed: bool, slack: float = 0.0) -> Act:

@@ -20,7 +20,7 @@ from ..errors import TrainingError
 from ..files import write_files
 from .tasks import PROTOCOL, Task
 
-NAME, POLICY, RESPONSE = "result.json", "policy.zip", "response.zip"
+NAME, POLICY, RESPONSE = "result.json", "policy.safetensors", "response.safetensors"
 SELF = "self"  # the opponent in matches against itself
 BEST = "response"  # the opponent in matches against the best response
 LONGEST = 2**24  # bytes of a JSON file
@@ -62,6 +62,11 @@ class Result:
     def against(self) -> dict[tuple[str, str], Content]:
         """The matches by game and opponent."""
         return {(match["game"], match["against"]): match for match in self.matches}
+
+    @property
+    def policy(self) -> Path:
+        """The file of its policy; a function has none."""
+        return self.folder / POLICY
 
     def recording(self, match: Content) -> Path:
         """Return the file in which a match is recorded."""
@@ -206,7 +211,8 @@ def _is_policy(given: Any) -> bool:
         return True
     steps, of_task = given["steps"], given["of_task"]
     trained = isinstance(of_task, bool) and (_is_count(steps) or (steps is None and not of_task))
-    return DIGEST.fullmatch(given["digest"]) is not None and trained and all(map(is_word, given["met"]))
+    named = DIGEST.fullmatch(given["digest"]) is not None and is_word(given.get("file", POLICY))
+    return named and trained and all(map(is_word, given["met"]))
 
 
 def _is_count(given: Any) -> bool:

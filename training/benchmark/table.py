@@ -3,15 +3,15 @@
 import csv
 import io
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import TrainingError
 from ..evaluation.marl_eval import RunMetrics, marl_eval_json
 from ..files import write_files
 from ..tables import markdown_table
-from . import crossplay, kept, scores
-from .result import POLICY, SELF, Result, recording_name
+from . import scores
+from .kept import TRAINED
 
 HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
 TASK_HEADS = (
@@ -46,48 +46,6 @@ def write(places: Path, folder: Path) -> list[Path]:
     }
     write_files(contents)
     return list(contents)
-
-
-def keep(places: Path, folder: Path) -> list[Path]:
-    """Write what is small enough to publish: all numbers as one file, see `kept`; returns the paths.
-
-    For each agent's first seed in a task, the policy and the recording of its self-play are copied, too. Results of
-    other tasks in the folder stay.
-
-    Raises:
-        TrainingError: Results are not complete, or the folder has some of one of these tasks that `places` lacks.
-    """
-    scores.scores(places)  # refuses what is not complete
-    own = [entry for found in scores.by_budget(places).values() for entry in found]
-    there, cross = [*kept.find(folder)] if (folder / kept.NAME).exists() else [], kept.Cross()
-    names = {_place(entry) for entry in own}
-    tasks = {name[:2] for name in names}
-    if gone := [name for name in map(_place, there) if name[:2] in tasks and name not in names]:
-        raise TrainingError(
-            f"{'/'.join(gone[0])} is in {folder} and not in {places}: keep these results in another folder"
-        )
-    every = [*own, *(entry for entry in there if _place(entry)[:2] not in tasks)]
-    for task in dict.fromkeys(entry.task_folder for entry in every):
-        matches = crossplay.load(task).values()
-        rows = [[match[key] for key in ("one", "other", *kept.NUMBERS)] for match in matches]
-        cross |= {"/".join(task.parts[-2:]): rows} if rows else {}
-    kept.write(folder, every, cross)
-    write_files({target: source.read_bytes() for source, target in _copied(own, folder).items() if source.exists()})
-    return [folder / kept.NAME, *(target for target in _copied(own, folder).values() if target.exists())]
-
-
-def _place(entry: Result) -> tuple[str, ...]:
-    """The budget, task, agent and seed of an entry, which name its folder."""
-    return entry.folder.resolve().parts[-4:]
-
-
-def _copied(entries: Sequence[Result], folder: Path) -> dict[Path, Path]:
-    """The policies and the recordings of self-play of first seeds, with the paths of their copies in a folder."""
-    firsts = {}
-    for entry in sorted(entries, key=lambda entry: -int(entry.content["seed"])):
-        firsts[_place(entry)[:3]] = entry
-    names = POLICY, recording_name(kept.TRAINED, SELF)
-    return {entry.folder / name: folder.joinpath(*_place(entry), name) for entry in firsts.values() for name in names}
 
 
 def markdown(found: scores.Scores) -> str:
@@ -184,14 +142,14 @@ def _improvement(own: scores.Scores) -> str:
 def _by_task(own: scores.Scores) -> Iterator[list[str]]:
     for task, of_task in own["tasks"].items():
         for agent, each in of_task["agents"].items():
-            outside = [figure["mean"] for name, figure in each["games"].items() if name != kept.TRAINED]
+            outside = [figure["mean"] for name, figure in each["games"].items() if name != TRAINED]
             yield [
                 task,
                 agent + OF_NO_TRACK * (not each["of_task"]) + MET * bool(each["met"]),
                 _cell(each["score"], 3),
                 _rating(each["rating"]),
                 _cell(each["exploitability"], 2),
-                _cell(each["games"][kept.TRAINED], 3) if outside else "",
+                _cell(each["games"][TRAINED], 3) if outside else "",
                 f"{sum(outside) / len(outside):.3f}" if outside else "",
                 *(_cell(each["self_play"].get(name), 0 if name == "length" else 2) for name in PRINTED),
                 str(len(each["seeds"])),

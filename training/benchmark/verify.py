@@ -14,11 +14,11 @@ from outlast.envs.errors import RecordingError, UsageError
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..processes import results
-from . import crossplay, scores
+from . import crossplay, games, scores
 from .described import described, wrong_with_response
-from .kept import find
+from .kept import SHORT, find
 from .matches import digest, repeat
-from .result import BEST, POLICY, RESPONSE, SELF, Content, Result, read_json
+from .result import BEST, RESPONSE, SELF, Content, Result, read_json
 from .suite import Member, missing, other_games, suite
 from .tasks import Game, Task, task_of
 
@@ -163,8 +163,8 @@ def _of_match(what: str, recording: Path, judge: Callable[..., Finding], *argume
 
 def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
     """What an entry lacks, so that not all of it can be verified; empty if it lacks nothing."""
-    if not (entry.folder / POLICY).exists():
-        return f"{POLICY} is not here, and is not asked what it would do"
+    if not entry.policy.exists():
+        return f"{entry.policy.name} is not here, and is not asked what it would do"
     absent = missing(entry, task, members)
     return f"it has not played {absent[0][1]} in the game '{absent[0][0]}'" if absent else ""
 
@@ -174,8 +174,8 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
     content = entry.content
     if other := other_games(content, task):
         return other
-    for key, name in (("policy", POLICY), ("response", RESPONSE)):
-        path, given = entry.folder / name, content[key]
+    for key, path in (("policy", entry.policy), ("response", entry.folder / RESPONSE)):
+        given, name = content[key], path.name
         if not path.exists():
             continue
         if given is None or digest(path) != given["digest"]:
@@ -183,7 +183,7 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
         for what, found in described(path, task).items():
             if given[what] != found:
                 return f"{what} of {name} is {given[what]} in the result, and {found} by the file"
-        if name == RESPONSE and (wrong := wrong_with_response(path, task, content["seed"], content["budget"])):
+        if key == "response" and (wrong := wrong_with_response(path, task, content["seed"], content["budget"])):
             return wrong
     return ""
 
@@ -192,7 +192,7 @@ def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, M
     game = next((game for game in task.games if game.name == match["game"]), None)
     if game is None:
         return Finding("", f"{task.name} has no game '{match['game']}'")
-    own, against = _saved(entry.folder / POLICY), match["against"]
+    own, against = _saved(entry.policy), match["against"]
     if against == SELF:
         return _of_games(game, [own], match, entry.recording(match))
     if against == BEST:
@@ -209,7 +209,7 @@ def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, M
 def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Finding:
     if not crossplay.is_of(match, one, other):
         return Finding("", "it was played by other policies than those of the entries")
-    pair = [_saved(entry.folder / POLICY) for entry in (one, other)]
+    pair = [_saved(entry.policy) for entry in (one, other)]
     return _of_games(task.games[0], pair, match, path)
 
 
@@ -222,9 +222,16 @@ def _of_games(game: Game, pair: list[Contender | None], match: Content, path: Pa
     """Compare a match with its recording."""
     if digest(path) != match["recording"]:
         return Finding("", "its recording is another file than the one that was made")
-    keyed = match.get("keyed", False)
-    found = repeat(game, pair, match["games"], path, keyed)
-    missing = "a policy that played it is not here, and is not asked what it would do" if None in pair else ""
+    keyed, known = match.get("keyed", False), [policy for policy in pair if policy is not None]
+    missing = (
+        "" if len(known) == len(pair) else "a policy that played it is not here, and is not asked what it would do"
+    )
+    if path.suffix != SHORT:
+        found = repeat(game, pair, match["games"], path, keyed)
+    elif missing:
+        return Finding("", missing=missing)
+    else:
+        found = games.repeat(game, known, match["games"], path)
     if found.differing and not keyed:
         missing = "an earlier version drew its games from one generator: verify it on a machine like that which played"
     return Finding("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)

@@ -63,8 +63,8 @@ def add(commands: Any) -> None:
     text += "folders in them, such as that of an agent; anchors: a task"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
     text = "run: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
-    text += "preset, the folder of a run, FILE.zip or FILE.py:FUNCTION, and {task} and {seed} in it stand for those of "
-    text += "the entry (can be repeated)"
+    text += "preset, the folder of a run, FILE.zip, FILE.safetensors or FILE.py:FUNCTION, and {task} and {seed} in it "
+    text += "stand for those of the entry (can be repeated)"
     command.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
     text = "run: seeds of training; each is an entry of its own (default 0)"
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help=text)
@@ -85,8 +85,8 @@ def add(commands: Any) -> None:
         f"run: folder for results (default {RESULTS}); table: for tables (default: that of the results); anchors: for "
     )
     command.add_argument("--out", type=output(check_out), metavar="FOLDER", help=f"{text}the anchors")
-    text = "table: also copy what is small enough to publish to this folder: all results, and the policy and one "
-    text += "recording of each agent's first seed"
+    text = "table: also keep what is small enough to publish in this folder: the numbers of all results, and of each "
+    text += "agent's first seed the policy and its games against itself"
     command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     text = "run: how many entries run at the same time; score, verify: how many matches (default: cores)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
@@ -297,13 +297,13 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _table(options: argparse.Namespace) -> int:
     """Write the tables, and print their paths."""
-    from ..benchmark import table
+    from ..benchmark import keeping, table
 
     places = _places(options)
     if len(places) > 1:
         raise TrainingError("benchmark table takes one folder of results: move those to be compared into one")
     if options.keep is not None:
-        print(*table.keep(places[0], options.keep), sep="\n")
+        print(*keeping.keep(places[0], options.keep), sep="\n")
     print(*table.write(places[0], options.out or places[0]), sep="\n")
     return 0
 

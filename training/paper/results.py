@@ -3,7 +3,7 @@
 import io
 import logging
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -290,15 +290,10 @@ def curves_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]
 
 def policy_only(checkpoint: Path) -> bytes:
     """A checkpoint reduced to its policy: it plays, but cannot be resumed."""
-    return zipped(run_header.read_checkpoint(checkpoint, (POLICY,), ())[1])
-
-
-def zipped(files: Mapping[str, bytes]) -> bytes:
-    """The content of the file of a policy, from those of its checkpoint; equal policies give equal bytes."""
-    file = io.BytesIO()
+    kept, file = run_header.read_checkpoint(checkpoint, (POLICY,), ())[1], io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name in (run_header.NAME, POLICY):
-            archive.writestr(zipfile.ZipInfo(name), files[name])  # without a date
+            archive.writestr(zipfile.ZipInfo(name), kept[name])  # without a date, so that bytes are the same
     return file.getvalue()
 
 
