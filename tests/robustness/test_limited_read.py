@@ -35,6 +35,13 @@ def _result(path: Path) -> None:
     result.read(path)
 
 
+def _games(path: Path) -> None:
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    from outlast.training.benchmark.games import Games
+
+    Games.read(path)
+
+
 def _policy(path: Path) -> None:
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
     outlast.load_policy(path)
@@ -53,6 +60,7 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {  # and bytes of a f
     "floor plan": (FloorPlan.load, 2**20 + 1),
     "run.json": (_run_folder, 2**20 + 1),
     "result.json": (_result, 2**24 + 1),
+    "games": (_games, 2**24 + 1),
     "policy": (_policy, 2**30 + 1),
     "weights": (_weights, 2**26 + 1),
 }
