@@ -28,6 +28,7 @@ SETUPTOOLS = PROJECT["tool"]["setuptools"]
 FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].items()}
 
 LONGEST_FILE = 400  # lines, docstrings included
+LARGEST = {"results": 12e6, "tree": 20e6, "wheel": 1.3e6, "archive": 5e6}  # bytes
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 # Libraries that a module may import though they are not installed.
@@ -130,6 +131,7 @@ def test_the_source_archive_holds_what_git_has(tree: Path, tmp_path: Path) -> No
     built = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
     (path,) = tmp_path.glob("*.tar.gz")
+    assert path.stat().st_size <= LARGEST["archive"]
     with tarfile.open(path) as archive:
         held = {name.partition("/")[2] for name in archive.getnames() if archive.getmember(name).isfile()}
     held = {name for name in held if name not in ("PKG-INFO", "setup.cfg") and not name.startswith("outlast.egg-info/")}
@@ -210,6 +212,14 @@ def test_the_citation_has_the_version() -> None:
     text = (ROOT / "CITATION.cff").read_text("utf-8")
     assert re.findall(r"^version: (.+)$", text, re.MULTILINE) == [outlast.__version__]
     assert {"cff-version", "message", "title", "authors"} <= set(re.findall(r"^([\w-]+):", text, re.MULTILINE))
+
+
+def test_what_everyone_downloads_is_small(wheel: zipfile.ZipFile) -> None:
+    """All files in git, of these the results, and the wheel; the source archive is tested with what it holds."""
+    sizes = {path.relative_to(ROOT).as_posix(): path.stat().st_size for path in tracked()}
+    assert sum(size for name, size in sizes.items() if name.startswith("results/")) <= LARGEST["results"]
+    assert sum(sizes.values()) <= LARGEST["tree"]
+    assert Path(str(wheel.filename)).stat().st_size <= LARGEST["wheel"]
 
 
 def test_every_source_file_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
