@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, Component, Coupled, DeclarationError, Field, Layout, Singleton, column, kernel
-from outlast.ecs.component import as_stored
+from outlast.ecs.declarations.component import as_stored
 
 ONE, ZERO = np.float32(1), np.float32(0)
 HEADING, OUTLINE = ("angle", "cosine", "sine"), ("radius", "half_width", "half_height")

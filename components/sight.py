@@ -3,14 +3,14 @@
 from typing import Any
 
 from outlast.ecs import Array, Singleton, column, kernel
-from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH
 
 MASKED, REVEALED, OMNISCIENT = 0, 1, 2
 MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Visibility bitsets: one bit per entity (see ecs.simd), one row per observer. All is visible without cameras."""
+    """Visibility bitsets: one bit per entity (see simd), one row per observer. All is visible without cameras."""
 
     visible: Array = column("i4", "agents", "blocks")
     mode: Array = column("i4", fill=OMNISCIENT, low=0, high=len(MODES) - 1)  # index into MODES

@@ -3,7 +3,7 @@
 import numpy as np
 
 from outlast.ecs import Array, Component, Singleton, column, kernel
-from outlast.ecs.random import stream_number
+from outlast.ecs.kernels.random import stream_number
 
 NAME = "inner_wall"  # the archetype's name
 KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of its entities' identities, from bit 32

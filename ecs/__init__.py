@@ -1,49 +1,60 @@
 """The engine: components, systems, a schedule, and a runner for batches of worlds. It knows the rules of no game.
 
-Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module (the
-functions that work on tables, and their numbers), phase and schedule (their order), kernel_check with
-abstract_interpreter and abstract_values (check that systems do what they declare), layout with archetype (the memory
-of a world), distributions, varied, given and draw (numbers that differ from world to world), made_once (what numbers
-decide when worlds are made), roles and per_agent (numbers that differ from agent to agent), arguments (what kernels
-get), tick (the code generator), machine_code (numba, and the loader), cache, cache_files with file_lock, cache_folder
-and cache_key with references (the compile cache), available (cores for it), compile_errors, run_units (a tick in
-machine code), team (threads that share worlds), execution and runner, worlds (a batch of worlds) with entity_view, and
-identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
+It has six parts. Each imports only those above it in this list, so they can be read in this order:
+
+============ ====================================================================================================
+kernels      what compiled code is made with: numba, types of arrays, vectors, random numbers, files of machine code
+declarations what a mechanic says: components, events, fields, systems and their access, phases, numbers, roles
+memory       where columns lie and what they begin with; modules; numbers that differ between worlds or agents
+compilation  the order of systems, their arguments, the tick as machine code, and the cache that keeps it
+checks       whether systems do what they declare, and the hash that tells games apart
+running      a batch of worlds: ticks, threads, tables that callers see
+============ ====================================================================================================
+
+From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.Layout` of them, a
+`compilation.schedule.Schedule` of their systems, checks these (`checks.kernel_check`), writes the tick
+(`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 
-from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
-from .archetype import Archetype
-from .clock import RESET, SKIP, STEP
-from .component import (
+from .declarations.access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
+from .declarations.archetype import Archetype
+from .declarations.component import (
     Action,
-    Array,
     Clock,
     Column,
     Component,
     Coupled,
     Entity,
     Observation,
-    Real,
     Signal,
     Singleton,
     Statistic,
     column,
 )
-from .distributions import Distribution, choice, free, integers, log_uniform, uniform
-from .draw import exists
-from .entity_view import EntityView
-from .errors import AbsentError, CapacityError, DeclarationError, EngineError, NumberError, RangeError, ScheduleError
-from .event import Event, emit
-from .fields import Field, Fields, columns_of
-from .jit import kernel
-from .layout import Layout
-from .module import Module
-from .numbers import number
-from .per_agent import AgentRoles, differs, of
-from .phase import Phase, When
-from .roles import Role, Roles, role
-from .system import System
-from .worlds import Worlds
+from .declarations.distributions import Distribution, choice, free, integers, log_uniform, uniform
+from .declarations.event import Event, emit
+from .declarations.fields import Field, Fields, columns_of
+from .declarations.numbers import number
+from .declarations.phase import Phase, When
+from .declarations.roles import Role, Roles, role
+from .declarations.system import System
+from .kernels.errors import (
+    AbsentError,
+    CapacityError,
+    DeclarationError,
+    EngineError,
+    NumberError,
+    RangeError,
+    ScheduleError,
+)
+from .kernels.jit import Array, Real, kernel
+from .memory.clock import RESET, SKIP, STEP
+from .memory.draw import exists
+from .memory.entity_view import EntityView
+from .memory.layout import Layout
+from .memory.module import Module
+from .memory.per_agent import AgentRoles, differs, of
+from .running.worlds import Worlds
 
 __all__ = [
     "RESET",

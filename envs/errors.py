@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, requires
 
 from gymnasium import error
 
-from outlast.ecs.errors import NumberError, OutlastError
+from outlast.ecs.kernels.errors import NumberError, OutlastError
 
 
 def install(extra: str) -> str:

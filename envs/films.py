@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Worlds
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
 
 from .adapters.opponents import Other, Others, checked_others
 from .core.validation import check_count

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from outlast import Scenario
 from outlast.components import Body, Shape, Solid
 from outlast.ecs import RESET, Worlds
-from outlast.ecs.jit import entry_point, external
+from outlast.ecs.kernels.jit import entry_point, external
 from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems.box2d import layout as at
 from perf.measure import DRAWS, LIMIT, Call, alternate, stepper

@@ -43,7 +43,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
+from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
 
 from .geometry.bounds import check_fits, ends, farthest_body
 from .observation_rows import write_rows

@@ -51,7 +51,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.random import NORMAL, normal
+from outlast.ecs.kernels.random import NORMAL, normal
 
 from .geometry.bounds import ROUNDING, check_fits, ends, farthest_body, farthest_item
 from .observation_rows import write_rows

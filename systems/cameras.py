@@ -11,8 +11,8 @@ from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.components.wall import is_inner_wall
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
-from outlast.ecs.jit import noinline_kernel
-from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load, to_bits, trailing_zeros
+from outlast.ecs.kernels.jit import noinline_kernel
+from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load, to_bits, trailing_zeros
 
 from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row

@@ -10,7 +10,7 @@ from outlast.components import Bag, Body, Died, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
 from outlast.components.limits import FAR
 from outlast.ecs import Entity, Module, Random, Read, Rows, Singleton, Write, emit, number, of
-from outlast.ecs.random import uniform2
+from outlast.ecs.kernels.random import uniform2
 
 TURN = np.float32(2 * math.pi)
 

@@ -37,7 +37,7 @@ from outlast.ecs import (
     Singleton,
     Write,
 )
-from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
 from .geometry.aabb import make_half_extents
 from .geometry.barriers import first_barrier, hold_back

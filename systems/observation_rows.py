@@ -4,7 +4,7 @@ from typing import Any
 
 from outlast.components.sight import is_set
 from outlast.ecs import Array, kernel
-from outlast.ecs.simd import trailing_zeros
+from outlast.ecs.kernels.simd import trailing_zeros
 
 from .geometry.blocks import block_span, first_row
 

@@ -32,8 +32,8 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.jit import compiled, noinline_kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits
+from outlast.ecs.kernels.jit import compiled, noinline_kernel
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits
 
 from .box2d import native, portable
 from .box2d.batch import ANGLE, COLUMNS, LIMITS, LONGEST, MAX_TRAVEL, OMEGA, SOLVED, VX, IncompatibleBox2D, Settings, X

@@ -25,7 +25,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, to_bits
 
 from .geometry.blocks import BITS, BLOCK, append_rows, nonempty_blocks
 from .geometry.spatial_index import FEW, build, make_scratch, query

@@ -23,7 +23,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.random import uniform, uniform2
+from outlast.ecs.kernels.random import uniform, uniform2
 
 from .geometry.mazes import place_block
 from .geometry.points import gap_circle_box

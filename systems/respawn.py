@@ -27,7 +27,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.random import uniform2
+from outlast.ecs.kernels.random import uniform2
 
 from .geometry.broad_phase import gap
 

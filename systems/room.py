@@ -20,7 +20,7 @@ from outlast.ecs import (
     Write,
     number,
 )
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .geometry.blocks import alive_bits, first_row
 from .geometry.bounds import clamp

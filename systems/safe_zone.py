@@ -28,7 +28,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.random import uniform2
+from outlast.ecs.kernels.random import uniform2
 
 from .geometry.bounds import ROUNDING, ends, floor_sides
 

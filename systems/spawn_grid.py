@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from outlast.components import Body, Floor, Phase, Spawned
 from outlast.ecs import Array, Entity, Layout, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
-from outlast.ecs.random import integer
+from outlast.ecs.kernels.random import integer
 
 from .geometry.bounds import count_kinds
 

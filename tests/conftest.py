@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Worlds
-from outlast.ecs.event import zero_unused
+from outlast.ecs.declarations.event import zero_unused
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
-from outlast.ecs.whole import as_whole, is_whole
+from outlast.ecs.kernels.integers import as_whole, is_whole
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from outlast.ecs.errors import meant
-from outlast.ecs.whole import as_whole
+from outlast.ecs.kernels.errors import meant
+from outlast.ecs.kernels.integers import as_whole
 
 from .errors import TrainingError
 

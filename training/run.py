@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from outlast.ecs.available import available_cores
+from outlast.ecs.kernels.available import available_cores
 from outlast.envs.errors import install
 from outlast.envs.rollout.models import models
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs.fields import SMALLEST
+from outlast.ecs.declarations.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import limited_read, safe_npz, strict_json
 

@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NoReturn
 
 from . import components, ecs, errors, systems
-from .ecs.distributions import choice, free, integers, log_uniform, uniform
-from .ecs.roles import role
+from .ecs.declarations.distributions import choice, free, integers, log_uniform, uniform
+from .ecs.declarations.roles import role
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.scaling import scaled

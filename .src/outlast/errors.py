@@ -8,7 +8,7 @@ Each one is also an error of Gymnasium or Python that callers may already catch:
 ...     env.reset()
 """
 
-from .ecs.errors import (
+from .ecs.kernels.errors import (
     AbsentError,
     CapacityError,
     DeclarationError,

@@ -45,7 +45,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.random import integer
+from outlast.ecs.kernels.random import integer
 
 # --- stamina: who runs gets tired
 

@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
 
 from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 WIDEST = 110  # columns of help: longer lines are hard to read
 MINUS = re.compile(r"-[^-\d]")  # a value such as -ids, which is no option and no number

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from outlast.ecs.errors import OutlastError
+from outlast.ecs.kernels.errors import OutlastError
 
 from ..core.make import make_vec
 from ..errors import ClusterError, UsageError

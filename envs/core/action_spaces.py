@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Action, DeclarationError, Module, Worlds
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import ActionError, UsageError
 from .spaces import published

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, Wall, ZoneView
 from outlast.components.box import VERTICES
 from outlast.ecs import Distribution, Entity, Worlds
-from outlast.ecs.fields import column_names
+from outlast.ecs.declarations.fields import column_names
 
 from .scaling import Scale
 from .spaces import bounds

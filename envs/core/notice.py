@@ -6,14 +6,14 @@ import time
 from collections.abc import Iterator
 
 from outlast.ecs import Worlds
-from outlast.ecs.cache_folder import cache_folder
+from outlast.ecs.kernels.cache_folder import cache_folder
 
 LOGGER = logging.getLogger("outlast")
 
 
 @contextlib.contextmanager
 def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
-    """If systems are being compiled, log at level INFO how many (ecs.cache logs the progress), and how long it took."""
+    """If systems are being compiled, log at level INFO how many, and how long it took (the cache logs the progress)."""
     if not (count := len(worlds.uncompiled)):
         yield
         return

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Observation, Worlds
-from outlast.ecs.fields import Field, column_names
+from outlast.ecs.declarations.fields import Field, column_names
 
 from .buffers import checked, flat_size, read_only, write
 from .scaling import Scale, joined

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.ecs.fields import Field, Fields
+from outlast.ecs.declarations.fields import Field, Fields
 
 from .validation import Array
 

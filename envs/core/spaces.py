@@ -20,10 +20,10 @@ from outlast.ecs import (
     Statistic,
     Worlds,
 )
-from outlast.ecs.errors import did_you_mean
-from outlast.ecs.fields import column_names
-from outlast.ecs.references import is_outside
-from outlast.ecs.varied import NumbersView, extreme_layouts
+from outlast.ecs.declarations.fields import column_names
+from outlast.ecs.kernels.errors import did_you_mean
+from outlast.ecs.kernels.frozen_values import is_outside
+from outlast.ecs.memory.varied import NumbersView, extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high

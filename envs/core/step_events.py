@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, Worlds
-from outlast.ecs.event import EventMemory, entries
+from outlast.ecs.declarations.event import EventMemory, entries
 
 Array = np.ndarray[Any, Any]
 

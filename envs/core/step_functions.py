@@ -6,10 +6,10 @@ The functions take the address of a block of int64 words (see WORDS), and return
 from typing import Any
 
 from outlast.ecs import RESET, SKIP, STEP, kernel
-from outlast.ecs.jit import loader, storer
-from outlast.ecs.machine_code import call_address
-from outlast.ecs.run_units import CALLER, EXCEPTION, NONE, run_units
-from outlast.ecs.run_units import FAILED as UNIT_FAILED
+from outlast.ecs.compilation.run_units import CALLER, EXCEPTION, NONE, run_units
+from outlast.ecs.compilation.run_units import FAILED as UNIT_FAILED
+from outlast.ecs.kernels.jit import loader, storer
+from outlast.ecs.kernels.machine_code import call_address
 
 WORDS = (
     *("worlds", "agents", "columns"),  # counts; columns: how many actions an agent has
@@ -140,7 +140,7 @@ def finish(block: int, outcome: int) -> int:
 
 @kernel
 def play(frame: int, start: int, stop: int) -> int:
-    """Take the actions of the worlds from `start` to `stop`, and run these worlds' tick (see ecs.run_units)."""
+    """Take the actions of the worlds from `start` to `stop`, and run these worlds' tick (see run_units)."""
     take(read(frame + 8 * CALLER), start, stop)
     return run_units(frame, start, stop)
 
@@ -151,7 +151,7 @@ def step(block: int, frame: int, function: int, argument: int) -> int:
 
     Args:
         block: See WORDS.
-        frame: See ecs.run_units.
+        frame: See ecs.compilation.run_units.
         function: The address of the function that plays all worlds: `play`, or one that spreads it over threads.
         argument: Its first argument.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import DeclarationError, Event, Layout
-from outlast.ecs.event import COUNT, TIMES
+from outlast.ecs.declarations.event import COUNT, TIMES
 
 Array = np.ndarray[Any, Any]
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from outlast.ecs import RESET, STEP, Clock, Worlds
-from outlast.ecs.given import GIVEN_DIM, Given
+from outlast.ecs.memory.given import GIVEN_DIM, Given
 
 from ..errors import RecordingError
 from ..scenarios.fingerprint import fingerprint

@@ -8,8 +8,8 @@ import numpy as np
 
 from outlast.components import End, Reward
 from outlast.ecs import RESET, STEP, Clock, EngineError
-from outlast.ecs.given import GIVEN_DIM, Given, wrongly_given
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
+from outlast.ecs.memory.given import GIVEN_DIM, Given, wrongly_given
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
 
 from ..errors import RecordingError
 from .reader import Recording

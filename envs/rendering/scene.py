@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape, Side, Sides
 from outlast.ecs import Clock, Component, Entity, Event, Layout, Module, Worlds
-from outlast.ecs.per_agent import agent_values, initial_image
-from outlast.ecs.varied import Varied, VariedNumber
+from outlast.ecs.memory.per_agent import agent_values, initial_image
+from outlast.ecs.memory.varied import Varied, VariedNumber
 
 from .style import SIZES
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from outlast.ecs import Clock, Worlds
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ..core.described import Actions, Arrays
 from ..core.validation import checked_actions

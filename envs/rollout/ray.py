@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import outlast
-from outlast.ecs.errors import OutlastError
+from outlast.ecs.kernels.errors import OutlastError
 
 from ..errors import ClusterError, install
 from .local import Task, run_task, split_worlds

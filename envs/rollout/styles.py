@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from outlast.ecs import Fields, columns_of
-from outlast.ecs.fields import width
+from outlast.ecs.declarations.fields import width
 
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv

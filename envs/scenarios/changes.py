@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Roles
-from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
-from outlast.ecs.errors import meant
+from outlast.ecs.declarations.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
+from outlast.ecs.kernels.errors import meant
 
 ELSEWHERE = {  # names that users take for numbers, and what to use instead
     "max_episode_steps": "the time limit of a scenario is its number ending_limit",

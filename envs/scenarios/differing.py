@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from outlast.ecs import Module, distributions, roles
-from outlast.ecs.per_agent import checked_roles
-from outlast.ecs.varied import place
+from outlast.ecs import Module
+from outlast.ecs.declarations import distributions, roles
+from outlast.ecs.memory.per_agent import checked_roles
+from outlast.ecs.memory.varied import place
 
 from ..errors import ScenarioError
 

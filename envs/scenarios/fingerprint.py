@@ -4,10 +4,11 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from outlast.ecs import NumberError, roles
-from outlast.ecs.distributions import MOST, NAMES
-from outlast.ecs.identity import PYTHON, code_digest, full_name
-from outlast.ecs.references import is_outside
+from outlast.ecs import NumberError
+from outlast.ecs.checks.code_hash import PYTHON, code_digest, full_name
+from outlast.ecs.declarations import roles
+from outlast.ecs.declarations.distributions import MOST, NAMES
+from outlast.ecs.kernels.frozen_values import is_outside
 
 from .differing import plain
 from .scenario import Scenario
@@ -25,7 +26,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
 
     For a derived scenario it is the name of its root, and the "label" is its own. If there is any, the fingerprint also
     has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not outlast's own: by
-    name, the full name of the class, the version of Python and the hash of its code (ecs.identity); and the entries of
+    name, the full name of the class, the version of Python and the hash of its code (see code_hash); and the entries of
     `differing.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))

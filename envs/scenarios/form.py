@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from outlast.ecs import Module
-from outlast.ecs.identity import full_name
+from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
 from ..storage import strict_json

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from outlast.ecs import Module
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import ScenarioError
 from .changes import leaders

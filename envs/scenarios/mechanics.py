@@ -7,7 +7,7 @@ from typing import Any
 
 from outlast import systems
 from outlast.ecs import Module
-from outlast.ecs.identity import full_name
+from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from outlast.ecs import Distribution, Module, NumberError
-from outlast.ecs.distributions import from_plain
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.declarations.distributions import from_plain
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import KeywordError, ScenarioError
 from .ablations import ablated

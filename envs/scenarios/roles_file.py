@@ -4,7 +4,7 @@ import os
 from typing import Any
 
 from outlast.ecs import NumberError
-from outlast.ecs.roles import from_plain
+from outlast.ecs.declarations.roles import from_plain
 
 from ..errors import ScenarioError
 from ..storage import strict_json

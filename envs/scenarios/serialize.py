@@ -3,7 +3,7 @@
 from typing import Any
 
 from outlast.ecs import Layout
-from outlast.ecs.identity import full_name
+from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
 from .differing import restored

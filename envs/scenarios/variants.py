@@ -4,7 +4,7 @@ Where the paper's text differs from the runs behind its figures, the default of 
 below has the values of the runs.
 """
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 from outlast.systems import (
     Agents,
     Boxes,

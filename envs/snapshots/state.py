@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from outlast.ecs import Event, Layout, Worlds
-from outlast.ecs.event import zero_unused
+from outlast.ecs.declarations.event import zero_unused
 
 from ..errors import StateError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint

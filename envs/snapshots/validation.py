@@ -21,10 +21,10 @@ import numpy as np
 
 from outlast.components import Bag, Side, Sight
 from outlast.ecs import Component, Entity, Layout, Singleton
-from outlast.ecs.event import COUNT, EventMemory, table
-from outlast.ecs.given import Given, misfits, wrongly_given
-from outlast.ecs.placing import Place
-from outlast.ecs.varied import Varied
+from outlast.ecs.declarations.event import COUNT, EventMemory, table
+from outlast.ecs.memory.column_places import Place
+from outlast.ecs.memory.given import Given, misfits, wrongly_given
+from outlast.ecs.memory.varied import Varied
 
 from ..errors import StateError
 

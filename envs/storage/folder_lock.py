@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from outlast.ecs.file_lock import try_lock, unlock
+from outlast.ecs.kernels.file_lock import try_lock, unlock
 
 from .atomic_write import is_temporary, remove, target_name
 

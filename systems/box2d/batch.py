@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from outlast.ecs.errors import OutlastError
+from outlast.ecs.kernels.errors import OutlastError
 
 ContactBatch = NDArray[np.float32]
 

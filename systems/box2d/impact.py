@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from outlast.ecs.jit import noinline_kernel
+from outlast.ecs.kernels.jit import noinline_kernel
 
 from . import layout as at
 

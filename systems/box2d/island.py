@@ -7,7 +7,7 @@ the bit.
 
 import numpy as np
 
-from outlast.ecs.jit import noinline_kernel
+from outlast.ecs.kernels.jit import noinline_kernel
 
 from . import layout as at
 from .batch import Settings

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import Box2D
 
-from outlast.ecs.jit import external, has_symbol, load_library, loader, storer
+from outlast.ecs.kernels.jit import external, has_symbol, load_library, loader, storer
 
 FILE: Final[str] = Box2D._Box2D.__file__
 with contextlib.suppress(OSError):  # then its symbols are missing, which `verify` reports

@@ -6,7 +6,7 @@ Each thread owns one workspace. A call leaves it as it found it, so the result i
 import numpy as np
 from numpy.typing import NDArray
 
-from outlast.ecs.jit import compiled, noinline_kernel
+from outlast.ecs.kernels.jit import compiled, noinline_kernel
 
 from . import layout as at
 from .batch import (

@@ -3,7 +3,7 @@
 import numpy as np
 
 from outlast.ecs import Array, kernel
-from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
 from ..geometry.aabb import compute_aabbs
 from ..geometry.blocks import alive_bits, first_row

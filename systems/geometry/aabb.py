@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, store, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, store, to_bits
 
 AABBs: TypeAlias = tuple[Array, Array, Array, Array]
 """Columns of all rows: centre x and y, half extent along x and y; metres."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, kernel
-from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits, trailing_zeros
+from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits, trailing_zeros
 
 BITS, BLOCK = 0, 1  # lines of `blocks`: bitsets that are not empty, and the number of the block of each
 

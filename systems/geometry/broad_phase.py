@@ -4,7 +4,7 @@ import numpy as np
 
 from outlast.components.body import inverse
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .aabb import AABBs, aabbs_near_point
 from .blocks import alive_bits, first_row

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.random import integer, uniform
+from outlast.ecs.kernels.random import integer, uniform
 
 MOST = 32  # the most cells along either side
 EDGES = 2 * MOST * (MOST - 1)  # the most walls between cells

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.random import uniform, uniform2
-from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH
+from outlast.ecs.kernels.random import uniform, uniform2
+from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH
 
 from .aabb import ALONG_X, ALONG_Y, aabbs_near_point, compute_aabbs
 from .blocks import first_row

@@ -35,7 +35,7 @@ def in_kite(
 
     Its corners: the apex o, the two points at distance depth and +-half_fov from the heading (cosine, sine),
     and the point at depth straight ahead. Its far sides are chords, so between axis and edge it reaches less
-    far than `in_sector`. 0 < half_fov < 180 degrees. Also takes sixteen points at once (ecs.simd).
+    far than `in_sector`. 0 < half_fov < 180 degrees. Also takes sixteen points at once (ecs.kernels.simd).
     """
     x, y = to_local(px - ox, py - oy, cosine, sine)
     y = abs(y)  # the kite is its own mirror image: two of its four sides are enough
@@ -58,7 +58,7 @@ def in_sector(
 ) -> Any:
     """Return whether point p lies in the circular sector of radius depth and +-half_fov, border included.
 
-    Also takes sixteen points at once (ecs.simd).
+    Also takes sixteen points at once (ecs.kernels.simd).
     """
     x, y = to_local(px - ox, py - oy, cosine, sine)
     beside = half_fov_cos * abs(y) - half_fov_sin * x

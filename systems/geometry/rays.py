@@ -12,7 +12,7 @@ the rays bit-identical to Box2D's (if neither compiler fuses multiply and add).
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.jit import noinline_kernel
+from outlast.ecs.kernels.jit import noinline_kernel
 
 from .points import to_local
 

@@ -16,7 +16,17 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.simd import BYTES, LARGEST, NO_BYTE, SIMD_SHIFT, SIMD_WIDTH, load, overlap, store_bytes, trailing_zeros
+from outlast.ecs.kernels.simd import (
+    BYTES,
+    LARGEST,
+    NO_BYTE,
+    SIMD_SHIFT,
+    SIMD_WIDTH,
+    load,
+    overlap,
+    store_bytes,
+    trailing_zeros,
+)
 
 from .aabb import AABBs, make_half_extents
 from .blocks import BITS, BLOCK, first_row, make_blocks

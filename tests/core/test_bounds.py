@@ -13,7 +13,7 @@ import outlast
 from outlast import Scenario, make_vec, variant
 from outlast.components import Bag, Body, Item
 from outlast.ecs import DeclarationError, Entity, Module
-from outlast.ecs.random import NORMAL
+from outlast.ecs.kernels.random import NORMAL
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from outlast.systems import DropLast
 from tests.conftest import few_by_day, scaled

@@ -27,7 +27,7 @@ from outlast.ecs import (
     column,
     columns_of,
 )
-from outlast.ecs.identity import code_digest
+from outlast.ecs.checks.code_hash import code_digest
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.helpers.added_fields import Age, Breath, Freshness, Stamina

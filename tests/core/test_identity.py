@@ -15,7 +15,7 @@ import pytest
 import outlast
 from outlast import Scenario, variant
 from outlast.ecs import Module, Singleton, column
-from outlast.ecs.identity import code_digest
+from outlast.ecs.checks.code_hash import code_digest
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording import Recording
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
@@ -32,8 +32,8 @@ import numpy as np
 from outlast.components import Body, Phase, Side
 from outlast.components.body import inverse
 from outlast.ecs import Archetype, Array, Component, Entity, Event, Module, Random, Read, Rows, Scratch, Write, column, kernel, number
-from outlast.ecs.random import uniform
-from outlast.ecs.simd import load
+from outlast.ecs.kernels.random import uniform
+from outlast.ecs.kernels.simd import load
 
 
 class Mud(Component):
@@ -154,7 +154,7 @@ def test_how_numpy_prints_does_not_count(tmp_path: Path) -> None:
 
 
 def test_the_hash_is_the_same_in_another_process_compiled_or_not(tmp_path: Path) -> None:
-    code = "import mine; from outlast.ecs.identity import code_digest; print(code_digest(mine.Swamp()))"
+    code = "import mine; from outlast.ecs.checks.code_hash import code_digest; print(code_digest(mine.Swamp()))"
     expected = code_digest(made(tmp_path)())
     for flag in ("0", "1"):
         environment = os.environ | {"NUMBA_DISABLE_JIT": flag, "PYTHONHASHSEED": flag}

@@ -10,8 +10,8 @@ import pytest
 import outlast
 from outlast import choice, integers, log_uniform, systems, uniform
 from outlast.ecs import Clock, Component, Entity, NumberError, Observation
-from outlast.ecs.given import Given
-from outlast.ecs.varied import Varied
+from outlast.ecs.memory.given import Given
+from outlast.ecs.memory.varied import Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
 from outlast.envs.scenarios.scenario import Scenario

@@ -14,7 +14,7 @@ import outlast
 from outlast import Recording, Replay, State, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
 from outlast.ecs import Module, NumberError, Rows, Write
-from outlast.ecs.roles import plain
+from outlast.ecs.declarations.roles import plain
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ScenarioError, StateError

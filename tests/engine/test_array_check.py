@@ -13,10 +13,10 @@ from numpy.lib.stride_tricks import as_strided
 
 from outlast.components.sight import is_set
 from outlast.ecs import DeclarationError, Entity, Rows, Worlds, Write, kernel
-from outlast.ecs.array_check import UNCHECKED_TYPES
-from outlast.ecs.columns import CheckedColumn
-from outlast.ecs.jit import entry_point
-from outlast.ecs.simd import load, load_flags, store, store_bytes, to_bits
+from outlast.ecs.kernels.array_check import UNCHECKED_TYPES
+from outlast.ecs.kernels.array_types import CheckedColumn
+from outlast.ecs.kernels.jit import entry_point
+from outlast.ecs.kernels.simd import load, load_flags, store, store_bytes, to_bits
 from tests.conftest import COMPILED
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 

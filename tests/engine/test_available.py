@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from outlast.ecs import available
-from outlast.ecs.available import available_cores, available_memory
+from outlast.ecs.kernels import available
+from outlast.ecs.kernels.available import available_cores, available_memory
 
 MIB = 2**20
 FREE = "MemTotal: 9000000 kB\nMemAvailable: 4096000 kB\n"  # 4,000 MiB

@@ -8,8 +8,9 @@ import numba
 import numpy as np
 import pytest
 
-from outlast.ecs import cache_key, kernel
-from outlast.ecs.cache_key import SETTINGS, CacheKey
+from outlast.ecs import kernel
+from outlast.ecs.compilation import cache_key
+from outlast.ecs.compilation.cache_key import SETTINGS, CacheKey
 from tests.conftest import COMPILED
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="about machine code")

@@ -33,12 +33,12 @@ from outlast.ecs import (
     column,
     number,
 )
-from outlast.ecs import random as draws
-from outlast.ecs.abstract_values import rounds
-from outlast.ecs.assignment_check import first_unassigned
-from outlast.ecs.compile_errors import of_numba
-from outlast.ecs.random import integer, normal, uniform
-from outlast.ecs.random_check import repeated_draw
+from outlast.ecs.checks.abstract_values import rounds
+from outlast.ecs.checks.assignment_check import first_unassigned
+from outlast.ecs.checks.random_check import repeated_draw
+from outlast.ecs.compilation.compile_errors import of_numba
+from outlast.ecs.kernels import random as draws
+from outlast.ecs.kernels.random import integer, normal, uniform
 from outlast.envs.core.make import make_vec
 from outlast.envs.scenarios.variants import variant
 from tests.conftest import COMPILED

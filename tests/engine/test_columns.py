@@ -8,10 +8,11 @@ from numba import types
 from numba.core.errors import NumbaError
 
 from outlast import make_vec
-from outlast.ecs import Read, Rows, Worlds, arguments
-from outlast.ecs.columns import CheckedColumn, Column
-from outlast.ecs.jit import kernel
-from outlast.ecs.tick import Generator
+from outlast.ecs import Read, Rows, Worlds
+from outlast.ecs.compilation import arguments
+from outlast.ecs.compilation.tick import Generator
+from outlast.ecs.kernels.array_types import CheckedColumn, Column
+from outlast.ecs.kernels.jit import kernel
 from tests.conftest import COMPILED, draw_actions, few_by_day
 from tests.helpers import toy_game
 from tests.helpers.execution_modes import LEVELS, short

@@ -28,11 +28,11 @@ from outlast.ecs import (
     Singleton,
     Worlds,
     Write,
-    cache,
     column,
     kernel,
 )
-from outlast.ecs.random import uniform
+from outlast.ecs.compilation import cache
+from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
 from tests.helpers.toy_game import STEP, Energy, Food, Pay, Phase, Place, Toy, Walkers, Weather, make, run
@@ -131,7 +131,7 @@ def test_the_source_of_a_tick() -> None:
     source = worlds.source()
     labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay"
     assert labels.pop(1) == "zero tests.helpers.toy_game.Line.line"  # an observation of one's own, when episodes begin
-    checks = [f"outlast.ecs.component.Entity.{column} after food.grow" for column in ("alive", "identity")]
+    checks = [f"outlast.ecs.declarations.component.Entity.{column} after food.grow" for column in ("alive", "identity")]
     assert [label for label in labels if label not in (zero, *checks)] == [
         "clock",
         *(s.label for s in worlds.schedule.systems),
@@ -497,12 +497,14 @@ def draws_from_a_generator(place: Write[Place], rows: Rows[Place]) -> None:
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("function", [draws, draws_in_a_nested_function, draws_in_a_helper, draws_from_a_generator])
 def test_generators_with_a_state_are_refused(function: Callable[..., None], compiled: bool) -> None:
-    """The same seed would not give the same bits. outlast.ecs.random is not one of them, in spite of its name."""
+    """The same seed would not give the same bits. outlast.ecs.kernels.random is none of them."""
 
     class Local(Toy):
         pass
 
-    with pytest.raises(DeclarationError, match=rf"local\.{function.__name__} refers to .*the same seed.*ecs\.random"):
+    with pytest.raises(
+        DeclarationError, match=rf"local\.{function.__name__} refers to .*the same seed.*ecs\.kernels\.random"
+    ):
         Local.system(Phase.MOVE, compiled=compiled)(function)
     assert Local.registered == []
 

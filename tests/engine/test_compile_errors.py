@@ -13,7 +13,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
-from outlast.ecs.compile_errors import explained
+from outlast.ecs.compilation.compile_errors import explained
 from tests.conftest import COMPILED
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 

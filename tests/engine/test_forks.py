@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from outlast.ecs import cache
+from outlast.ecs.compilation import cache
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
 PATIENCE = 60.0  # seconds until a test fails in which a process does not come

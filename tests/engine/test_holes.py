@@ -36,10 +36,10 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.cache_key import CacheKey
-from outlast.ecs.identity import _describe_value
-from outlast.ecs.kernel_check import check
-from outlast.ecs.random import uniform
+from outlast.ecs.checks.code_hash import _describe_value
+from outlast.ecs.checks.kernel_check import check
+from outlast.ecs.compilation.cache_key import CacheKey
+from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED
 
 COUNT = 2

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from outlast import Scenario
-from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, jit, kernel
-from outlast.ecs.cache_key import CacheKey
-from outlast.ecs.clock import RESET, STEP
-from outlast.ecs.jit import interpreted, loader, storer
-from outlast.ecs.kernel_check import check_interpretable
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
+from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, kernel
+from outlast.ecs.checks.kernel_check import check_interpretable
+from outlast.ecs.compilation.cache_key import CacheKey
+from outlast.ecs.kernels import jit
+from outlast.ecs.kernels.jit import interpreted, loader, storer
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
+from outlast.ecs.memory.clock import RESET, STEP
 from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest
@@ -211,6 +212,6 @@ def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: 
 def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks: str) -> None:
     variables = {key: text for key, text in os.environ.items() if key != "OUTLAST_BOUNDSCHECK"}
     variables |= {"OUTLAST_BOUNDSCHECK": value} if value else {}
-    command = [sys.executable, "-c", "from outlast.ecs import jit; print(jit.BOUNDS_CHECKS)"]
+    command = [sys.executable, "-c", "from outlast.ecs.kernels import jit; print(jit.BOUNDS_CHECKS)"]
     output = subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
     assert output.strip() == checks

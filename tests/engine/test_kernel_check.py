@@ -24,8 +24,8 @@ from outlast.ecs import (
     column,
     kernel,
 )
-from outlast.ecs.kernel_check import check
-from outlast.ecs.simd import store
+from outlast.ecs.checks.kernel_check import check
+from outlast.ecs.kernels.simd import store
 from tests.helpers import toy_game
 from tests.helpers.toy_game import Energy, Place, Walkers, system_of
 

@@ -22,7 +22,7 @@ from outlast.ecs import (
     Write,
     column,
 )
-from outlast.ecs.schedule import order
+from outlast.ecs.compilation.schedule import order
 from outlast.envs.scenarios.variants import variant
 from outlast.systems import DropLast, Maze, Pillars, Preparation, Rooms, Walls
 from tests.engine.test_schedule import Nowhere, adds, labels, module, named, reads, reads_pieces, writes, writes_pieces

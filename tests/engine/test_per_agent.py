@@ -30,8 +30,8 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.archetype import Archetype
-from outlast.ecs.roles import from_plain, plain
+from outlast.ecs.declarations.archetype import Archetype
+from outlast.ecs.declarations.roles import from_plain, plain
 from outlast.systems import Agents, Ending, FreeForAll, Rewards, Room, SpawnGrid, Teams
 from tests.conftest import scaled
 

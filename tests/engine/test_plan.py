@@ -12,7 +12,7 @@ import pytest
 import outlast
 from outlast.components import Phase
 from outlast.ecs import Module, NumberError
-from outlast.ecs.plan import KEPT
+from outlast.ecs.running.compiled_game import KEPT
 from outlast.systems import Heals
 from tests.conftest import digest
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from outlast.ecs import kernel
-from outlast.ecs import random as philox
-from outlast.ecs.jit import entry_point
+from outlast.ecs.kernels import random as philox
+from outlast.ecs.kernels.jit import entry_point
 
 COUNT = 4_000 if numba.config.DISABLE_JIT else 400_000
 KEY = tuple(np.uint64(number) for number in (7, 3, 1, 200, philox.stream_number("test")))

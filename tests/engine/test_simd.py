@@ -8,7 +8,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
-from outlast.ecs.simd import (
+from outlast.ecs.kernels.simd import (
     BYTES,
     LARGEST,
     NO_BYTE,

@@ -34,7 +34,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.kernel_check import check
+from outlast.ecs.checks.kernel_check import check
 from outlast.envs.core.spaces import bounds
 from outlast.envs.errors import ScenarioError
 from outlast.envs.inspect.event_table import event_table

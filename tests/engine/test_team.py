@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Read, Singleton, Write, column, number
-from outlast.ecs.execution import CompiledExecution
-from outlast.ecs.jit import entry_point
-from outlast.ecs.machine_code import atomic_add
-from outlast.ecs.team import MIN_RANGE
+from outlast.ecs.kernels.jit import entry_point
+from outlast.ecs.kernels.machine_code import atomic_add
+from outlast.ecs.running.execution import CompiledExecution
+from outlast.ecs.running.team import MIN_RANGE
 from tests.conftest import COMPILED, digest, scaled
 from tests.helpers.toy_game import STEP, Clock, Phase, Toy, Walkers, make, run, walked
 
@@ -159,7 +159,7 @@ def test_interrupted_while_a_system_fails_the_next_tick_is_whole(threads: int, m
 
 
 def test_without_such_threads_the_caller_does_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("outlast.ecs.team.has_symbol", lambda name: False)
+    monkeypatch.setattr("outlast.ecs.running.team.has_symbol", lambda name: False)
     with pytest.warns(UserWarning, match="threads=3 has no effect: this system has no POSIX threads"):
         worlds = make(count=MANY, threads=3)
     assert digest(walked(worlds, 5)) == digest(walked(make(count=MANY), 5))

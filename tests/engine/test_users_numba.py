@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from outlast.ecs import DeclarationError, Read, Rows, Write, kernel
-from outlast.ecs.cache_files import SUFFIX
+from outlast.ecs.kernels.cache_files import SUFFIX
 from tests.engine.test_compile import ROOT, compiled_only, system_of
 from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
 

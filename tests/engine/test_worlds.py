@@ -23,9 +23,9 @@ from outlast.ecs import (
     Write,
     column,
 )
-from outlast.ecs.arguments import COUNT, LINES
-from outlast.ecs.placing import ALIGN, touched_lines
-from outlast.ecs.random import uniform
+from outlast.ecs.compilation.arguments import COUNT, LINES
+from outlast.ecs.kernels.random import uniform
+from outlast.ecs.memory.column_places import ALIGN, touched_lines
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers import toy_game
 from tests.helpers.toy_game import (
@@ -349,7 +349,7 @@ def test_lines_that_steps_write_are_fetched_ahead(name: str) -> None:
 @pytest.mark.skipif(not COMPILED, reason="only machine code fetches")
 def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = digest(walked(make(count=100), 10))
-    monkeypatch.setattr("outlast.ecs.execution.CACHED", 0)
+    monkeypatch.setattr("outlast.ecs.running.execution.CACHED", 0)
     worlds = walked(make(count=100), 10)
     assert digest(worlds) == expected
     found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds._runner.single().blocks]  # type: ignore[union-attr]

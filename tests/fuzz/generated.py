@@ -14,7 +14,7 @@ from outlast import systems
 from outlast.components import *
 from outlast.components.health import hurt
 from outlast.ecs import *
-from outlast.ecs.random import uniform
+from outlast.ecs.kernels.random import uniform
 from outlast.components import Phase
 
 HALF, ONE = np.float32(0.5), np.float32(1)

@@ -12,7 +12,7 @@ import numpy as np
 import outlast
 from outlast import FloorPlan, Scenario, ScenarioError, choice, integers, levels, log_uniform, uniform
 from outlast.ecs import DeclarationError, NumberError
-from outlast.ecs.roles import plain
+from outlast.ecs.declarations.roles import plain
 from outlast.envs.errors import FaultError
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import planned

@@ -34,7 +34,7 @@ from outlast.ecs import (
     column,
     number,
 )  # fmt: skip
-from outlast.ecs.random import uniform
+from outlast.ecs.kernels.random import uniform
 
 __all__ = ["RESET", "SKIP", "STEP"]
 

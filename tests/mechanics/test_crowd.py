@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import outlast
 from outlast.components import Body, Phase, Side, Sight, Weapon
 from outlast.ecs import Entity, Module, Rows, Write, number
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.geometry.spatial_index import FEW
 from outlast.systems.observation_rows import WORD

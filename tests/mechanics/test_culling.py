@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.systems.geometry import aabb, blocks, broad_phase, spatial_index
 from outlast.systems.geometry.rays import NO_HIT
 from tests.conftest import COMPILED

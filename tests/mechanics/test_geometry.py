@@ -14,7 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.jit import entry_point
+from outlast.ecs.kernels.jit import entry_point
 from outlast.systems.geometry.points import gap_circle_box, in_kite, in_sector
 from outlast.systems.geometry.rays import NO_HIT, ray_body, ray_box, ray_circle
 from tests.helpers import naive_geometry as naive

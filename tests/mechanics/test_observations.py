@@ -5,7 +5,7 @@ import pytest
 
 import outlast
 from outlast.components import ObservationMasks
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from tests.conftest import few_by_day
 from tests.helpers import naive_observations
 from tests.helpers.naive_world import TOLERANCE

@@ -9,7 +9,7 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Died, Gift, Guard, Health, Item, Return, Shape, Side, Weapon
 from outlast.ecs import Archetype, DeclarationError, Module, number
-from outlast.ecs.kernel_check import check
+from outlast.ecs.checks.kernel_check import check
 from outlast.systems import DeathDrop, DropLast, Preparation, Respawn
 from tests.conftest import draw_actions
 

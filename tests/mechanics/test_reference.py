@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from outlast import variant
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.rollout.policies import POLICIES
 from outlast.systems.geometry.spatial_index import FEW
 from tests.conftest import COMPILED, scaled

@@ -11,7 +11,7 @@ import outlast
 from outlast import systems, variant
 from outlast.components import Body, Shape, Side, Sight, Wall
 from outlast.ecs import Entity, Worlds
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from tests.conftest import COMPILED, scaled
 from tests.helpers.naive_walls import Block
 

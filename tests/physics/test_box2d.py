@@ -13,7 +13,7 @@ import Box2D
 import numpy as np
 import pytest
 
-from outlast.ecs.jit import compiled
+from outlast.ecs.kernels.jit import compiled
 from outlast.systems.box2d import layout as box2d_layout
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d import portable as box2d_portable
@@ -359,7 +359,7 @@ import sys
 
 import numpy as np
 
-from outlast.ecs.jit import entry_point
+from outlast.ecs.kernels.jit import entry_point
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d.batch import Settings
 

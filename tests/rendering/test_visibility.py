@@ -8,7 +8,7 @@ import pytest
 
 from outlast.components import Body, Shape, Sight
 from outlast.ecs import Entity
-from outlast.ecs.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.layers import CamerasLayer
 from outlast.envs.rendering.rgb import draw

@@ -19,12 +19,14 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.ecs import cache, cache_files, kernel
-from outlast.ecs import cache_folder as folders
-from outlast.ecs.cache import CompiledUnits
-from outlast.ecs.cache_files import SUFFIX, claimed
-from outlast.ecs.cache_folder import cache_folder, cache_folders, is_private
-from outlast.ecs.machine_code import Code
+from outlast.ecs import kernel
+from outlast.ecs.compilation import cache
+from outlast.ecs.compilation.cache import CompiledUnits
+from outlast.ecs.kernels import cache_files
+from outlast.ecs.kernels import cache_folder as folders
+from outlast.ecs.kernels.cache_files import SUFFIX, claimed
+from outlast.ecs.kernels.cache_folder import cache_folder, cache_folders, is_private
+from outlast.ecs.kernels.machine_code import Code
 from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
@@ -34,7 +36,7 @@ Warm = tuple[dict[Path, tuple[bytes, int]], str]
 
 
 COUNTED = """
-from outlast.ecs.cache import CompiledUnits
+from outlast.ecs.compilation.cache import CompiledUnits
 
 compile_one = CompiledUnits._compile_one
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from outlast.ecs import file_lock
+from outlast.ecs.kernels import file_lock
 from outlast.envs.storage import folder_lock
 from outlast.envs.storage.atomic_write import temporary_path
 from outlast.envs.storage.folder_lock import OLD, OWNER, FolderLock, is_lock

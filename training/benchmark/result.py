@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs.available import available_cores
+from outlast.ecs.kernels.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import strict_json
 from outlast.envs.storage.limited_read import read_bytes, read_gzip

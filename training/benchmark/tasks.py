@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs.distributions import Distribution, integers, uniform
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.declarations.distributions import Distribution, integers, uniform
+from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS, variant
 from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms

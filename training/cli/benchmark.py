@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs.available import available_cores
+from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, count, output, positive, seed
 from outlast.envs.errors import install

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs.available import available_cores
+from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.options import STOPPED, nonnegative, output, positive
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars

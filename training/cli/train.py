@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs.available import available_cores
+from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
 from outlast.envs.errors import install

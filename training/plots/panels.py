@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ..columns import SUMMED, combinable
 from ..curves import Array, Curves

@@ -13,7 +13,7 @@ image = draw(env.worlds, 0, layers=[*LAYERS, MarshLayer(), CamerasLayer()])
 
 from collections.abc import Sequence
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 
 from ...errors import FilmError
 from ...scenarios.imports import member_of, module_of

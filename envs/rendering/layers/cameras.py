@@ -11,8 +11,8 @@ from outlast import systems
 from outlast.components import Body, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Clock
-from outlast.ecs.simd import SIMD_WIDTH
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
+from outlast.ecs.kernels.simd import SIMD_WIDTH
 
 from ...errors import FilmError
 from ..canvas import Canvas, Point

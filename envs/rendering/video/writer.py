@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
 
 from ...errors import FilmError
 from ...storage import atomic_write

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from outlast.ecs.whole import is_whole
+from outlast.ecs.kernels.integers import is_whole
 
 from ...adapters.opponents import Others, checked_others
 from ...errors import PlayError, install

@@ -1,0 +1,163 @@
+"""A hash of what a user's mechanic does, which tells apart two games of the same name with equal numbers.
+
+The hash is the same in every process, compiled or not, and does not depend on comments, docstrings and line numbers.
+What a mechanic uses of this package, of Python's library or of numpy counts only by name: versions identify the rest.
+"""
+
+import dis
+import functools
+import hashlib
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from types import CodeType, FunctionType
+from typing import Any
+
+import numpy as np
+
+from ..declarations.archetype import Archetype, listed
+from ..declarations.component import Component
+from ..declarations.fields import Field
+from ..declarations.system import Neighbour, System
+from ..kernels.frozen_values import codes, is_outside, references
+from ..memory.module import Module
+
+LIBRARIES = {*sys.stdlib_module_names, "numba", "numpy"}
+PLAIN = (bool, int, float, complex, str, bytes, range, slice, type(None), np.dtype)
+PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
+"""The version of Python whose bytecode is hashed: hashes of two versions cannot be compared."""
+
+
+def code_digest(module: Module) -> str:
+    """Hash of the code of a mechanic's systems and of all that they refer to, and of its components and prefab values.
+
+    Args:
+        module: The mechanic. Its numbers count only as far as archetypes, singletons and dimensions depend on them.
+
+    Returns:
+        32 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for line in _describe_module(module):
+        digest.update(line.encode() + b"\n")
+    return digest.hexdigest()[:32]
+
+
+def full_name(target: Any) -> str:
+    """The name of a class or function with that of its module."""
+    return f"{target.__module__}.{target.__qualname__}"
+
+
+def _describe_module(module: Module) -> Iterator[str]:
+    components = set[type[Component]]()
+    for archetype in listed(module, "archetypes", Archetype):
+        yield f"archetype {archetype.name} {archetype.count} {archetype.alive} {archetype.order}"
+        yield from map(_describe_prefab, archetype.parts)
+        components.update(map(type, archetype.parts))
+    for singleton in listed(module, "singletons", Component):
+        yield _describe_prefab(singleton)
+        components.add(type(singleton))
+    dims = {dim: size if isinstance(size, str) else int(size) for dim, size in module.dims().items()}
+    yield f"{sorted(dims.items())} {module.damage_type}"
+    yield from (f"fields {key} {_describe_fields(added)}" for key, added in sorted(module.fields().items()))
+    functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
+    for system in sorted(module.systems(), key=lambda system: system.label):
+        yield _describe_declaration(system)
+        components.update(component for parameter in system.parameters for component in parameter.components)
+        functions += [system.function] if system.outside else []
+    for component in sorted(components, key=full_name):
+        yield _describe_component(component)
+    yield from _describe_functions(functions)
+
+
+def _describe_prefab(part: Component) -> str:
+    values = {name: part.fills.get(name, column.fill) for name, column in part.columns.items()}
+    arrays = {name: np.asarray(value, part.columns[name].dtype) for name, value in values.items()}
+    return full_name(type(part)) + "".join(f" {name}{a.shape}{a.tobytes().hex()}" for name, a in arrays.items())
+
+
+def _describe_component(component: type[Component]) -> str:
+    bases = [full_name(base) for base in component.__mro__ if not is_outside(base)]
+    columns = [
+        (name, c.dtype.str, c.dims, float(c.fill), float(c.low), float(c.high), c.key, *_describe_fields(c.fields))
+        for name, c in (component.columns if is_outside(component) else {}).items()
+    ]
+    capacity = getattr(component, "capacity", "") if is_outside(component) else ""  # an event's capacity
+    capacity = full_name(capacity) if isinstance(capacity, type) else capacity
+    return f"{full_name(component)} {bases} {component.order} {component.packed} {capacity} {columns}"
+
+
+def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
+    return [each if isinstance(each, str) else (each.name, each.size, each.order) for each in fields]
+
+
+def _describe_declaration(system: System) -> str:
+    def names(neighbours: tuple[Neighbour, ...]) -> list[str]:
+        return [each if isinstance(each, str) else full_name(each) for each in neighbours]
+
+    parameters = [(p.name, p.kind, [full_name(c) for c in p.components], p.type.__name__) for p in system.parameters]
+    return (
+        f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
+        + (f" {names(system.needs)}" if system.needs else "")
+    )
+
+
+def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
+    """The functions and all that they refer to, each once, in the order in which they are found."""
+    known = list(ahead)
+    for function in known:  # `known` grows meanwhile
+        yield from _instructions(function.__code__)
+        for name, value in references(function):
+            yield from _describe_value(name, value, known)
+
+
+@functools.lru_cache(maxsize=4096)
+def _instructions(code: CodeType) -> tuple[str, ...]:
+    """The code as text: instructions with names and constants, without docstrings and line numbers."""
+    lines = list[str]()
+    for each in codes(code):
+        lines.append(f"{each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]}{each.co_exceptiontable.hex()}")
+        for instruction in dis.get_instructions(each):
+            value = instruction.argval
+            if isinstance(value, CodeType):  # also comes as one of `codes`
+                value = value.co_name
+            elif isinstance(value, frozenset):
+                value = sorted(map(repr, value))
+            if instruction.opname != "EXTENDED_ARG":
+                lines.append(f"{instruction.opname} {value!r}")
+    return tuple(lines)
+
+
+def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
+    """A value that code refers to. A user's function is added to `known`; what cannot be followed counts by name."""
+    function = getattr(value, "py_func", value)
+    if isinstance(function, FunctionType) and is_outside(function) and _root(function) not in LIBRARIES:
+        if function not in known:
+            known.append(function)
+        yield f"{name}=function {known.index(function)}"
+    elif isinstance(value, Enum):
+        yield f"{name}={value.name}"
+        yield from _describe_value(name, value.value, known)
+    elif isinstance(value, type) and issubclass(value, Enum):
+        yield from _describe_value(name, list(value), known)
+    elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:  # float64 is also a float
+        yield f"{name}={value.dtype.str}{value.shape}{value.tobytes().hex()}"
+    elif isinstance(value, PLAIN):
+        yield f"{name}={value!r}"
+    elif isinstance(value, (tuple, list)):
+        yield f"{name}={type(value).__name__}{len(value)}{getattr(value, '_fields', '')}"
+        for k, element in enumerate(value):
+            yield from _describe_value(f"{name}[{k}]", element, known)
+    elif isinstance(value, dict):
+        yield f"{name}=dict{len(value)}"
+        for k, item in enumerate(value.items()):
+            yield from _describe_value(f"{name}[{k}]", item, known)
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield from _describe_value(name, {item.name: getattr(value, item.name) for item in fields(value)}, known)
+    else:
+        yield name
+
+
+def _root(target: Any) -> str:
+    return str(target.__module__).partition(".")[0]

@@ -1,0 +1,286 @@
+"""Kernel arguments, packed into one int64 array so that the compiled tick takes a single pointer.
+
+An array takes ARRAY_SLOTS slots: its address, the stride from world to world in bytes, and its shape in one world. A
+number takes one slot. `ArgumentLayout` assigns the slots while the source of a tick is generated, once for a scenario's
+structure; an `ArgumentBlock` has the values for one batch of worlds and one thread.
+
+In the tick, array_view, table_view and number_view turn slots into what kernels take. A tick makes about a hundred
+arrays per world, and slices of numpy arrays would change reference counts atomically for each; these views own nothing,
+as the Worlds object that owns the memory outlives the call. Their LLVM code is built field by field, because numba's
+own constructors of arrays would take seconds to compile for so many; the compiler removes the fields that a kernel does
+not use. Each view is made only once in a process, as numba keeps every intrinsic for ever.
+"""
+
+import ctypes
+import functools
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import config, from_dtype, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from ..declarations.component import Component
+from ..kernels.array_types import CheckedColumn, Column
+from ..kernels.jit import compiled
+from ..memory.column_places import ALIGN
+from ..memory.module import Module
+
+MAX_DIMENSIONS = 4  # the most axes of a column in one world
+ARRAY_SLOTS = 2 + MAX_DIMENSIONS
+STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
+MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
+AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see run_units
+SLOT = ir.IntType(64)
+
+
+@dataclass
+class ArgumentLayout:
+    """Which slot holds which argument: each method assigns the next free slots to an argument and returns the first."""
+
+    size: int = COUNT + 1
+    columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
+    constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
+    scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
+    numbers: dict[int, tuple[str, int | float]] = field(default_factory=dict)
+    views: dict[int, Callable[[Any], np.ndarray[Any, Any]]] = field(default_factory=dict)
+
+    def add_column(self, component: type[Component], name: str) -> int:
+        """A column; kernels get the part of it that belongs to one world."""
+        return self._add(self.columns, (component, name), ARRAY_SLOTS)
+
+    def add_constant(self, array: np.ndarray[Any, Any]) -> int:
+        """An array that is the same for all worlds."""
+        return self._add(self.constants, np.ascontiguousarray(array), ARRAY_SLOTS)
+
+    def add_scratch(self, module: Module, name: str) -> int:
+        """A Scratch parameter: memory of the thread."""
+        return self._add(self.scratch, (module, name), ARRAY_SLOTS)
+
+    def add_number(self, value: int | float, name: str = "") -> int:
+        """An int, or a float that is read as float32. name: that of a mechanic's number, "module_number"; else ""."""
+        return self._add(self.numbers, (name, value), 1)
+
+    def add_view(self, view: Callable[[Any], np.ndarray[Any, Any]]) -> int:
+        """A part of the worlds' state that is no column: the array (worlds, ...) that `view` returns for the Worlds."""
+        return self._add(self.views, view, ARRAY_SLOTS)
+
+    def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
+        slot = self.size
+        kind[slot] = content
+        self.size += slots
+        return slot
+
+
+class ArgumentBlock:
+    """The arguments of one batch of worlds and one thread.
+
+    Attributes:
+        slots: int64 (slots,).
+        address: The address of the slots.
+        scratch: The thread's memory by its first slot, for kernels that run as Python.
+    """
+
+    def __init__(self, layout: ArgumentLayout, worlds: Any, compiled: bool) -> None:
+        self.slots = np.zeros(layout.size, np.int64)
+        self.slots[STRIDE] = worlds.layout.world_bytes
+        self._describe(BLOCK, worlds.block.view(np.uint64), 1)
+        self._describe(MODE, worlds.mode, 0)
+        self._describe(EVENTS, worlds.event_memory.counts, 1)
+        for slot, (component, name) in layout.columns.items():
+            self._describe(slot, getattr(worlds[component], name), 1)
+        for slot, view in layout.views.items():
+            self._describe(slot, view(worlds), 1)
+        self.constants = layout.constants  # kept alive here, as the slots have only its address
+        for slot, array in layout.constants.items():
+            self._describe(slot, array, 0)
+        self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
+        for slot, array in self.scratch.items() if compiled else ():
+            self._describe(slot, array, 0)
+        self._numbers = layout.numbers
+        self.set_numbers(worlds.changed)
+        self.address = int(self.slots.ctypes.data)
+
+    def set_numbers(self, changed: Mapping[str, int | float]) -> None:
+        """Write all numbers into their slots. changed: present values of numbers that have changed, by full name."""
+        for slot, (name, value) in self._numbers.items():
+            value = changed.get(name, value)
+            self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
+
+    def fetch(self, address: int, lines: np.ndarray[Any, Any]) -> None:
+        """Let the unit prefetch cache lines of later worlds: while it handles world 0, of the world at `address`.
+
+        lines: int64 (lines,), their offsets in a world's state.
+        """
+        self._lines = np.ascontiguousarray(lines, np.int64)  # kept alive here, as the slots have only its address
+        self.slots[[AHEAD, LINES, COUNT]] = address, self._lines.ctypes.data, len(lines)
+
+    def _describe(self, slot: int, array: np.ndarray[Any, Any], axes: int) -> None:
+        """Fill the slots of an array. axes: 1 if its first axis is the worlds, 0 if it is the same for all of them."""
+        shape = array.shape[axes:]
+        stride = array.strides[0] if axes else 0
+        self.slots[slot : slot + 2 + len(shape)] = [array.ctypes.data, stride, *shape]
+
+
+@dataclass(frozen=True)
+class View:
+    """How a kernel sees an array.
+
+    Attributes:
+        dtype: The type of its elements.
+        ndim: How many axes it has in one world.
+        writable: Whether kernels write to it.
+        checked: Whether its indices are checked, for kernels from outside of outlast (see kernels.array_types).
+        shape: Its shape in one world, if that is part of the machine code; None: it is read from the slots.
+        place: Likewise its offset in the state of a world, and the size of that state, in bytes.
+        values: Likewise the bytes of all its elements.
+    """
+
+    dtype: np.dtype[Any]
+    ndim: int
+    writable: bool = False
+    checked: bool = False
+    shape: tuple[int, ...] | None = None
+    place: tuple[int, int] | None = None
+    values: bytes | None = None
+
+    @property
+    def name(self) -> str:
+        """Its name in the source of units, which says what it is."""
+        parts = [self.dtype.str[1:], str(self.ndim), "w" if self.writable else "r", *map(str, self.shape or ())]
+        if self.values is not None:
+            parts.append(hashlib.sha256(self.values).hexdigest()[:12])
+        return "_".join(parts)
+
+    @property
+    def type(self) -> Any:
+        """Its type in numba; with NUMBA_BOUNDSCHECK=1, the indices of all kernels are checked."""
+        kind = CheckedColumn if self.checked or config.BOUNDSCHECK else Column
+        return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
+
+
+@functools.cache
+def array_view(view: View, python: bool) -> Any:
+    """A function (arguments, slot, w) -> the array at `slot`, for world w."""
+    if python or not compiled():
+        return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, view)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
+            return _array(context, builder, view, slots, arguments[1], arguments[2], packed=False)
+
+        return view.type(types.intp, types.intp, types.intp), generate
+
+    return function
+
+
+@functools.cache
+def table_view(component: type[Component], views: tuple[View, ...], python: bool) -> Any:
+    """A function (arguments, slot, w) -> the table of `component` for world w; its columns begin at `slot`."""
+    if python or not compiled():
+        return lambda arguments, slot, w: component.Table(
+            *(_python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, view) for c, view in enumerate(views))
+        )
+    table = types.NamedTuple([view.type for view in views], component.Table)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
+            starts = [builder.add(arguments[1], ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(views))]
+            arrays = [
+                _array(context, builder, view, slots, start, arguments[2], component.packed)
+                for view, start in zip(views, starts, strict=True)
+            ]
+            return context.make_tuple(builder, table, arrays)
+
+        return table(types.intp, types.intp, types.intp), generate
+
+    return function
+
+
+@functools.cache
+def number_view(kind: str, python: bool) -> Any:
+    """A function (arguments, slot) -> the number at `slot`; kind: "int64" or "float32"."""
+    if python or not compiled():
+        dtype = np.dtype(kind)
+        return lambda arguments, slot: arguments.slots[slot : slot + 1].view(dtype)[0]
+    value = getattr(types, kind)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def view(typing: Any, address: Any, slot: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
+            pointer = builder.gep(slots, [arguments[1]])
+            return builder.load(builder.bitcast(pointer, context.get_data_type(value).as_pointer()))
+
+        return value(types.intp, types.intp), generate
+
+    return view
+
+
+def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
+    """Load a slot. As nothing writes slots while a tick runs, the compiler may load them whenever it suits."""
+    word = builder.load(builder.gep(slots, [slot]))
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
+
+
+def _array(context: Any, builder: Any, view: View, slots: Any, start: Any, w: Any, packed: bool) -> Any:
+    """Numba's array structure for world w, from the slots that begin at `start` and from what `view` knows.
+
+    Packed columns share one stride, so that it is loaded and multiplied once for all of them.
+    """
+    kind = view.type
+    model = context.data_model_manager[kind]
+    element = context.get_data_type(kind.dtype)
+    itemsize = ir.Constant(SLOT, view.dtype.itemsize)
+    if view.shape is None:
+        shape = [_load_slot(builder, slots, builder.add(start, ir.Constant(SLOT, 2 + k))) for k in range(view.ndim)]
+    else:
+        shape = [ir.Constant(SLOT, size) for size in view.shape]
+    strides, count = [itemsize], shape[0]
+    for size in shape[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], size))
+        count = builder.mul(count, size)
+    if view.values is not None:
+        address = _constant(builder, view.values)
+    elif view.place is not None:
+        offset, stride = (ir.Constant(SLOT, number) for number in view.place)
+        address = builder.add(_load_slot(builder, slots, ir.Constant(SLOT, BLOCK)), builder.mul(w, stride))
+        address = builder.add(address, offset)
+    else:
+        stride = ir.Constant(SLOT, STRIDE) if packed else builder.add(start, ir.Constant(SLOT, 1))
+        address = builder.add(_load_slot(builder, slots, start), builder.mul(w, _load_slot(builder, slots, stride)))
+    pointer = builder.inttoptr(address, element.as_pointer())
+    fields = {"nitems": count, "itemsize": itemsize, "data": pointer, "shape": shape, "strides": strides}
+    result = ir.Constant(model.get_value_type(), None)  # no owner, so no reference count
+    for name, value in fields.items():
+        position = model.get_field_position(name)
+        parts = enumerate(value) if isinstance(value, list) else [(None, value)]
+        for axis, part in parts:
+            result = builder.insert_value(result, part, [position] if axis is None else [position, axis])
+    return result
+
+
+def _constant(builder: Any, values: bytes) -> Any:
+    """The address of bytes that are part of the machine code, and of a cache line behind them, for kernels.simd."""
+    padded = bytearray(values) + bytes(ALIGN)
+    variable = cgutils.global_constant(builder, "constant", cgutils.make_bytearray(padded))
+    variable.align = ALIGN
+    return builder.ptrtoint(variable, SLOT)
+
+
+def _python_array(slots: np.ndarray[Any, Any], slot: int, w: int, view: View) -> np.ndarray[Any, Any]:
+    """The array at `slot` for world w, in plain Python: for uncompiled runs and for systems that stay Python."""
+    address, stride, *shape = map(int, slots[slot : slot + 2 + view.ndim])
+    memory: Any = (ctypes.c_char * (int(np.prod(shape)) * view.dtype.itemsize)).from_address(address + w * stride)
+    array: np.ndarray[Any, Any] = np.ndarray(tuple(shape), view.dtype, memory)
+    array.flags.writeable = view.writable
+    return array

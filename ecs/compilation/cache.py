@@ -1,0 +1,268 @@
+"""The compile cache: it finds the machine code of units in memory or on disk, or compiles it, on all cores if it may.
+
+Processes that begin at the same time, such as those of a vector environment, share the work: each compiles some units.
+
+A unit's key (cache_key) says what its machine code depends on. Units that another scenario, process or version of
+this game has compiled are loaded; an edit compiles the units of the systems that it touches.
+"""
+
+import contextlib
+import gc
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from ..kernels import cache_files
+from ..kernels.available import available_cores, available_memory
+from ..kernels.cache_folder import cache_folders
+from ..kernels.jit import compiled, options_of
+from ..kernels.machine_code import Code, as_python, compile_function, load_code
+from .cache_key import CacheKey
+from .compile_errors import explained
+from .tick import Unit
+
+ADDRESSES: dict[str, int] = {}  # addresses of loaded units, by key
+DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests of kernels were when numba compiled them
+LOCK = threading.RLock()
+LOGGER = logging.getLogger("outlast")
+REPORT = 10.0  # seconds between messages of progress
+UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
+FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
+ENDING = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))  # signals that end a fork
+FORKS = "forks"  # what a process claims that forks
+CURE = "OUTLAST_CACHE_DIR can name another folder"
+
+
+class CompiledUnits:
+    """The compiled units of a tick, and functions that Python calls.
+
+    Args:
+        units: All units of the tick.
+        functions: Kernels of int64 arguments by label, for Python to call.
+        parts: Kernels of three int64 arguments by label, which machine code calls by their address, like units.
+
+    Attributes:
+        compiled: Labels of what `load` did not find: it was compiled here, or by other processes meanwhile.
+
+    Raises:
+        DeclarationError: A system refers to something whose later changes its machine code would not notice.
+    """
+
+    def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
+        if len({unit.label for unit in units}) < len(units):
+            raise AssertionError(f"two units of one label: {sorted(unit.label for unit in units)}")
+        self._python = frozenset(functions)
+        self._functions = {**functions, **parts} if compiled() else {}
+        self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | self._functions)
+        self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
+        self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
+        self._units = {unit.label: unit for unit in units}
+        self.compiled: list[str] = []
+        self._found: dict[str, Code] = {}  # what `missing` has read for `load`
+
+    @property
+    def missing(self) -> list[str]:
+        """Labels of the units whose machine code is neither loaded nor on disk."""
+        pending = [label for label, key in self._keys.items() if key not in ADDRESSES]
+        folders = cache_folders().readable if pending else []
+        return [label for label in pending if not self._read(label, folders)]
+
+    def load(self) -> None:
+        """Load what is not loaded yet, and compile what is not on disk either. Raises what numba raises."""
+        with LOCK:
+            if missing := self.missing:
+                self.compiled += missing
+                self._discard_outdated()
+                with _few_collections():
+                    self._compile(sorted(missing, key=self._urgency))
+                cache_files.prune()
+            found = {label: code for label, code in self._found.items() if self._keys[label] not in ADDRESSES}
+            for label, address in zip(found, load_code(found.values()), strict=True):
+                ADDRESSES[self._keys[label]] = address
+            self._found.clear()
+
+    def address(self, label: str) -> int:
+        """The address of a unit's function, or of a part."""
+        return ADDRESSES[self._keys[label]]
+
+    def function(self, label: str) -> Any:
+        """One of the functions, for Python to call; it runs without the GIL."""
+        return as_python(self.address(label))
+
+    def _read(self, label: str, folders: Iterable[Path]) -> Code | None:
+        """The machine code of a unit that is found on disk or was compiled."""
+        name = cache_files.file_name(label, self._keys[label])
+        for folder in folders:
+            if label not in self._found and (code := cache_files.read(folder / name)):
+                self._found[label] = code
+        return self._found.get(label)
+
+    def _urgency(self, label: str) -> tuple[bool, int]:
+        """A sort key: systems from outside of outlast first, as they may have errors; then the large ones."""
+        unit = self._units.get(label)
+        return not (unit and unit.system and unit.system.outside), -self._cache_key.size(label)
+
+    def _discard_outdated(self) -> None:
+        """Discard numba's results for kernels that have changed since, or that refer to something that has."""
+        for kernel, digest in self._cache_key.kernel_digests():
+            if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
+                kernel._make_finalizer()()
+                kernel._reset_overloads()
+            DIGESTS[kernel] = digest
+
+    def _compile(self, labels: Sequence[str]) -> None:
+        """Compile these units and keep them on disk."""
+        folders = cache_folders()
+        where = folders.writable
+        paths = {label: where and where / cache_files.file_name(label, self._keys[label]) for label in labels}
+        if folders.problem:
+            cache_files.warn(f"compiled code is kept in {where or 'memory only'}, as {folders.problem}; {CURE}")
+
+        def work(label: str, wait: bool = False) -> None:
+            with cache_files.claimed(paths[label], wait) as mine:
+                if not self._read(label, folders.readable) and mine:
+                    self._found[label] = self._compile_one(label)
+                    cache_files.write(paths[label], self._found[label])
+
+        def done() -> int:
+            return sum(label in self._found or bool(path and path.exists()) for label, path in paths.items())
+
+        report = _Progress(done, len(labels))
+        # Only one of the processes that begin together forks, or there would be as many forks as processes times cores.
+        with cache_files.claimed(where and where / FORKS, wait=False) as alone:
+            _spread(labels, work, report, fork=bool(where and alone))
+        for label in labels:
+            if label not in self._found:  # a fork or another process compiles it, unless that fails
+                work(label, wait=True)
+                report()
+
+    def _compile_one(self, label: str) -> Code:
+        unit = self._units.get(label)
+        kernel = unit.kernel if unit else self._functions[label]
+        function = unit.function() if unit else kernel.py_func
+        name, qualified = function.__name__, function.__qualname__
+        function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # makes its symbol unique
+        options = options_of(getattr(kernel, "py_func", kernel))
+        try:
+            with explained(unit.system if unit else None):
+                return compile_function(function, options, python=label in self._python)
+        finally:
+            function.__name__, function.__qualname__ = name, qualified
+
+
+class _Progress:
+    """Messages of how many units are compiled, when it is called, but not more often than every REPORT seconds."""
+
+    def __init__(self, done: Callable[[], int], count: int) -> None:
+        self._done, self._count, self._last = done, count, time.monotonic()
+
+    def __call__(self) -> None:
+        if time.monotonic() - self._last >= REPORT:
+            self._last = time.monotonic()
+            LOGGER.info("compiled %d of %d systems", self._done(), self._count)
+
+
+def _spread(
+    labels: Sequence[str], work: Callable[[str], None], report: Callable[[], None] = lambda: None, fork: bool = True
+) -> None:
+    """Call `work` for each label, in this process and in forks of it; each takes the next label from a pipe.
+
+    The results of a fork are only on disk. If a fork fails, no further label is begun, and the rest stays undone.
+
+    Args:
+        labels: What to work on.
+        work: The work.
+        report: Is called in this process now and then.
+        fork: Whether to fork, if that is possible.
+    """
+    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork and _may_fork() else 1
+    children: dict[int, int | None] = {}  # statuses of those that have ended, by id
+    owner = os.getpid()
+    queue, source = os.pipe()
+    os.write(source, b"".join(k.to_bytes(2, "little") for k in range(len(labels))))
+    os.close(source)
+
+    def work_while(wanted: Callable[[], bool]) -> None:
+        while wanted() and (index := os.read(queue, 2)):
+            work(labels[int.from_bytes(index, "little")])
+            report()
+
+    try:
+        with contextlib.suppress(OSError):  # no more processes are allowed
+            while len(children) < processes - 1:
+                children[_fork(lambda: work_while(lambda: os.getppid() == owner))] = None
+        work_while(lambda: _none_failed(children))
+        while _none_failed(children) and None in children.values():
+            time.sleep(0.005)
+            report()
+    finally:
+        os.close(queue)
+        for child, status in children.items():  # some run after Ctrl-C, or an error here or in a fork
+            if status is None and _status(child) is None:
+                os.kill(child, signal.SIGKILL)
+                with contextlib.suppress(ChildProcessError):
+                    os.waitpid(child, 0)
+
+
+def _none_failed(children: dict[int, int | None]) -> bool:
+    """Enter the statuses of children that have ended meanwhile; False if one has failed."""
+    children.update({child: _status(child) for child, status in children.items() if status is None})
+    return not any(children.values())
+
+
+def _status(child: int) -> int | None:
+    """The status with which a child ended; None while it runs."""
+    try:
+        ended, status = os.waitpid(child, os.WNOHANG)
+    except ChildProcessError:  # SIGCHLD is ignored, or other code waited for it: its files show what it did
+        return 0
+    return status if ended else None
+
+
+def _fork(work: Callable[[], None]) -> int:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Python and JAX warn of threads; of Python's, none run: see _may_fork
+        child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            for number in signal.valid_signals():
+                if callable(signal.getsignal(number)):  # the program's, which would run twice
+                    signal.signal(number, signal.SIG_DFL if number in ENDING else signal.SIG_IGN)
+            logging.disable()
+            warnings.simplefilter("ignore")
+            gc.freeze()  # what is never searched for garbage is not copied
+            work()
+            status = 0
+        finally:
+            os._exit(status)
+    return child
+
+
+def _may_fork() -> bool:
+    """Whether a fork can compile: on Linux, if no other Python thread could hold a lock that the fork waits for."""
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def _cores() -> int:
+    """How many processes may compile: as many as cores, and as fit into memory."""
+    return 1 + int(min(available_cores() - 1, available_memory() // FORK_MEMORY))
+
+
+@contextlib.contextmanager
+def _few_collections() -> Iterator[None]:
+    """Collect garbage rarely: the compiler makes millions of objects that stay, and searching them takes time."""
+    before = gc.get_threshold()
+    gc.set_threshold(100_000, 50, 50)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

@@ -1,0 +1,299 @@
+"""The schedule: phases in order of time, systems within a phase by what they declare. Ambiguity is an error."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ..declarations.access import SELECTIONS
+from ..declarations.component import Component, Singleton
+from ..declarations.event import Event
+from ..declarations.phase import Phase, When
+from ..declarations.system import System
+from ..kernels.errors import ScheduleError, did_you_mean
+from ..memory.module import Module
+from .ambiguity import Reasons, ambiguity, reasons_of
+
+OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The systems of one tick, in order. `str(schedule)` is the printed table."""
+
+    systems: tuple[System, ...]
+
+    @property
+    def touched(self) -> set[type[Component]]:
+        """The components that systems read or write in ticks in which no episode begins."""
+        parameters = [p for system in self.systems if system.phase.when is not When.RESET for p in system.parameters]
+        return {c for p in parameters if p.kind not in SELECTIONS.values() for c in p.components}
+
+    def __str__(self) -> str:
+        lines = [f"{'phase':<9} {'runs on':<12} {'system':<22} {'reads':<34} {'writes':<30} adds"]
+        phase = None
+        for system in self.systems:
+            if system.phase is not phase:
+                phase = system.phase
+                lines.append(f"{phase.name:<9} {phase.when.value:<12} # {phase.postcondition}")
+            reads, writes, adds = (_touched(system, kind) for kind in ("read", "write", "add"))
+            python = "" if system.compiled else "  (python)"
+            lines.append(f"{'':<22} {system.label:<22} {reads:<34} {writes:<30} {adds}{python}".rstrip())
+        return "\n".join(lines)
+
+
+def order(
+    systems: Iterable[System], present: Iterable[type[Component]], chains: Sequence[Sequence[str]] = ()
+) -> Schedule:
+    """Put systems in order. The order of `systems` does not matter.
+
+    Args:
+        systems: The systems of a scenario.
+        present: The components of the scenario.
+        chains: Labels of systems or names of mechanics; in each chain, every one runs before the next.
+
+    Raises:
+        ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
+            `after`, `before` or a chain names something unknown or in another phase, or they form a circle; two systems
+            of a phase use a component in conflicting ways without saying which runs first; or a system reads an event
+            that is emitted only later in the tick.
+    """
+    systems = sorted(systems, key=lambda system: system.label)
+    for one, two in pairwise(systems):
+        if one.label == two.label:
+            raise ScheduleError(
+                f"two systems are called {one.label} ({one.function.__module__} and {two.function.__module__}): their "
+                "name decides their order and their random numbers; rename one of the functions or its mechanic"
+            )
+    _check_present(systems, set(present))
+    _check_streams(systems)
+    phases: dict[Phase, list[System]] = {}
+    for system in systems:
+        phases.setdefault(system.phase, []).append(system)
+    known = [*systems, *Module.imported_systems()]
+    pairs = [pair for chain in chains for pair in pairwise(chain)]
+    for pair in pairs:
+        _check_pair(pair, known)
+    ordered, errors = list[System](), list[str]()
+    for phase in sorted(phases, key=lambda phase: phase.position):
+        ordered += _order_phase(phases[phase], known, pairs, errors)
+    if errors:
+        raise ScheduleError("\n".join(errors))
+    _check_events(ordered, known)
+    return Schedule(tuple(ordered))
+
+
+def _touched(system: System, kind: str) -> str:
+    return " ".join(c.__name__ for p in system.parameters if p.kind == kind for c in p.components)
+
+
+def _check_present(systems: Sequence[System], present: set[type[Component]]) -> None:
+    for system in systems:
+        for parameter in system.parameters:
+            for component in parameter.components:
+                if parameter.kind not in SELECTIONS.values() and component not in present:
+                    raise ScheduleError(
+                        f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
+                        f"this scenario brings it; {_bringing(component)}, or leave {system.module} out"
+                    )
+
+
+def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
+    """Raise ScheduleError if a system reads an event before any system can emit it: the list would always be empty.
+
+    known: all systems, also those of mechanics that are left out, as one of them may emit the event in time.
+    """
+    labels = {system.label for system in systems}
+    events = {c for s in systems for p in s.parameters for c in p.components if issubclass(c, Event)}
+    for event in sorted(events, key=lambda event: event.name):
+        emitting = [system for system in systems if system.touches(event, "write")]
+        for k, system in enumerate(systems):
+            if not (emitting and system.touches(event, "read")):
+                continue
+            here, first = system.phase, emitting[0]
+            ahead = [s.phase for s in systems[:k] if s.touches(event, "write")]
+            absent = [s.phase for s in known if s.touches(event, "write") and s.label not in labels]
+            ahead += [phase for phase in absent if type(phase) is type(here) and phase.position <= here.position]
+            if not any(When.ALWAYS in (phase.when, here.when) or phase.when is here.when for phase in ahead):
+                raise ScheduleError(
+                    f"{system.label} in phase {here.name} ({here.when.value}) reads {event.__name__}, but the first "
+                    f"one that emits it is {first.label} in phase {first.phase.name} ({first.phase.when.value}): "
+                    "the list begins empty in each tick; move the reader behind it, or keep what it needs in a column"
+                )
+
+
+def check_brought(systems: Iterable[System], brought: Collection[type[Component]]) -> None:
+    """Refuse a user's system that would run in no scenario.
+
+    A system whose `Rows` or `needs` name a component that this scenario lacks is left out, like the component itself.
+
+    Args:
+        systems: The systems of the scenario's mechanics.
+        brought: The components that the scenario has.
+
+    Raises:
+        ScheduleError: No imported mechanic has the component.
+    """
+    for system in systems:
+        rows = [c for p in system.parameters if p.kind in SELECTIONS.values() for c in p.components]
+        for component in (*rows, *system.needs) if system.outside else ():
+            if component not in brought and not Module.providing(_brings(component)):
+                twin = component.__name__ in (other.__name__ for other in brought)
+                hint = "; another class of that name is there: define both anew" if twin else ""
+                raise ScheduleError(
+                    f"{system.label} is for entities with {component.__name__}, which no mechanic brings, so it would "
+                    f"never run: {_bring(component)}{hint}"
+                )
+
+
+def _bringing(component: type[Component]) -> str:
+    """Say, as a part of a message, what to do so that a scenario has the component."""
+    shared = issubclass(component, Event)  # whoever emits or reads an event may bring it
+    providers = "" if shared else Module.providers(_brings(component))
+    return f"add {providers}" if providers else _bring(component)
+
+
+def _bring(component: type[Component]) -> str:
+    """Say how a mechanic brings the component."""
+    if issubclass(component, Singleton):
+        return f"bring it, as in def singletons(self): return [{component.__name__}()]"
+    return f'bring it, as in def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
+
+
+def _brings(component: type[Component]) -> Callable[[Module], bool]:
+    """Return a function that tells whether a mechanic brings the component."""
+
+    def brings(module: Module) -> bool:
+        parts = [part for archetype in module.archetypes() for part in archetype.parts]
+        return component in map(type, [*module.singletons(), *parts])
+
+    return brings
+
+
+def _check_streams(systems: Sequence[System]) -> None:
+    owners: dict[str, System] = {}
+    for system in systems:
+        if any(parameter.kind == "random" for parameter in system.parameters):
+            other = owners.setdefault(system.stream, system)
+            if other is not system:
+                raise ScheduleError(
+                    f"{other.label} and {system.label} have one random stream, {system.stream}, and would draw the "
+                    f"same numbers: give {system.module} a stream of its own, or rename one of the functions"
+                )
+
+
+def _order_phase(
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], errors: list[str]
+) -> list[System]:
+    """Sort topologically by after/before, ties by label; then check that all conflicting pairs have an order.
+
+    known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
+    that is left out. errors: to this list, those of pairs without an order are added.
+    """
+    reasons = reasons_of(systems)
+    earlier = _predecessors(systems, known, pairs, reasons)
+    ordered: list[System] = []
+    predecessors: dict[str, set[str]] = {}
+    waiting = list(systems)
+    while waiting:
+        ready = next((s for s in waiting if earlier[s.label] <= predecessors.keys()), None)
+        if ready is None:
+            names = ", ".join(s.label for s in waiting)
+            raise ScheduleError(
+                f"the after/before of these systems run in a circle: {names}; leave one of them out"
+                + (", or a part of scenario.ordered(...)" if pairs else "")
+            )
+        predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
+        ordered.append(ready)
+        waiting.remove(ready)
+    for k, second in enumerate(ordered):
+        for first in ordered[:k]:
+            if first.label not in predecessors[second.label]:
+                errors += filter(None, [ambiguity(first, second, reasons, brief=bool(errors))])
+    return ordered
+
+
+def _predecessors(
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], reasons: Reasons
+) -> dict[str, set[str]]:
+    """By label of each system, the labels of those that are to run earlier.
+
+    Labels, names and chains win: a component orders two systems only if those do not say the opposite.
+    """
+    earlier: dict[str, set[str]] = {system.label: set() for system in systems}
+    for system in systems:
+        for name in (each for each in system.after if isinstance(each, str)):
+            earlier[system.label] |= _named(name, system, systems, known)
+        for name in (each for each in system.before if isinstance(each, str)):
+            for later in _named(name, system, systems, known):
+                earlier[later].add(system.label)
+    for first, second in pairs:
+        for later in _stands_for(second, systems, known):
+            earlier[later] |= _stands_for(first, systems, known) - {later}
+    said = {label: _all_earlier(label, earlier) for label in earlier}
+    for first, second in reasons:
+        if second not in said[first] and (second, first) not in reasons:
+            earlier[second].add(first)
+    return earlier
+
+
+def _all_earlier(label: str, earlier: dict[str, set[str]]) -> set[str]:
+    found: set[str] = set()
+    ahead = [label]
+    while ahead:
+        new = earlier[ahead.pop()] - found
+        found |= new
+        ahead += new
+    return found
+
+
+def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
+    """Labels of the systems of a phase that `name` stands for in the after/before of the system `asking`."""
+    meant = _meant(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
+    if not any(system.phase is asking.phase for system in meant):
+        phases = " and ".join(sorted({system.phase.name for system in meant}))
+        raise ScheduleError(
+            f"{asking.label} in phase {asking.phase.name} is to run after or before '{name}', which is in {phases}: "
+            "the order of phases is fixed, so leave that out, or name something of the same phase"
+        )
+    return _stands_for(name, systems, known) - ({asking.label} if "." not in name else set())
+
+
+def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -> set[str]:
+    """Labels of the `systems` that a label or a mechanic's name stands for.
+
+    A label stands for its system, also if another mechanic inherits that system, or has the same one in its slot. A
+    mechanic's name stands for all systems of the mechanic that is in its slot. A name that is `known`, but not in the
+    scenario, stands for nothing.
+    """
+    meant = [system for system in known if name in (system.label, system.module)]
+    in_slot = [system for system in systems if system.slot in {each.slot for each in meant}]
+    if "." not in name:
+        return {system.label for system in in_slot}
+    alike = {name}.union(*(system.aliases for system in meant))
+    inherited = [system for system in systems if name in system.aliases]
+    return {s.label for s in (*in_slot, *inherited) if not alike.isdisjoint((s.label, *s.aliases))}
+
+
+def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = None) -> list[System]:
+    """The known systems of that label or mechanic. If there are none, raise a ScheduleError that begins with `who`."""
+    meant = [system for system in known if name in (system.label, system.module)]
+    if meant:
+        return meant
+    names = {each for system in known for each in (system.label, system.module)}
+    here = sorted({system.label for system in known if system.phase is phase})
+    raise ScheduleError(
+        f"{who}, which no module registers"
+        + (did_you_mean(name, sorted(names), before="; ", cutoff=0.5) or ".")
+        + (f" In phase {phase.name} there are {', '.join(here)}. {OPTIONAL}" if phase else "")
+    )
+
+
+def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
+    """Raise ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
+    first, second = ({s.phase for s in _meant(name, f"the scenario orders '{name}'", known)} for name in pair)
+    if not first & second:
+        phases = [" and ".join(sorted(phase.name for phase in each)) for each in (first, second)]
+        raise ScheduleError(
+            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order "
+            "of phases is fixed, so leave that out"
+        )

@@ -1,0 +1,97 @@
+"""The units of a tick, in order and in segments; a thread runs a segment by one call."""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from ..declarations.component import Action, Component, Entity, Observation, Signal
+from ..declarations.phase import When
+from ..declarations.system import System
+from ..memory.draw import plan, published_rows
+from ..memory.layout import Layout
+from ..memory.varied import NumbersView
+from .range_check import ranges
+from .tick import Generator, Unit
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Successive units that a thread runs by one call: all are machine code, or all run as Python."""
+
+    units: Sequence[Unit]
+    compiled: bool
+
+
+def segments(
+    layout: Layout,
+    systems: Sequence[System],
+    split: bool = False,
+    interpret: Collection[str] = (),
+    specialize: bool = False,
+) -> list[Segment]:
+    """Generate the units of a tick.
+
+    Args:
+        layout: The layout of the worlds.
+        systems: The systems, in the order of the schedule.
+        split: Whether each unit gets a segment of its own.
+        interpret: Labels of systems to run as Python.
+        specialize: Whether the machine code is for this layout alone.
+    """
+    modules = {module.name: module for module in layout.modules}
+
+    tables: dict[Any, tuple[Any, str]] = {}
+
+    def generator(**options: bool) -> Generator:
+        return Generator(layout, specialize=specialize, tables=tables, **options)
+
+    units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
+    units += [generator().assign()] if layout.roles else []
+    stale = [*_read_in_resets(layout, systems), *_own_observations(layout, systems)]
+    units += [generator().zero(component, name, When.RESET) for component in stale for name in component.columns]
+    some_absent = layout.keyed and len(plan(layout).absences)
+    signals = [*_own_signals(layout, systems)]
+    for system in systems:
+        first = [signal for signal, writer in signals if writer is system]
+        units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
+        python = not system.compiled or system.label in interpret
+        units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
+        if system.outside:
+            units += [generator().check_range(system, *found) for found in ranges(layout, system)]
+        if some_absent and system.outside and system.touches(Entity, "write", "add"):
+            units.append(generator().check_absent(system))
+    if NumbersView in layout.components:
+        units.append(generator().show())
+    units += [generator().clear(*each) for each in published_rows(layout)]
+    found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
+    if split:
+        found = [Segment((unit,), unit.compiled) for unit in units]
+    return found
+
+
+def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+    """The actions that are read in the tick that starts an episode: the table still has those of the last episode."""
+    for component in layout.components:
+        if issubclass(component, Action):
+            reading = [system for system in systems if system.touches(component, "read", "write", "add")]
+            if any(system.phase.when is not When.STEP for system in reading):
+                yield component
+
+
+def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+    """The observations that only systems from outside of outlast write; these may leave some of the last episode."""
+    for component in layout.components:
+        if issubclass(component, Observation):
+            writing = [system for system in systems if system.touches(component, "write", "add")]
+            if writing and all(system.outside for system in writing):
+                yield component
+
+
+def _own_signals(layout: Layout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
+    """The signals that only systems from outside of outlast write, which may just add; each with the first system."""
+    for component in layout.components:
+        if issubclass(component, Signal):
+            writing = [system for system in systems if system.touches(component, "write", "add")]
+            if writing and all(system.outside for system in writing):
+                yield component, writing[0]

@@ -1,0 +1,386 @@
+"""The code generator: it makes each system of a schedule a function that takes a range of worlds through the system.
+
+    unit(arguments, first, last)
+
+loops over these worlds, makes the tables of each from the argument block (see arguments), and calls the system's
+kernel. The block holds data only: the mode of each world (SKIP, STEP or RESET), the addresses of columns, of lists of
+rows and of scratch memory, and the mechanics' numbers. So a unit's source depends on its own system only, and the
+compile cache (cache) keeps machine code for a system, not for a scenario. For the same reason, each unit has an
+argument layout of its own.
+
+Each iteration also prefetches memory of a later world. run_units is the tick: it takes a few worlds at a time
+through all units. A system that runs as Python splits the tick into several such calls.
+"""
+
+import linecache
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..declarations.access import Parameter
+from ..declarations.component import Clock, Component, Entity
+from ..declarations.fields import offset
+from ..declarations.numbers import kernel_value
+from ..declarations.phase import When
+from ..declarations.system import System
+from ..kernels.errors import DeclarationError
+from ..kernels.jit import compiled
+from ..kernels.random import stream_number
+from ..memory.clock import CLOCK_SIZE, advance_clock, zero
+from ..memory.draw import check_absent, clear_rows, draw, plan, show, shown
+from ..memory.given import GIVEN_DIM, Given
+from ..memory.layout import Layout
+from ..memory.module import Module
+from ..memory.per_agent import AgentNumber, AgentNumbers, AgentRoles, assign
+from ..memory.per_agent import plan as plan_roles
+from ..memory.varied import NumbersView, Varied, VariedNumber
+from .arguments import (
+    BLOCK,
+    COUNT,
+    EVENTS,
+    LINES,
+    MAX_DIMENSIONS,
+    MODE,
+    STRIDE,
+    ArgumentLayout,
+    View,
+    array_view,
+    number_view,
+    table_view,
+)
+from .range_check import check_range, checked_rows
+from .run_units import begin_fetch, fetch
+
+IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
+MOST_VALUES = 64  # the largest constant array whose values become part of machine code
+CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A system as a function of a range of worlds, or a function of the engine's own, such as the clock.
+
+    Attributes:
+        label: The system's label.
+        system: The system; None for the engine's own.
+        kernel: The kernel that it calls.
+        source: Its source.
+        names: The objects that its source refers to, by name.
+        arguments: The layout of its arguments.
+        compiled: False if it runs as Python.
+        only_at_reset: Whether it does nothing in ticks that are no reset.
+        needed: What is added to the message of its exceptions; no part of the machine code.
+    """
+
+    label: str
+    system: System | None
+    kernel: Any
+    source: str
+    names: dict[str, Any]
+    arguments: ArgumentLayout
+    compiled: bool
+    only_at_reset: bool
+    needed: str = ""
+
+    def function(self) -> Any:
+        """The Python function; debuggers and tracebacks find its source."""
+        file = f"<outlast unit {self.label}>"
+        linecache.cache[file] = len(self.source), None, self.source.splitlines(keepends=True), file
+        exec(compile(self.source, file, "exec"), self.names)
+        return self.names["unit"]
+
+
+class Generator:
+    """Generates a unit.
+
+    Args:
+        layout: The layout of the worlds.
+        python: Whether the unit runs as Python.
+        outside: Whether its system is from outside of outlast.
+        specialize: Whether shapes, places and lists of rows become part of its machine code.
+        tables: The views that were made for tables of this layout, which generators share.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        *,
+        python: bool = False,
+        outside: bool = False,
+        specialize: bool = False,
+        tables: dict[Any, tuple[Any, str]] | None = None,
+    ) -> None:
+        self.layout, self.compiled, self.checked = layout, compiled() and not python, outside
+        self.specialize = specialize and self.compiled
+        self._tables = {} if tables is None else tables
+        self.names: dict[str, Any] = {"np": np}
+        self.arguments = ArgumentLayout()
+        self.slots: dict[str, int] = {}
+        self._owners: dict[str, Any] = {}  # what each name in the source stands for
+        self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
+        self.inside: dict[str, None] = {}  # lines at the start of its body
+
+    def clock(self) -> Unit:
+        """The unit that begins the tick or the episode of every world."""
+        image = self._constant("image", self.layout.initial_image.view(np.uint64))
+        state = self._words("state", BLOCK, np.dtype("u8"))
+        counts = self._words("event_counts", EVENTS, np.dtype("i4"))
+        kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_DIM, 0), "kept")
+        arguments = [state, image, counts, "mode[w]", kept]
+        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
+
+    def draw(self) -> Unit:
+        """The unit that draws the varied numbers of every world whose episode begins."""
+        arguments = [
+            self._table(Clock, "w"),
+            self._table(Entity, "w"),
+            f"{self._table(Given, 'w')}.words",
+            f"{self._table(Varied, 'w')}.words",
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+            self._view_of("bytes", lambda worlds: worlds.block, np.dtype("u1"), writable=True),
+        ]
+        arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
+        return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
+
+    def assign(self) -> Unit:
+        """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
+        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written
+        arguments = [
+            self._table(Clock, "r"),
+            self._table(Entity, "r"),
+            self._table(AgentRoles, "w"),
+            self._view_of("values", lambda worlds: worlds[words][0], np.dtype("i4"), writable=True),
+            self._view_of("reals", lambda worlds: worlds[words][0].view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+        ]
+        arguments += [self._constant(name, values) for name, values in vars(plan_roles(self.layout)).items()]
+        return self._unit(ROLES, None, assign, IDLE[When.RESET], arguments)
+
+    def show(self) -> Unit:
+        """The unit that shows varied numbers to agents."""
+        arguments = [
+            self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, np.dtype("f4"), writable=True, ndim=2),
+            f"{self._table(Varied, 'r')}.words",
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4")),
+            self._constant("shown", shown(self.layout)),
+        ]
+        return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
+
+    def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
+        """The unit that sets the rows of absent entities to 0 in a column that learners get."""
+        rows = self._column_as("rows", component, column, axes=2, writable=True)
+        arguments = [rows, self._view_of("count", *_words_of(number))]
+        return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
+
+    def zero(self, component: type[Component], column: str, when: When) -> Unit:
+        """The unit that sets a column to 0."""
+        row = self._column_as("row", component, column, axes=1, writable=True)
+        return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [row])
+
+    def check_absent(self, system: System) -> Unit:
+        """The unit that follows a system that can make entities alive, and refuses absent ones."""
+        label, entities = f"absent rows after {system.label}", self._table(Entity, "r")
+        return self._unit(label, None, check_absent, IDLE[system.phase.when], [entities])
+
+    def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
+        """The unit that follows a system that can write integers out of a column's range, and refuses these."""
+        label = f"{_full_name(component, column)} after {system.label}"
+        values = self._column_as("values", component, column, axes=2)
+        rows = self._constant("rows", checked_rows(self.layout, component, column))
+        ends = (self._number(end, name) for name, end in (("low", low), ("high", min(high, 2**63 - 1))))
+        unit = self._unit(label, None, check_range, IDLE[system.phase.when], [values, rows, *ends])
+        return replace(unit, needed=f": {low} to {high} is needed")
+
+    def system(self, module: Module, system: System) -> Unit:
+        """The unit of a system."""
+        arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
+        return self._unit(system.label, system, system.kernel, IDLE[system.phase.when], arguments)
+
+    def _unit(self, label: str, system: System | None, kernel: Any, idle: str, arguments: Sequence[str]) -> Unit:
+        self._array("mode", MODE, View(np.dtype("i1"), 1))
+        self.names["kernel"] = kernel = kernel if self.compiled else getattr(kernel, "py_func", kernel)
+        lines = [f"def unit(arguments, first, last):  # {label}"]
+        lines += [f"    {name} = {slot}" for name, slot in self.slots.items()]
+        lines += ["    " + line for line in self.outside]
+        if self.compiled:
+            self.names |= {"begin_fetch": begin_fetch, "fetch": fetch, "int64": number_view("int64", python=False)}
+            lines += [f"    ahead, stride = begin_fetch(arguments, first), int64(arguments, {STRIDE})"]
+            lines += [f"    offsets, count = int64(arguments, {LINES}), int64(arguments, {COUNT})"]
+        lines += ["    for w in range(first, last):"]
+        if self.compiled:
+            lines += ["        fetch(ahead, offsets, count)", "        ahead += stride"]
+        lines += [f"        if {idle}:", "            continue"]
+        lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
+        source = "\n".join(lines) + "\n"
+        return Unit(label, system, kernel, source, self.names, self.arguments, self.compiled, idle == IDLE[When.RESET])
+
+    def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
+        match parameter.kind:
+            case "read":
+                return self._table(parameter.components[0], "r")
+            case "write" | "add":
+                return self._table(parameter.components[0], "w")
+            case "rows" | "bitset" | "row_index":
+                return self._selection(parameter.kind, parameter.components)
+            case "random":
+                clock = self._table(Clock, "r")
+                key = [f"{clock}.{column}[0]" for column in Clock.columns]
+                return f"({', '.join(key)}, np.uint64({stream_number(system.stream)}))"
+            case "scratch":
+                return self._scratch(module, parameter.name)
+            case "damage_type":
+                if not module.damage_type:
+                    raise DeclarationError(
+                        f"{system.label} has the DamageType parameter '{parameter.name}', but {module.name} has no "
+                        f'damage_type: set one in the class, as in damage_type = "{module.name}"'
+                    )
+                return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
+            case "offset":
+                return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
+        full, value = kernel_value(self.layout.modules, module, system, parameter)
+        if full in self.layout.per_agent:
+            return self._per_agent(self.layout.per_agent[full], parameter.name)
+        if full in self.layout.varied:
+            return self._varied(full, parameter.name)
+        if parameter.kind == "numbers":
+            return self._constant(f"number_{parameter.name}", np.array(value, np.float32))
+        return self._number(value, parameter.name, full)
+
+    def _varied(self, full: str, parameter: str) -> str:
+        """A number of which each world has its own, in its state."""
+        number, name = self.layout.varied[full], f"number_{parameter}"
+        words = self._view_of(name, *_words_of(number))
+        form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
+        self.inside[f"{name} = {form.format(words)}"] = None
+        return name
+
+    def _per_agent(self, number: AgentNumber, parameter: str) -> str:
+        """A number of which each agent has its own: an array by row."""
+        part, name = slice(number.start, number.start + self.layout.dims["rows"]), f"number_{parameter}"
+        words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
+        self.inside[f"{name} = {words}"] = None
+        return name
+
+    def _number(self, value: int | float, parameter: str, full: str = "") -> str:
+        name, kind = f"number_{parameter}", "float32" if isinstance(value, float) else "int64"
+        self.names[kind] = number_view(kind, python=not self.compiled)
+        given = value if isinstance(value, float) else int(value)
+        slot = self._slot(name, self.arguments.add_number(given, full))
+        self.outside[f"{name} = {kind}(arguments, {slot})" + (" != 0" if isinstance(value, bool) else "")] = None
+        return name
+
+    def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
+        known: dict[str, Any] = {"shape": array.shape} if self.specialize else {}
+        if self.specialize and array.dtype.kind in "iu" and array.size <= MOST_VALUES:
+            known["values"] = array.tobytes()
+        return self._array(name, self.arguments.add_constant(array), View(array.dtype, array.ndim, **known))
+
+    def _array(self, name: str, slot: int, view: View) -> str:
+        """An array that is the same for all worlds."""
+        self.outside[f"{name} = {self._view(view)}(arguments, {self._slot(name, slot)}, 0)"] = None
+        return name
+
+    def _view(self, view: View) -> str:
+        if self.checked:
+            view = replace(view, checked=True)
+        self.names[view.name] = array_view(view, not self.compiled)
+        return view.name
+
+    def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
+        """Memory of a world as an array."""
+        return f"{self._view(View(dtype, ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
+
+    def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
+        """Memory of a world as an array, which the function `view` finds in the Worlds."""
+        return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
+
+    def _column_as(self, name: str, component: type[Component], column: str, axes: int, writable: bool = False) -> str:
+        """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
+
+        def view(worlds: Any) -> np.ndarray[Any, Any]:
+            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+            return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # -1 would fail for 0 numbers
+
+        return self._view_of(name, view, component.columns[column].dtype, writable, axes)
+
+    def _slot(self, name: str, slot: int) -> str:
+        constant = self._unique(name.upper(), ("slot of", name))
+        self.slots[constant] = slot
+        return constant
+
+    def _unique(self, wanted: str, owner: Any) -> str:
+        """A name for `owner`: the wanted one, with underscores appended if it belongs to another owner."""
+        while self._owners.setdefault(wanted, owner) != owner:
+            wanted += "_"
+        return wanted
+
+    def _selection(self, kind: str, components: tuple[type[Component], ...]) -> str:
+        name = self._unique("_".join([kind, *map(self._named, components)]), (kind, components))
+        if ("slot of", name) in self._owners.values():
+            return name
+        return self._constant(name, getattr(self.layout, kind)(*components))
+
+    def _scratch(self, module: Module, parameter: str) -> str:
+        slot = self.arguments.add_scratch(module, parameter)
+        if not self.compiled:
+            return f"arguments.scratch[{slot}]"
+        memory = module.scratch(parameter, self.layout.dims)  # made only to learn its type
+        if not (isinstance(memory, np.ndarray) and memory.flags.c_contiguous and memory.ndim <= MAX_DIMENSIONS):
+            raise DeclarationError(
+                f"{module.name}.scratch({parameter!r}) returned {type(memory).__name__}: an array in order of rows (C) "
+                f"is needed, of at most {MAX_DIMENSIONS} axes"
+            )
+        shape = memory.shape if self.specialize else None
+        return self._array(f"scratch_{parameter}", slot, View(memory.dtype, memory.ndim, writable=True, shape=shape))
+
+    def _named(self, component: type[Component]) -> str:
+        """The class's name in the source, with a number if another component has the same name."""
+        alike = [c for c in self.layout.components if c.__name__ == component.__name__]
+        return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
+
+    def _table(self, component: type[Component], access: str) -> str:
+        name = self._unique(f"{self._named(component)}_{access}", (component, access))
+        slot = self._unique(f"TABLE_{self._named(component).upper()}", ("table of", component))
+        if slot not in self.slots:
+            self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
+        form = component, access, self.compiled, self.checked, self.specialize
+        if form not in self._tables:
+            self._tables[form] = self._table_view(component, access == "w")
+        self.names[f"view_{name}"], types = self._tables[form]
+        self.inside[f"{name} = view_{name}(arguments, {slot}, w)  # {types}"] = None
+        return name
+
+    def _table_view(self, component: type[Component], writable: bool) -> tuple[Any, str]:
+        """A table's view, and a text with all that decides on its machine code: the source, the cache's key, has it."""
+        views = tuple(self._column(component, column, writable) for column in component.columns)
+        kinds = zip(component.columns, views, strict=True)
+        types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
+        hashable: Any = component  # classes are, but mypy rejects type[Component]
+        return table_view(hashable, views, not self.compiled), types + ("" if component.packed else ", not packed")
+
+    def _column(self, component: type[Component], name: str, writable: bool) -> View:
+        dtype, shape = component.columns[name].dtype, component.row_shape(name, self.layout.dims)
+        if len(shape) > MAX_DIMENSIONS:
+            raise DeclarationError(
+                f"{component.__name__}.{name} has {len(shape)} axes in a world: at most {MAX_DIMENSIONS} are possible"
+            )
+        known: dict[str, Any] = {"shape": shape} if self.specialize else {}
+        if self.specialize and component.packed:
+            (place,) = (each for each in self.layout.places if (each.component, each.name) == (component, name))
+            known["place"] = (place.offset, self.layout.world_bytes)
+        return View(dtype, len(shape), writable, self.checked, **known)
+
+
+def _full_name(component: type[Component], column: str) -> str:
+    """The name of a column; the key, if it is published, tells apart classes that one function has made."""
+    key = component.columns[column].key
+    return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
+
+
+def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
+    """A function that finds a varied number in the Worlds, and the number's type."""
+    return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype

@@ -1,0 +1,148 @@
+"""Access declarations: the annotations of a system's parameters. They name everything that the system can access.
+
+=============== =====================================================================================
+annotation      the kernel receives, for one world
+=============== =====================================================================================
+Read[C]         the table of component C, read-only: a kernel that writes it is refused (checks.kernel_check)
+Write[C]        the table of C, to read and write
+Add[C]          the table of C, only ever added to: column[...] += integer, or -=; anything else is refused. Sums of
+                integers do not depend on the order, so systems that add may run in any order
+Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; if there are none, the system is not
+                scheduled (so an item mechanic takes Rows[Item] even if it does not need the list)
+Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j of block b is row 16 b + j (see simd)
+RowIndex[A, B]  the inverse of Rows[A, B], int32 by row: the row's index in Rows[A, B], -1 if it is not there
+Random          the key of this system's random stream in this world, episode and tick
+Scratch         memory of this thread, from the module's scratch()
+DamageType      the number of the module's damage_type
+Offset          the first column of an observation's field, which the parameter's name says, KEY_FIELD: own_stamina is
+                for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets say that
+                the system touches only these fields; systems that touch different fields may run in any order
+int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: float
+tuple[float..]  the same for several numbers, as a read-only float32 array
+=============== =====================================================================================
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, get_args, get_origin, get_type_hints
+
+from ..kernels.errors import DeclarationError
+from .component import Clock, Component, Singleton
+from .event import Event
+
+C = TypeVar("C")
+Parts = TypeVarTuple("Parts")
+
+Read = Annotated[C, "read"]
+Write = Annotated[C, "write"]
+Add = Annotated[C, "add"]
+Random = Annotated[Any, "random"]
+Scratch = Annotated[Any, "scratch"]
+DamageType = Annotated[int, "damage_type"]
+Offset = Annotated[int, "offset"]
+
+
+class Rows(Generic[*Parts]):
+    """Rows of all entities that have every one of the named components (an int32 array in the kernel)."""
+
+    size: int
+
+    def __getitem__(self, index: int) -> Any:
+        raise NotImplementedError("Rows is an annotation; kernels get an int32 array")
+
+    def __iter__(self) -> Any:
+        raise NotImplementedError("Rows is an annotation; kernels get an int32 array")
+
+
+class Bitset(Rows[*Parts]):
+    """The rows of all entities that have every one of the named components, as a bitset (int32 array in the kernel)."""
+
+
+class RowIndex(Rows[*Parts]):
+    """The inverse of Rows: by row, its index in Rows of the same components (an int32 array in the kernel)."""
+
+
+SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a system. `kind`: an annotation of the table above in snake case, "number" or "numbers"."""
+
+    name: str
+    kind: str
+    components: tuple[type[Component], ...] = ()
+    type: type = object  # the type of a number: int, float, bool or tuple
+
+
+def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
+    """Read the annotations of a function.
+
+    Raises:
+        DeclarationError: An annotation is not in the table above, a parameter has a default, or the function is a
+            generator or a coroutine, which would not run when it is called.
+    """
+    if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
+        raise DeclarationError(
+            f"{function.__module__}.{function.__qualname__} is a generator or a coroutine: a call of it would do "
+            "nothing; write a function without yield or async"
+        )
+    hints, own = get_type_hints(function, include_extras=True), inspect.signature(function).parameters
+    for name, parameter in own.items():
+        if parameter.default is not parameter.empty:
+            cure = f": the default of a number stands in the class of its mechanic, as in {name}: float = number(1.0)"
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' has the default "
+                f"{parameter.default!r:.60}, but every call gives it; leave it out"
+                + (cure if hints.get(name) in (int, float, bool) or get_origin(hints.get(name)) is tuple else "")
+            )
+    return tuple(_parameter(function, name, hints.get(name)) for name in own)
+
+
+def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
+    if get_origin(hint) is Annotated:
+        inner, kind = get_args(hint)[:2]
+        if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[{inner!r}]; a "
+                f"component is needed, as in {kind.title()}[Body]"
+            )
+        if kind in ("read", "write", "add") and not inner.columns:
+            rows = "" if issubclass(inner, Singleton) else f"; Rows[{inner.__name__}] are the entities that have it"
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}"
+                f"[{inner.__name__}], which has no columns{rows}"
+            )
+        if kind == "add" and issubclass(inner, Event):
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "
+                f"order of events is that of the systems that emit them: annotate it Write[{inner.__name__}]"
+            )
+        if kind in ("write", "add") and inner is Clock:
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[Clock], but the "
+                "engine alone sets the clock, which is the key of all random numbers: annotate it Read[Clock], and "
+                "count in a component of your own"
+            )
+        return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
+    if get_origin(hint) in SELECTIONS:
+        for part in get_args(hint):
+            if not (isinstance(part, type) and issubclass(part, Component)) or issubclass(part, Singleton):
+                selection = f"{get_origin(hint).__name__}[{getattr(part, '__name__', part)}]"
+                singleton = isinstance(part, type) and issubclass(part, Singleton)
+                why = "which is per world and has no rows" if singleton else "which is no component"
+                raise DeclarationError(
+                    f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {selection}, {why}; "
+                    "the components of entities are needed, as in Rows[Body]"
+                )
+        return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))
+    if hint in (int, float, bool):
+        return Parameter(name, "number", type=hint)
+    if get_origin(hint) is tuple:
+        return Parameter(name, "numbers", type=tuple)
+    raise DeclarationError(
+        f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
+        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
+        "DamageType, Offset, int, float, bool, tuple"
+    )

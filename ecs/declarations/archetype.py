@@ -1,0 +1,124 @@
+"""Archetypes: the kinds of entities that modules declare, each a range of rows with the same components."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..kernels.errors import DeclarationError, NumberError
+from ..kernels.integers import is_whole
+from .component import Component, Singleton
+
+MOST = 2**16  # the most entities of a kind and the largest dimension: more takes gigabytes, or minutes to lay out
+
+
+@dataclass(frozen=True)
+class Archetype:
+    """`count` entities of one kind and the prefab values of their components.
+
+    Several modules may declare the same archetype: counts add up, components join. A count of 0 extends
+    an archetype that another module declares.
+
+    Attributes:
+        name: Unique among kinds.
+        parts: The components of the kind, with their prefab values.
+        count: How many entities this module adds.
+        alive: Whether they are in the world right after a reset. All modules that add entities of the kind must agree.
+        order: Position of its rows: kinds are sorted by this number, those without one come last, and ties go by name.
+            All modules that set it for a kind must give the same number.
+    """
+
+    name: str
+    parts: tuple[Component, ...]
+    count: int = 0
+    alive: bool = True
+    order: int | None = None
+
+    def __post_init__(self) -> None:
+        count: Any = self.count
+        if not is_whole(count, 0):
+            raise NumberError(
+                f"Archetype({self.name!r}, ...) with the count {count!r:.60}: a whole number, 0 or more, is needed"
+            )
+        if self.count > MOST:
+            raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
+        order: Any = self.order
+        if order is not None and not is_whole(order):
+            raise DeclarationError(f"Archetype({self.name!r}, ...) with the order {order!r:.60}: an integer is needed")
+        parts: Any = self.parts
+        if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
+            raise DeclarationError(
+                f"Archetype({self.name!r}, {parts!r:.60}): a tuple of instances of components is needed, as in "
+                f"Archetype({self.name!r}, (Health(points=20),)); with one, mind the comma"
+            )
+
+
+def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
+    """Join the declarations that several modules make of each archetype; by name, in the order of rows."""
+    merged, alive = dict[str, Archetype](), dict[str, set[bool]]()
+    for part in parts:
+        before = merged.get(part.name, Archetype(part.name, ()))
+        have, own = {type(component) for component in before.parts}, set[type[Component]]()
+        for component in part.parts:
+            if isinstance(component, Singleton):
+                raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
+            if type(component) in have:
+                raise DeclarationError(
+                    f"two archetypes called '{part.name}' have {type(component).__name__}, of two mechanics "
+                    "or of one: leave it out of one of them, or rename one"
+                )
+            if type(component) in own:
+                raise DeclarationError(f"Archetype({part.name!r}, ...) has {type(component).__name__} twice")
+            own.add(type(component))
+        orders = {before.order, part.order} - {None}
+        if len(orders) > 1:
+            raise DeclarationError(
+                f"modules give '{part.name}' the orders {before.order} and {part.order}; let one of them leave it out"
+            )
+        said = alive.setdefault(part.name, set())
+        if part.count or not part.alive:
+            said.add(part.alive)
+        if len(said) > 1:
+            raise DeclarationError(
+                f"one module has '{part.name}' in the world right after reset, and another one says alive=False: all "
+                "of a kind begin alike; leave it out, or give them a name of their own"
+            )
+        merged[part.name] = Archetype(
+            part.name,
+            before.parts + part.parts,
+            before.count + part.count,
+            False not in said,
+            next(iter(orders), None),
+        )
+    for name, kind in merged.items():
+        merged[name] = replace(kind, parts=_with_required(kind.parts))
+    places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
+    return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
+
+
+def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
+    """The components of a kind, and those that they require, with default values."""
+    found, have = list(parts), {type(part) for part in parts}
+    for part in found:  # `found` grows meanwhile
+        for required in part.requires:
+            if required not in have:
+                have.add(required)
+                found.append(required())
+    return tuple(found)
+
+
+def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
+    """Return the result of a module's method as a list. DeclarationError unless it is one of instances of `kind`."""
+    given = getattr(module, method)()
+    many = isinstance(given, Iterable)
+    items = list(given) if many else [given]
+    for item in items:
+        if not (many and isinstance(item, kind)):
+            found = item if isinstance(item, type) else type(item)
+            shown = f"the class {found.__name__}" if found is item else found.__name__
+            example = found if issubclass(found, kind) else kind
+            raise DeclarationError(
+                f"{module.name}.{method}() returned {'a list with ' if many else ''}{shown}: a list of instances of "
+                f"{kind.__name__} is needed, as in return [{example.__name__}(...)]"
+            )
+    return items

@@ -1,0 +1,222 @@
+"""Fields: the named numbers in each row of an observation, declared by its column or added by other mechanics.
+
+    own: Array = column("f4", "agents", fields=(Field("id", order=-1), Field("x", "m", scale=half_room)))
+
+The row is as long as all fields of its key together. A mechanic adds fields with Module.fields; kernels get a field's
+position from an Offset parameter (declarations.access), all other code from Layout.fields.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..kernels.errors import DeclarationError, did_you_mean
+from ..kernels.integers import is_whole
+
+SMALLEST = 1e-9  # the smallest scale: networks multiply by its inverse in float32
+Fields = Mapping[str, Mapping[str, "Field"]]  # by the observation's key and by name, in the order of their columns
+
+
+@dataclass(frozen=True)
+class Field:
+    """A named number in each row of an observation, or `size` numbers that belong together, such as vertices.
+
+    Attributes:
+        name: Unique among the fields of a key.
+        unit: Such as "m", "rad" or "hit points"; "" for numbers without a unit, such as ids.
+        scale: What to divide by to get about -1 to 1: a float; a declaration may also give a function of the Layout,
+            which then replaces it by its result.
+        low: Inclusive lower bound; the `bounds` of mechanics may narrow it.
+        high: Inclusive upper bound, likewise.
+        size: Number of columns: an int; a declaration may also give the name of a dimension, which the layout replaces
+            by its size.
+        order: Fields of a key are sorted by this number. Among equal ones, those that the column declares come first,
+            as declared, then those of other mechanics in the order of the mechanics' names.
+        start: Its first column, which the layout sets.
+
+    Raises:
+        DeclarationError: The name, size, order or range is not valid.
+    """
+
+    name: str
+    unit: str = ""
+    scale: Any = 1.0
+    low: float = -math.inf
+    high: float = math.inf
+    size: Any = 1
+    order: int = 0
+    start: int = 0
+
+    def __post_init__(self) -> None:
+        name: Any = self.name
+        if not isinstance(name, str) or not re.fullmatch("[a-z][a-z0-9_]*", name):
+            raise DeclarationError(
+                f"a field is called {self.name!r}: lower-case letters, digits and underscores are needed, as in "
+                'Field("stamina")'
+            )
+        if not (is_whole(self.size) or isinstance(self.size, str)) or not is_whole(self.order):
+            raise DeclarationError(
+                f"the field '{self.name}' has size {self.size!r:.60} and order {self.order!r:.60}: integers are "
+                "needed, or as the size the name of a dimension"
+            )
+        if (not isinstance(self.size, str) and self.size < 1) or not self.low <= self.high:
+            raise DeclarationError(
+                f"the field '{self.name}' has size {self.size} and the range {self.low:g} to {self.high:g}: a size of "
+                "at least 1 and a low end that is not above the high one are needed"
+            )
+
+    @property
+    def columns(self) -> slice:
+        """The slice of its columns in the row."""
+        return slice(self.start, self.start + self.size)
+
+
+def width(fields: Mapping[str, Field]) -> int:
+    """Return the length of a row of these fields."""
+    return sum(field.size for field in fields.values())
+
+
+def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
+    """Return where some fields are in the last axis of an observation.
+
+    >>> place = observations["own"][..., columns_of(env.fields["own"], "x", "y")]
+
+    Args:
+        fields: The fields of the observation's key.
+        *names: One field of size 1 gives an integer. Several give their columns in this order: as a slice if they are
+            adjacent (the indexed result is then a view).
+
+    Raises:
+        KeyError: There is no such field.
+    """
+    if missing := [name for name in names if name not in fields]:
+        raise KeyError(f"there is no field '{missing[0]}' here; there are: {', '.join(fields)}")
+    if len(names) == 1 and fields[names[0]].size == 1:
+        return fields[names[0]].start
+    found = [k for name in names for k in range(fields[name].start, fields[name].columns.stop)]
+    span = slice(found[0], found[-1] + 1)
+    return span if found == list(range(span.start, span.stop)) else found
+
+
+def column_names(fields: Mapping[str, Field]) -> list[str]:
+    """Return the names of a row's columns: those of its fields; "corners.0", "corners.1" ... if a field has several."""
+    return [name if field.size == 1 else f"{name}.{k}" for name, field in fields.items() for k in range(field.size)]
+
+
+def offset(fields: Fields, name: str, label: str) -> int:
+    """Return the first column of the field that an Offset parameter, KEY_FIELD, is named after.
+
+    Args:
+        fields: Layout.fields.
+        name: The parameter's name.
+        label: The system's label, for errors.
+
+    Raises:
+        DeclarationError: No field has that name, or more than one has it.
+    """
+    known = [(f"{key}_{field.name}", key, field) for key, named in fields.items() for field in named.values()]
+    found = [(key, field) for full, key, field in known if full == name]
+    if len(found) == 1:
+        return found[0][1].start
+    if found:
+        owners = " and ".join(f"'{field.name}' of '{key}'" for key, field in found)
+        raise DeclarationError(
+            f"{label}: the Offset '{name}' could be the field {owners}; rename one of them, or its observation"
+        )
+    names = [full for full, _, _ in known]
+    keys = {key for _, key, _ in known if name.startswith(f"{key}_")}
+    listed = [full for full, key, _ in known if key in keys] or names
+    raise DeclarationError(
+        f"{label}: there is no field for the Offset '{name}' (KEY_FIELD, as in own_health)"
+        + (did_you_mean(name, names, before="; ") or ";")
+        + f" There are: {', '.join(listed) or 'none'}"
+    )
+
+
+def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: set[str]) -> dict[str, dict[str, Field]]:
+    """Return the fields of all observations by key and name, in order of columns, with `start` and `scale` as numbers.
+
+    Args:
+        layout: The Layout; its modules say which fields they add, and scales may be functions of it.
+        observations: For each key, the mechanic that declares it, and its Column.
+        imported: Keys of all observations that any imported mechanic declares. Fields added to a key that this scenario
+            lacks are left out, like the mechanic that declares it.
+
+    Raises:
+        DeclarationError: Fields are added to a key that no mechanic declares, or that has no fields of its own; two
+            fields have the same name; a scale is too small or not a number; or a size names no dimension.
+    """
+    found = {
+        key: [(field.order, owner, field) for field in column.fields]
+        for key, (owner, column) in observations.items()
+        if column.fields and not isinstance(column.fields, str)
+    }
+    for module in layout.modules:
+        for key, added in _added(module):
+            if key in found:
+                found[key] += [(field.order, module.name, field) for field in added]
+            elif key in observations or key not in imported:
+                raise DeclarationError(_not_extended(module.name, key, observations, {*found, *imported}))
+    result = {key: dict(_in_order(layout, key, entries)) for key, entries in sorted(found.items())}
+    for key, (owner, column) in observations.items():
+        if isinstance(column.fields, str):
+            if column.fields not in result:
+                raise DeclarationError(
+                    f"the rows of '{key}' ({owner}) have the fields of '{column.fields}', which declares none here; "
+                    "add the mechanic that does, or declare fields=(Field(...), ...)"
+                )
+            result[key] = result[column.fields]
+    return result
+
+
+def _added(module: Any) -> Iterator[tuple[str, tuple[Field, ...]]]:
+    """Yield what a module's fields() returns, by key, after checking it."""
+    given = module.fields()
+    for key, added in given.items() if isinstance(given, Mapping) else [("", given)]:
+        if not (key and isinstance(added, tuple | list) and all(isinstance(field, Field) for field in added)):
+            raise DeclarationError(
+                f"{module.name}.fields() returned {given!r:.60}: a tuple of Field by key is needed, as in "
+                'return {"own": (Field("stamina"),)}; with one, mind the comma'
+            )
+        yield key, tuple(added)
+
+
+def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> Iterator[tuple[str, Field]]:
+    owners: dict[str, str] = {}
+    start = 0
+    for _, owner, field in sorted(entries, key=lambda entry: entry[0]):
+        if field.name in owners:
+            raise DeclarationError(
+                f"'{field.name}' is a field of '{key}' of both {owners[field.name]} and {owner}; rename one of them"
+            )
+        owners[field.name] = owner
+        scale = float(field.scale(layout) if callable(field.scale) else field.scale)
+        if not SMALLEST <= scale < math.inf:
+            raise DeclarationError(
+                f"the field '{field.name}' of '{key}' ({owner}) has the scale {scale:g}: a number of at least "
+                f"{SMALLEST:g} is needed, such as the largest value that is usual"
+            )
+        size = layout.dims.get(field.size) if isinstance(field.size, str) else field.size
+        if not size:
+            raise DeclarationError(
+                f"the field '{field.name}' of '{key}' ({owner}) is as long as the dimension '{field.size}', which is 0 "
+                f"or not defined; known: {', '.join(sorted(layout.dims))}"
+            )
+        yield field.name, replace(field, scale=scale, start=start, size=size)
+        start += size
+
+
+def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: set[str]) -> str:
+    """Why a module cannot add fields to a key."""
+    if key not in observations:
+        hint = did_you_mean(key, sorted(known)) or f"known are {', '.join(sorted(known))}"
+        return f"{module} adds fields to the observation '{key}', which no mechanic declares; {hint}"
+    owner, column = observations[key]
+    if column.fields:
+        return f"{module} adds fields to '{key}', whose rows have the fields of '{column.fields}': add them to that"
+    return (
+        f"{module} adds fields to '{key}', which {owner} declares without any: declare its columns by "
+        'column("f4", ..., fields=(Field(...), ...)), or publish an observation of your own'
+    )

@@ -1,0 +1,54 @@
+"""Prefab values: those with which entities and singletons begin an episode."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..kernels.errors import DeclarationError
+from .archetype import listed
+from .component import Component, Singleton, as_stored
+
+
+def one_of_each(modules: Sequence[Any]) -> dict[type[Component], Singleton]:
+    """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
+    found: dict[type[Component], tuple[str, Singleton]] = {}
+    for module in modules:
+        for own in listed(module, "singletons", Singleton):
+            name, other = found.setdefault(type(own), (module.name, own))
+            for column, declared in own.columns.items():
+                one, two = (each.fills.get(column, declared.fill) for each in (other, own))
+                if not np.array_equal(one, two):
+                    raise DeclarationError(
+                        f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {module.name} "
+                        f"{two!r:.60}: let one of them bring it, or both the same"
+                    )
+    return {kind: singleton for kind, (_, singleton) in found.items()}
+
+
+def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str, int]) -> None:
+    """Write the prefab values of a component into a part of its table.
+
+    Args:
+        table: The columns of the component.
+        where: The index of the part.
+        part: The component with its values.
+        label: What errors begin with.
+        dims: The sizes of the scenario's dimensions.
+
+    Raises:
+        DeclarationError: A value does not fit its column's type or shape, or is out of its range.
+    """
+    for name, column in part.columns.items():
+        there = getattr(table, name)[where]
+        value = as_stored(f"{label}.{name}", column, part.fills.get(name, column.fill))
+        if there.size and (ends := column.range(dims)) and not (ends[0] <= value.min() and value.max() <= ends[1]):
+            raise DeclarationError(
+                f"{label}.{name} begins as {value.tolist()!r:.60}: {ends[0]} to {ends[1]} is its range"
+            )
+        try:
+            there[...] = value
+        except ValueError:
+            raise DeclarationError(
+                f"{label}.{name}: a value of the shape {value.shape} is no prefab of {there.shape}"
+            ) from None

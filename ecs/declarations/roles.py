@@ -1,0 +1,251 @@
+"""Roles: which agents have numbers of their own, as data.
+
+A role has a name, says which agents have it, and changes some numbers of mechanics for them: to other values, or to
+distributions, from which each agent draws when an episode begins. memory.per_agent says where the values lie in memory.
+"""
+
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..kernels.errors import NumberError
+from ..kernels.integers import is_whole
+from .distributions import Distribution, in_python
+from .distributions import from_plain as distribution_of
+from .distributions import plain as plain_distribution
+
+NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
+OPTIONS = ("drawn", "observed")  # options of Scenario.roles
+LONGEST = 64  # the most characters of a name, and the most roles of a scenario
+
+
+@dataclass(frozen=True)
+class Role:
+    """A role; made by `role`.
+
+    Attributes:
+        count: How many agents have it, after those of the previous role. None: all that are left.
+        agents: The ids of the agents that have it, instead of a count; empty: `count` decides.
+        numbers: (name, value or Distribution) of each number that the role changes, in order of names.
+        name: Its name in the scenario.
+    """
+
+    count: int | None
+    agents: tuple[int, ...]
+    numbers: tuple[tuple[str, Any], ...]
+    name: str = ""
+
+    def values(self, corner: int) -> dict[str, Any]:
+        """Return its numbers by name, with distributions at their lowest (corner 0) or highest (corner -1) value."""
+        return {
+            name: value.extremes()[corner] if isinstance(value, Distribution) else value for name, value in self.numbers
+        }
+
+
+def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any) -> Role:
+    """Make a role of agents, for `Scenario.roles`.
+
+    >>> hunted = scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
+
+    Args:
+        count: How many agents have it. Roles take agents in order of their ids, starting with the first role. One role
+            may leave the count out, and gets the agents that are left.
+        agents: The ids of its agents, instead of a count.
+        **numbers: By name, "module_number": the value for these agents, or a distribution, such as
+            outlast.uniform(5, 20), from which each of them draws its own value when an episode begins. Numbers that a
+            role does not name are those of the scenario.
+
+    Raises:
+        NumberError: The count is below 1, the ids are not distinct integers from 0, or both are given.
+    """
+    count, ids = in_python(count), in_python(agents)
+    if not isinstance(ids, Iterable) or isinstance(ids, str):
+        raise NumberError(f"role(agents={agents!r}): a list of ids is needed, as in agents=[{agents!r}]")
+    ids = tuple(map(in_python, ids))
+    if count is not None and ids:
+        raise NumberError(f"role({count!r}, agents={ids!r}): give a count or ids, not both")
+    if count is not None and not is_whole(count, 1):
+        raise NumberError(f"role({count!r}): the count is a whole number from 1; leave it out for all agents left")
+    if not all(is_whole(i, 0) for i in ids) or len({*ids}) != len(ids):
+        raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, whole numbers from 0")
+    return Role(count, ids, tuple(sorted(numbers.items())))
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The roles of a scenario.
+
+    Attributes:
+        roles: The roles, in the order in which they take agents; a role's number is its index here.
+        drawn: "never": agents keep the roles that their ids give them. "anyone": when an episode begins, it is drawn
+            which agent has which role, among all agents. "side": likewise, among the agents of each side. Each world
+            draws anew, by the random numbers of (seed, world, episode).
+
+    Raises:
+        NumberError: There are no roles, a name is not a word or occurs twice, `drawn` is something else, or an agent
+            has two roles.
+    """
+
+    roles: tuple[Role, ...]
+    drawn: str = NEVER
+
+    def __post_init__(self) -> None:
+        if not self.roles:
+            raise NumberError("roles: at least one is needed, as in roles(hunter=role(1), prey=role(3))")
+        for each in self.roles:
+            if not isinstance(each, Role):
+                raise NumberError(f"roles: {each!r:.60} is no role; write role(...), as in roles(hunter=role(1))")
+            if not each.name.isidentifier() or len(each.name) > LONGEST:
+                raise NumberError(f"roles: {each.name!r:.80} is no name of a role; letters, digits and _ are allowed")
+            if each.name in OPTIONS:
+                raise NumberError(f"roles: a role cannot be called {each.name!r}, which is an option of Scenario.roles")
+        names = [each.name for each in self.roles]
+        if len({*names}) < len(names) or len(names) > LONGEST:
+            raise NumberError(f"roles: {', '.join(names)}: different names are needed, at most {LONGEST}")
+        if self.drawn not in DRAWN:
+            raise NumberError(f"roles: drawn = {self.drawn!r:.60}; allowed are {', '.join(map(repr, DRAWN))}")
+        ids = [i for each in self.roles for i in each.agents]
+        if len({*ids}) < len(ids):
+            raise NumberError(f"roles: agent {next(i for i in ids if ids.count(i) > 1)} is in two roles")
+        if len([each for each in self.roles if each.count is None and not each.agents]) > 1:
+            raise NumberError("roles: only one role can leave out its count, and gets the agents that are left")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the roles, by number."""
+        return tuple(each.name for each in self.roles)
+
+    @property
+    def random(self) -> bool:
+        """Whether each episode draws its roles, or numbers of a role."""
+        values = [value for each in self.roles for _, value in each.numbers]
+        return self.drawn != NEVER or any(isinstance(value, Distribution) for value in values)
+
+    @property
+    def numbers(self) -> list[str]:
+        """The names of all numbers that some role changes, in order."""
+        return sorted({name for each in self.roles for name, _ in each.numbers})
+
+    @property
+    def in_all(self) -> list[str]:
+        """The names of the numbers that every role changes, so that their values in the scenario have no effect."""
+        return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
+
+    def check_apart(self, varied: Iterable[str]) -> None:
+        """NumberError if a number that differs by role also varies from world to world."""
+        if both := sorted({*self.numbers} & {*varied}):
+            raise NumberError(
+                f"{both[0]} is varied from world to world and differs by role: choose one, as in "
+                f"role({both[0]}=uniform(...)), from which each agent draws"
+            )
+
+    def check_others(self, names: Iterable[str]) -> None:
+        """NumberError if one of these numbers of the scenario is set by every role, so that setting it does nothing."""
+        if found := [name for name in names if name in self.in_all]:
+            raise NumberError(f"{found[0]}: every role sets it here, so another value means nothing; change the roles")
+
+    def __str__(self) -> str:
+        counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
+        drawn = {NEVER: "", ANYONE: " drawn", SIDE: " drawn by side"}[self.drawn]
+        return " and ".join(f"{count} {name}" for count, name in counts) + drawn
+
+    def only(self, known: Container[str]) -> "Roles":
+        """Return the same roles without numbers that are not among `known`."""
+        kept = [tuple((name, value) for name, value in each.numbers if name in known) for each in self.roles]
+        return replace(self, roles=tuple(replace(r, numbers=own) for r, own in zip(self.roles, kept, strict=True)))
+
+    def bare(self) -> "Roles":
+        """Return the same roles without any numbers."""
+        return self.only(())
+
+    def of_agents(self, agents: int) -> list[int]:
+        """Return each agent's role by id, before any drawing. NumberError if roles do not fit that many agents."""
+        found: list[int | None] = [None] * agents
+        for number, each in enumerate(self.roles):
+            for i in each.agents:
+                if i >= agents:
+                    raise NumberError(f"role {each.name}: there is no agent {i}, only 0 to {agents - 1}")
+                found[i] = number
+        free = iter([i for i in range(agents) if found[i] is None])
+        left = found.count(None) - sum(each.count or 0 for each in self.roles)
+        rest = next((each for each in self.roles if each.count is None and not each.agents), None)
+        if left < (rest is not None) or (left and rest is None):
+            raise NumberError(self._misfit(agents, rest))
+        for number, each in enumerate(self.roles):
+            for _ in range(left if each is rest else each.count or 0):
+                found[next(free)] = number
+        return [number for number in found if number is not None]
+
+    def of_counts(self, fewest: int, most: int) -> list[list[int]]:
+        """Return each agent's role by id in worlds with `fewest`, ..., `most` agents; each list has `most` entries.
+
+        A world has the roles that a game with its number of agents has. If roles do not fit so few agents, the last
+        ones are missing.
+        """
+        whole, found = self.of_agents(most), list[list[int]]()
+        for count in range(fewest, most + 1):
+            try:
+                there = self.of_agents(count)
+            except NumberError:
+                there = whole[:count]
+            found.append(there + whole[count:])
+        return found
+
+    def _misfit(self, agents: int, rest: Role | None) -> str:
+        sizes = [(each.count or len(each.agents), each.name) for each in self.roles if each is not rest]
+        needed = sum(size for size, _ in sizes) + (rest is not None)
+        listed = " + ".join(f"{size} {name}" for size, name in sizes) + (f" + at least 1 {rest.name}" if rest else "")
+        return (
+            f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
+        )
+
+
+def plain(roles: Roles) -> dict[str, Any]:
+    """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
+
+    A distribution becomes a list that begins with the name of its kind: ["uniform", low, high].
+    """
+    return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
+
+
+def _plain_role(role: Role) -> dict[str, Any]:
+    who: dict[str, Any] = {"agents": list(role.agents)} if role.agents else {"count": role.count}
+    numbers = {
+        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in role.numbers
+    }
+    return {"name": role.name, **who, "numbers": numbers}
+
+
+def from_plain(given: Any) -> Roles:
+    """Return the roles from the result of `plain`. NumberError for anything else."""
+    if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
+        raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
+    return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
+
+
+def _role_of(given: Any) -> Role:
+    if (
+        not isinstance(given, Mapping)
+        or given.keys() - {"count"} not in ({"name", "numbers"}, {"name", "agents", "numbers"})
+        or {"count", "agents"} <= given.keys()
+        or not isinstance(given["name"], str)
+        or not isinstance(given["numbers"], Mapping)
+        or not isinstance(given.get("agents", []), list)
+    ):
+        raise NumberError(
+            f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}; only one role '
+            "can leave out who has it, and gets the agents that are left"
+        )
+    numbers = {
+        str(name): distribution_of(*value) if isinstance(value, list) else value
+        for name, value in given["numbers"].items()
+    }
+    found = role(given.get("count"), agents=given.get("agents", ()))
+    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
+
+
+def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:
+    """Return each role with its numbers, once with all distributions at their lowest values, once at their highest."""
+    for each in roles.roles:
+        drawn = any(isinstance(value, Distribution) for _, value in each.numbers)
+        yield from ((each, each.values(corner)) for corner in ((0, -1) if drawn else (0,)))

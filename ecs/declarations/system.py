@@ -1,0 +1,87 @@
+"""Systems: the functions of a mechanic that are registered on its module."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from ..kernels.frozen_values import is_outside
+from .access import Parameter
+from .component import Component
+from .phase import Phase
+
+Neighbour: TypeAlias = str | type[Component]
+"""What a system runs after or before: a system's label, a mechanic's name, or a component."""
+
+
+@dataclass(frozen=True)
+class System:
+    """One step of the tick: a kernel for one world, its phase, and what its parameters declare."""
+
+    module: str
+    name: str
+    phase: Phase
+    function: Callable[..., Any]
+    kernel: Callable[..., Any]
+    parameters: tuple[Parameter, ...]
+    after: tuple[Neighbour, ...]
+    before: tuple[Neighbour, ...]
+    compiled: bool
+    stream: str  # its random stream: its mechanic's stream, a dot and its own name
+    slot: type  # its mechanic's slot: see Module.slot
+    needs: tuple[type[Component], ...] = ()  # it is not scheduled unless the scenario has all of these
+    aliases: tuple[str, ...] = ()  # its labels in the modules that it is inherited from
+
+    @property
+    def label(self) -> str:
+        """Its name in schedules, messages and after/before: "module.system"."""
+        return f"{self.module}.{self.name}"
+
+    @property
+    def outside(self) -> bool:
+        """Whether its function is from outside this package: part of a user's mechanic."""
+        return is_outside(self.function)
+
+    def touches(self, component: type[Component], *kinds: str) -> bool:
+        """Whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
+        return any(component in p.components and p.kind in kinds for p in self.parameters)
+
+    def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
+        """The names of its Offsets, by component and column of the observation that has their fields."""
+        owners = {
+            column.key or name: (component, name)
+            for parameter in self.parameters
+            for component in parameter.components
+            for name, column in component.columns.items()
+            if column.fields
+        }
+        found: dict[tuple[type[Component], str], set[str]] = {}
+        for name in (parameter.name for parameter in self.parameters if parameter.kind == "offset"):
+            if key := max((key for key in owners if name.startswith(f"{key}_")), key=len, default=""):
+                found.setdefault(owners[key], set()).add(name)
+        return found
+
+    def instead_of(self, other: "System | None") -> "System":
+        """The same system, for which labels of `other` stand, too: the one that it replaces, of a base class."""
+        if other is None:
+            return self
+        return dataclasses.replace(self, aliases=tuple(dict.fromkeys((*self.aliases, other.label, *other.aliases))))
+
+    def inherited(self, subclass: str) -> "System":
+        """The same system as one of the mechanic `subclass`, with the same order among the mechanic's own systems."""
+
+        def renamed(neighbours: tuple[Neighbour, ...]) -> tuple[Neighbour, ...]:
+            return tuple(
+                f"{subclass}.{each.removeprefix(own)}" if isinstance(each, str) and each.startswith(own) else each
+                for each in neighbours
+            )
+
+        own = f"{self.module}."
+
+        return dataclasses.replace(
+            self,
+            module=subclass,
+            after=renamed(self.after),
+            before=renamed(self.before),
+            aliases=tuple(dict.fromkeys((self.label, *self.aliases))),
+        )

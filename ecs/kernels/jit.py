@@ -1,0 +1,266 @@
+"""The configuration of numba, all in one place.
+
+Kernels are serial and release the GIL; Worlds runs them on threads. Division follows numpy (no exceptions inside a
+kernel) and fast-math is never used: the same input must give the same bits.
+
+Kernels from outside outlast check every index: one out of range raises IndexError, and might crash otherwise. As the
+checks take time, OUTLAST_BOUNDSCHECK=0 in the environment switches them off.
+
+The second half is for calling a C library from a kernel: functions by symbol, and loads and stores at an
+address. Nothing checks an address; only a backend that has verified the library's layout may use them.
+"""
+
+import ctypes
+import functools
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeAlias, TypeVar
+
+import llvmlite.binding
+import numba
+import numpy as np
+from numba import types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.extending import _Intrinsic
+from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
+from numba.extending import models, register_model
+
+from .array_check import CheckedCompiler
+from .errors import DeclarationError
+from .frozen_values import is_outside
+
+Array: TypeAlias = Any
+"""A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
+
+Real: TypeAlias = Any
+"""A float32 scalar as kernels see it."""
+
+OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
+NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # for np.errstate
+BOUNDS_CHECKS = os.environ.get("OUTLAST_BOUNDSCHECK", "1") != "0"  # in kernels from outside of outlast
+Function = TypeVar("Function", bound=Callable[..., object])
+_INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Run kernels that Python calls in this thread, and the kernels that these call, as plain Python."""
+    token = _INTERPRETED.set(True)
+    try:
+        with np.errstate(**NUMPY_AS_COMPILED):
+            yield
+    finally:
+        _INTERPRETED.reset(token)
+
+
+def options_of(function: Any) -> dict[str, Any]:
+    """Return numba's options for a kernel.
+
+    Outlast's own kernels allocate no memory, and compile faster without reference counts; but if a kernel returns an
+    array, it must be counted, as callers may count it. Kernels from outside check their indices.
+    """
+    if is_outside(function):
+        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba's setting says
+    returned = str(function.__annotations__.get("return", Any))
+    return OPTIONS if "Any" in returned else {**OPTIONS, "_nrt": False}  # arrays are annotated with Any
+
+
+class _Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A function for compiled functions to call, without wrappers for Python, a sixth of the time to compile.
+
+    If Python calls it nevertheless, as tests do, it is compiled once more with wrappers, or runs as `interpreted`.
+    """
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        function = self.py_func if _INTERPRETED.get() else entry_point(self.py_func)
+        return function(*arguments, **named)
+
+    @global_compiler_lock  # type: ignore[untyped-decorator]
+    def compile(self, sig: Any) -> Any:
+        """Compile it for arguments of these types. Indices of arrays that are no columns are checked.
+
+        Only systems from outside, which may make arrays, and Python hand such arrays to outlast's own kernels.
+        """
+        usual = self.targetoptions["boundscheck"]
+        arguments, _ = normalize_signature(sig)
+        self.targetoptions["boundscheck"] = (BOUNDS_CHECKS and _has_plain_arrays(arguments)) or usual
+        try:
+            return super().compile(sig)
+        finally:
+            self.targetoptions["boundscheck"] = usual
+
+
+def _has_plain_arrays(kinds: Any) -> bool:
+    """Return whether an array that is no column is among types of arguments, or in a tuple among them."""
+    return any(
+        type(each) is types.Array or (isinstance(each, types.BaseTuple) and _has_plain_arrays(each)) for each in kinds
+    )
+
+
+def kernel(function: Function, *, inline: bool = True) -> Function:
+    """Compile `function` for the tick: it takes arrays and scalars, and writes columns in place.
+
+    Args:
+        function: A Python function in the subset of Python that numba compiles.
+        inline: Whether to compile it into every kernel that calls it. A call that is not inlined takes some fifty
+            instructions for each table among its arguments; inlined, only the columns that are used cost anything.
+
+    Returns:
+        The compiled function; under NUMBA_DISABLE_JIT the function itself.
+    """
+    options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    if is_outside(function):
+        options["pipeline_class"] = CheckedCompiler
+    compiled = numba.njit(**options)(function)
+    if compiled is not function:  # under NUMBA_DISABLE_JIT, numba returns the function
+        compiled.__class__ = _Kernel
+    return compiled  # type: ignore[no-any-return]
+
+
+def noinline_kernel(function: Function) -> Function:
+    """Compile a kernel without inlining it: a large one with several callers and scalars, not tables, as arguments."""
+    return kernel(function, inline=False)
+
+
+@functools.cache
+def entry_point(function: Function) -> Function:
+    """Compile `function` to be called from Python."""
+    return numba.njit(**options_of(function), no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
+
+
+def compiled() -> bool:
+    """Return False under NUMBA_DISABLE_JIT, when kernels run as plain Python and cannot call a C library."""
+    return not numba.config.DISABLE_JIT
+
+
+def load_library(file: str) -> None:
+    """Let kernels link to the symbols that the shared library `file` exports. OSError if it cannot be loaded."""
+    try:
+        llvmlite.binding.load_library_permanently(file)
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
+def has_symbol(name: str) -> bool:
+    """Return whether a kernel that calls `name` would link."""
+    return llvmlite.binding.address_of_symbol(name) is not None
+
+
+class External(types.ExternalFunction):  # type: ignore[misc]
+    """A C function that kernels call. cure: what users can do if Python would have to call it."""
+
+    cure = ""
+
+    @property
+    def refusal(self) -> str:
+        """A text that says why Python cannot call it, and what to do."""
+        return f"only machine code can call the C function {self.symbol}; {self.cure}"
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Raise DeclarationError."""
+        raise DeclarationError(self.refusal)
+
+
+register_model(External)(models.OpaqueModel)
+
+
+def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
+    """Return the C function `name` for use inside kernels.
+
+    It is resolved by name when a kernel is linked, so kernels that call it can be cached on disk.
+
+    Args:
+        name: Its symbol.
+        returns: Numba's name of the type of its result; a pointer is "intp".
+        *arguments: Types of its arguments, likewise.
+        cure: What the user can do if the kernel has to run as Python, for the error.
+    """
+    kinds = [getattr(types, argument) for argument in arguments]
+    function = External(name, getattr(types, returns)(*kinds))
+    function.cure = cure
+    return function
+
+
+class Intrinsic(_Intrinsic):  # type: ignore[misc]
+    """A function with handwritten machine code for kernels, and a plain form, `python`, for Python."""
+
+    python: Callable[..., Any]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the plain form."""
+        return self.python(*arguments)
+
+    def _reduce_states(self) -> dict[str, Any]:
+        return {**super()._reduce_states(), "python": self.python}
+
+    @classmethod
+    def _rebuild(cls, uuid: str, name: str, defn: Any, python: Any) -> Any:  # type: ignore[override]
+        result = super()._rebuild(uuid, name, defn)
+        result.python = python
+        return result
+
+
+def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
+    """Declare a function that kernels and Python can call.
+
+    Args:
+        python: Its plain form.
+
+    Returns:
+        A decorator for what numba calls the definition of an intrinsic. It returns the function, or under
+        NUMBA_DISABLE_JIT its plain form.
+    """
+
+    def define(definition: Callable[..., Any]) -> Any:
+        if not compiled():
+            return python
+        result = Intrinsic(definition.__name__, definition)
+        result.python = python
+        result._register()
+        return result
+
+    return define
+
+
+def loader(kind: str) -> Any:
+    """Return a function `(address) -> value` for kernels that reads one `kind` (numba's name, such as "float32")."""
+    value = getattr(types, kind)
+
+    @intrinsic(lambda address: _memory(address, kind)[()])
+    def load(typing: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
+            return builder.load(pointer)
+
+        return value(types.intp), generate
+
+    return load
+
+
+def storer(kind: str) -> Any:
+    """Return a function `(address, value)` for kernels that writes one `kind`, to which the value is cast."""
+    value = getattr(types, kind)
+
+    def python_store(address: int, number: Any) -> None:
+        _memory(address, kind)[()] = number
+
+    @intrinsic(python_store)
+    def store(typing: Any, address: Any, number: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
+            builder.store(arguments[1], pointer)
+            return context.get_dummy_value()
+
+        return types.void(types.intp, value), generate
+
+    return store
+
+
+def _memory(address: int, kind: str) -> Any:
+    """One `kind` at an address, as an array without dimensions."""
+    dtype = np.dtype(kind)
+    memory: Any = (ctypes.c_char * dtype.itemsize).from_address(int(address))
+    return np.ndarray((), dtype, memory)

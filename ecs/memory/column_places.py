@@ -1,0 +1,79 @@
+"""Where columns lie in the state of a world, and which of its cache lines a tick touches."""
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..declarations.component import Clock, Component, Entity, Singleton
+from .given import Given
+from .per_agent import AgentNumbers, AgentRoles
+from .varied import Varied
+
+ALIGN = 64  # bytes: a cache line
+ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a column lies: its shape in one world, and its offset in the world's state (-1: a buffer of its own)."""
+
+    component: type[Component]
+    name: str
+    shape: tuple[int, ...]
+    offset: int
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the column's elements."""
+        return self.component.columns[self.name].dtype
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of the column in one world."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+    def view(self, block: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        """The column (worlds, ...) of worlds whose states are `block`, uint8 (worlds, bytes)."""
+        strides = (self.dtype.itemsize * math.prod(self.shape[k + 1 :]) for k in range(len(self.shape)))
+        shape = (len(block), *self.shape)
+        return np.ndarray(shape, self.dtype, block, self.offset, (block.strides[0], *strides))
+
+
+def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -> tuple[list[Place], int]:
+    """The places of all columns, one behind the other, and the bytes of a state: a whole number of cache lines."""
+    places, offset = list[Place](), 0
+    for component in components:
+        for name, column in component.columns.items():
+            shape = component.row_shape(name, dims)
+            if not component.packed:
+                places.append(Place(component, name, shape, -1))
+                continue
+            offset = -(-offset // column.dtype.itemsize) * column.dtype.itemsize
+            places.append(Place(component, name, shape, offset))
+            offset += places[-1].nbytes
+    return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
+
+
+def touched_lines(layout: Any, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
+    """The cache lines that hold these components, for entities that have them, and the engine's own components.
+
+    Args:
+        layout: An memory.layout.Layout.
+        components: See Schedule.touched.
+
+    Returns:
+        int64 (lines,), offsets in a world's state, in order.
+    """
+    found = set[int]()
+    for place in layout.places:
+        if place.offset >= 0 and place.component in {*components, *ENGINE}:
+            alone = issubclass(place.component, Singleton)
+            rows = [0] if alone else layout.rows(place.component).tolist()
+            size = place.nbytes if alone else place.nbytes // place.shape[0]
+            for row in rows:
+                start = place.offset + row * size
+                found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
+    return ALIGN * np.array(sorted(found), np.int64)

@@ -1,0 +1,400 @@
+"""The memory layout of a world: archetypes are ranges of rows, components are columns at offsets in its state.
+
+All packed columns of one world are contiguous, so a tick reads a single stretch of memory, and a world is saved, copied
+or reset by copying bytes. Columns that environments return (actions, observations, signals) have their own buffers.
+"""
+
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from itertools import groupby, pairwise
+from typing import Any
+
+import numpy as np
+
+from ..declarations.archetype import Archetype, listed, merge
+from ..declarations.component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
+from ..declarations.dimensions import check_indices, check_owners, dimension_sizes
+from ..declarations.distributions import Distribution
+from ..declarations.event import Event, memory_type
+from ..declarations.fields import Field, placed, width
+from ..declarations.initial_values import fill, one_of_each
+from ..declarations.roles import NEVER, Roles
+from ..declarations.system import System
+from ..kernels.errors import DeclarationError, did_you_mean
+from ..kernels.random import stream_number
+from ..kernels.simd import SIMD_WIDTH
+from .column_places import Place, place_columns
+from .given import GIVEN_DIM, KEYS, Given
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers, write_own
+from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, patches, place, replaced
+
+
+class Layout:
+    """The memory layout of a scenario's worlds, for any number of worlds.
+
+    Attributes:
+        modules: Instances of memory.module.Module, in order of their names.
+        archetypes: Archetypes by name, in the order of rows.
+        spans: Ranges of rows by name of the archetype.
+        dims: Sizes by name of the dimension.
+        damage_types: The damage types of the modules, in alphabetical order.
+        fields: Fields by key of the observation and by name, in order of their columns; only keys that declare fields.
+        events: The events, in the order of `event_type`, the memory that they take in a world.
+        varied: The numbers that differ from world to world, by name.
+        roles: The roles of agents, if there are any.
+        per_agent: The numbers that differ from agent to agent, by name.
+
+    Args:
+        modules: The mechanics, in any order.
+        distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
+        observed: The drawn numbers that agents observe, in varied.NumbersView.
+        roles: Which agents have numbers of their own.
+        checks: Whether modules check what is impossible together.
+        varied: Instead of `distributions`, what a layout of the same mechanics has made of them.
+    """
+
+    def __init__(
+        self,
+        modules: Sequence[Any],
+        distributions: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
+        roles: Roles | None = None,
+        checks: bool = True,
+        varied: Mapping[str, VariedNumber] | None = None,
+    ) -> None:
+        self.fewer = False  # whether it has fewer entities than a world has room for, see varied.patches
+        self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
+        self.varied = place(self.modules, distributions or {}) if varied is None else varied
+        hold(self.modules, self.varied.values())
+        self.archetypes = merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
+        self._check_counts()
+        self.spans: dict[str, range] = {}
+        start = 0
+        for name, archetype in self.archetypes.items():
+            self.spans[name] = range(start, start + archetype.count)
+            start += archetype.count
+        self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
+        self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
+        self.dims["damage_types"] = len(self.damage_types)
+        given, sizes = {*self.dims}, dimension_sizes(self.modules, self.dims)
+        self.dims |= sizes
+        self.roles = roles
+        self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
+        self.singletons = one_of_each(self.modules)
+        _check_keys(Observation, self.singletons)  # before their fields are placed; again below, with `numbers`
+        self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        if observed:
+            self._observe(observed)
+        self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
+        self._counted: set[str] = set()
+        for module in self.modules if checks else ():
+            module.check(self)
+        attached = {type(part) for a in self.archetypes.values() for part in a.parts}
+        others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
+        if self.keyed:
+            self.dims[DIM] = sum(number.width for number in self.varied.values())
+            self.dims[GIVEN_DIM] = self.dims[DIM] + KEYS
+        own = (Clock, *([Given, Varied] if self.keyed else []), Entity)
+        own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
+        self.components: tuple[type[Component], ...] = (*own, *others)
+        self._check_dims()
+        for base in (Action, Observation, Signal, Statistic):
+            _check_keys(base, self.components)
+        self.events = self._events()
+        check_indices(self.modules[0], self.components, self.dims)
+        if checks:
+            shared = {*self._counted, *(event.capacity for event in self.events)}
+            engine = given | {dim for dim, size in self.dims.items() if sizes.get(dim) != size}
+            check_owners(self.modules, engine, shared)
+
+    def __repr__(self) -> str:
+        """A line for each archetype: its rows, whether they are alive after reset, and its components."""
+        lines = [
+            f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"
+        ]
+        for name, archetype in self.archetypes.items():
+            span, parts = self.spans[name], ", ".join(type(part).__name__ for part in archetype.parts)
+            here = f"row {span.start}" if len(span) == 1 else f"rows {span.start} to {span.stop - 1}"
+            lines.append(f"  {name}: {here}{'' if archetype.alive else ', not alive at first'}: {parts}")
+        return "\n".join(lines)
+
+    def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """Return the rows, int32, of all entities whose archetype has every one of `components`."""
+        rows = [
+            row
+            for name, archetype in self.archetypes.items()
+            if {Entity, *(type(part) for part in archetype.parts)}.issuperset(components)
+            for row in self.spans[name]
+        ]
+        return np.array(rows, np.int32)
+
+    def bitset(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """Return int32 (blocks,): bit j of block b is set if row 16 b + j is one of `rows(*components)`."""
+        bits = np.zeros(self.dims["blocks"], np.int32)
+        rows = self.rows(*components)
+        np.bitwise_or.at(bits, rows // SIMD_WIDTH, 1 << rows % SIMD_WIDTH)
+        return bits
+
+    def row_index(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """Return int32 (rows,): each row's index in `rows(*components)`, or -1 if it is not one of them."""
+        index = np.full(self.dims["rows"], -1, np.int32)
+        rows = self.rows(*components)
+        index[rows] = np.arange(len(rows))
+        return index
+
+    @functools.cached_property
+    def forms(self) -> "list[Layout]":
+        """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
+        return forms(self) if self.per_agent else [self]
+
+    @functools.cached_property
+    def agent_patches(self) -> list[tuple[int, int, int]]:
+        """Which numbers of agents are prefab values: the word, its place in the state, and how many bytes it has."""
+        return all_patches(self)
+
+    @functools.cached_property
+    def varied_patches(self) -> list[tuple[int, int, int]]:
+        """The same for the varied numbers of a world. Raises the errors of `varied.patches`."""
+        return patches(self)
+
+    @property
+    def keyed(self) -> bool:
+        """Whether each episode is a level, as numbers, walls or roles are drawn, so keys can be given; see Given."""
+        drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
+        return bool(self.varied) or drawn
+
+    def groups(self, agents: int | None = None) -> tuple[int, ...]:
+        """Return the sizes of the groups, such as teams, that a module splits agents (None: all) into; () if none."""
+        return _groups(self.modules, self.dims.get("agents", 0) if agents is None else agents)
+
+    def groupings(self, agents: int) -> set[tuple[int, ...]]:
+        """Return everything that `groups` can be in worlds of so many agents."""
+        others = [replaced(self.modules, {n: value}) for n in self.varied.values() for value in n.distribution.probes()]
+        return {_groups(modules, agents) for modules in (self.modules, *others)}
+
+    @functools.cached_property
+    def agent_counts(self) -> range:
+        """The numbers of agents that a world can have."""
+        most = self.dims.get("agents", 0)
+        fewest = [n.distribution.extremes()[0] for n in self.varied.values() if "agents" in n.dims]
+        return range(min([most, *fewest]), most + 1)
+
+    @functools.cached_property
+    def entity_names(self) -> tuple[str, ...]:
+        """The names of the entities, by row, such as "agent 1"."""
+        return tuple(f"{name} {k}" for name, span in self.spans.items() for k in range(len(span)))
+
+    @functools.cached_property
+    def side_names(self) -> tuple[str, ...]:
+        """The names of the sides, by number: "agent 0" without teams. A team is called after a role of its own.
+
+        A role is a team's own if in all worlds all members have it, and nobody else has.
+        """
+        teams = len(self.groups())
+        plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or self.dims.get("sides", 0)))
+        if not teams or self.roles is None or self.roles.drawn != NEVER:
+            return plain
+        counts, owned = self.agent_counts, [set[int]() for _ in plain]
+        for count, roles in zip(counts, self.roles.of_counts(counts[0], counts[-1]), strict=True):
+            for sizes in self.groupings(count):
+                for team, (first, last) in enumerate(pairwise(np.minimum(np.cumsum([0, *sizes]), count))):
+                    own = {*roles[first:last]}
+                    others = {*roles[:first], *roles[last:count]}
+                    owned[team] |= own if len(own) < 2 and not own & others else {-1}
+        names = self.roles.names
+        return tuple(names[min(own)] if len(own) == 1 and own != {-1} else name for own, name in zip(owned, plain))
+
+    @functools.cached_property
+    def systems(self) -> tuple[System, ...]:
+        """The systems of the modules, with those that a module has only for some of the values that differ here."""
+        found = [system for module in self.modules for system in module.systems()]
+        known = {system.label for system in found}
+        for module in differing_modules(self):
+            more = [system for system in module.systems() if system.label not in known]
+            known |= {system.label for system in more}
+            found += more
+        return tuple(found)
+
+    def with_modules(
+        self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True, others: bool = False
+    ) -> "Layout":
+        """Return the layout of the same worlds with other numbers.
+
+        Args:
+            modules: The same mechanics, in the same order.
+            roles: Roles that replace the present ones.
+            checks: Whether modules check what is impossible together.
+            others: Whether numbers have changed in such a way that those that vary must be examined again.
+        """
+        distributions = {name: number.distribution for name, number in self.varied.items()} if others else None
+        observed, varied = [*self.fields.get("numbers", ())], None if others else self.varied
+        return type(self)(modules, distributions, observed, roles or self.roles, checks, varied)
+
+    def numbers(self, module: str) -> dict[str, Any]:
+        """Return the numbers of the module of that name, or of a subclass of it, by name; {} if there is none."""
+        found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
+        return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
+
+    def prefab_values(self, component: type[Component], column: str) -> dict[str, Any]:
+        """Return prefab values of a column (one, or one per entity) by name of the archetypes with the component."""
+        fill = component.columns[column].fill
+        parts = ((name, part) for name, archetype in self.archetypes.items() for part in archetype.parts)
+        return {name: part.fills.get(column, fill) for name, part in parts if type(part) is component}
+
+    def check_count(self, component: type[Component], dim: str) -> None:
+        """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+        self._counted.add(dim)
+        count, size = len(self.rows(component)), self.dims.get(dim, 0)
+        if count != size:
+            raise DeclarationError(
+                f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
+                f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
+            )
+
+    def _observe(self, names: Sequence[str]) -> None:
+        """Add the observation "numbers", which shows these varied numbers to agents."""
+        self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
+        for name in names:
+            shown[name] = self.varied[name].field(start, self.modules[self.varied[name].module])
+            start += self.varied[name].width
+        self.fields["numbers"] = shown
+
+    def _events(self) -> tuple[type[Event], ...]:
+        """Find the events, and add their capacities to `dims`: 0 for a dimension that nobody defines."""
+        found: dict[str, type[Event]] = {}
+        for event in self.components:
+            if not issubclass(event, Event):
+                continue
+            if (other := found.setdefault(event.name, event)) is not event:
+                one, two = (f"{each.__module__}.{each.__qualname__}" for each in (other, event))
+                raise DeclarationError(f"{one} and {two} are both the event '{event.name}'; rename one of the classes")
+            capacity = event.capacity
+            if isinstance(capacity, type):
+                capacity = len(self.rows(capacity))
+            unknown = isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity)
+            if unknown and (hint := did_you_mean(capacity, self.dims)):  # names unlike these may be there with others
+                raise DeclarationError(
+                    f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; {hint}"
+                )
+            self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
+        return tuple(found.values())
+
+    @property
+    def actions(self) -> list[tuple[type[Component], str]]:
+        """The columns of actions as (component, name), in the `order` of their components."""
+        kinds = [component for component in self.components if issubclass(component, Action)]
+        kinds.sort(key=lambda component: (component.order, component.__qualname__))
+        return [(component, name) for component in kinds for name in component.columns]
+
+    def _observations(self) -> dict[str, tuple[str, Column]]:
+        """By key of every observation, the name of the mechanic that brings it, and its column."""
+        brought = [
+            (module.name, singleton) for module in self.modules for singleton in listed(module, "singletons", Singleton)
+        ]
+        return {
+            column.key or name: (module, column)
+            for module, singleton in brought
+            for name, column in (singleton.columns.items() if isinstance(singleton, Observation) else ())
+        }
+
+    def _check_counts(self) -> None:
+        """Raise DeclarationError if an archetype is only extended, or declared with a count of 0."""
+        for name, archetype in self.archetypes.items():
+            if archetype.count == 0:
+                kinds = self.modules[0].providing(
+                    lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
+                )
+                if here := [module.name for module in self.modules if type(module) in kinds]:
+                    raise DeclarationError(
+                        f"{here[0]} declares 0 of the kind '{name}': at least 1 is needed; for none leave {here[0]} out"
+                    )
+                declared = [name for name, kind in self.archetypes.items() if kind.count]
+                cure = did_you_mean(name, declared) or "add a module that does"
+                raise DeclarationError(
+                    f"modules extend the archetype '{name}', but none declares how many there are; "
+                    f"{f'add {self.modules[0].named(kinds)}' if kinds else cure}"
+                )
+
+    def _check_dims(self) -> None:
+        """Raise DeclarationError if a column has a dimension that no module defines."""
+        for component in self.components:
+            for name, column in component.columns.items():
+                for dim in column.dims:
+                    if isinstance(dim, str) and dim not in self.dims:
+                        makers = self._makers(dim) or "a module whose dims() has it"
+                        raise DeclarationError(
+                            f"no module defines the dimension '{dim}'; known: {', '.join(sorted(self.dims))}. "
+                            f"{component.__name__}.{name} needs it: add {makers}"
+                        )
+
+    def _makers(self, dim: str) -> str:
+        """The imported modules that define a dimension, in words; "" for none."""
+        return str(self.modules[0].providers(lambda module: dim in module.dims()))
+
+    @functools.cached_property
+    def event_type(self) -> np.dtype[Any]:
+        """The type of one world's events in memory."""
+        return memory_type(self.events, self.dims)
+
+    @property
+    def places(self) -> list[Place]:
+        """The places of all columns."""
+        return self._placing[0]
+
+    @property
+    def world_bytes(self) -> int:
+        """The size of a world's state in bytes."""
+        return self._placing[1]
+
+    @functools.cached_property
+    def _placing(self) -> tuple[list[Place], int]:
+        return place_columns(self.components, self.dims)
+
+    def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
+        """Return the table of a packed component in `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
+        return component.Table(*(place.view(block) for place in self._places_of.get(component, ())))
+
+    @functools.cached_property
+    def _places_of(self) -> dict[type[Component], list[Place]]:
+        return {component: list(own) for component, own in groupby(self.places, lambda place: place.component)}
+
+    @functools.cached_property
+    def initial_image(self) -> np.ndarray[Any, Any]:
+        """The state of a world at the start of an episode, before any system runs and numbers are drawn.
+
+        Returns:
+            uint8 (world_bytes,).
+        """
+        block = np.zeros((1, self.world_bytes), np.uint8)
+        for singleton, values in self.singletons.items():
+            if singleton.packed:
+                fill(self.columns(block, singleton), slice(None), values, singleton.__name__, self.dims)
+        for name, archetype in self.archetypes.items():
+            span = slice(self.spans[name].start, self.spans[name].stop)
+            entity = self.columns(block, Entity)
+            entity.alive[0, span] = archetype.alive
+            kind = stream_number(name) >> 33 << 32  # positive, with room for 2**32 entities of a kind
+            entity.identity[0, span] = kind + np.arange(archetype.count)
+            for part in archetype.parts:
+                fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}", self.dims)
+        write_own(self, block)
+        return np.ascontiguousarray(block[0])
+
+
+def _groups(modules: Sequence[Any], agents: int) -> tuple[int, ...]:
+    return next((found for module in modules if (found := module.groups(agents))), ())
+
+
+def _check_keys(base: type[Component], components: Iterable[type[Component]]) -> None:
+    """Raise DeclarationError if two columns of a kind share a key, as environments would publish only one of them."""
+    owners: dict[str, str] = {}
+    for component in components:
+        for name, column in component.columns.items() if issubclass(component, base) else ():
+            key, owner = column.key or name, f"{component.__module__}.{component.__qualname__}.{name}"
+            if key in owners:
+                raise DeclarationError(
+                    f"{owners[key]} and {owner} are both the {base.__name__.lower()} '{key}'; rename one of the "
+                    'columns, or give it another key: column(..., key="mine")'
+                )
+            owners[key] = owner

@@ -1,0 +1,127 @@
+"""Plans: what all batches of worlds of one game share. Nothing in a plan changes, so it is kept and used again."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..checks.kernel_check import check, check_interpretable
+from ..compilation.cache import CompiledUnits
+from ..compilation.run_units import CALL, RUN, call, run_units
+from ..compilation.schedule import Schedule, check_brought, order
+from ..compilation.segments import Segment, segments
+from ..declarations.access import SELECTIONS
+from ..declarations.distributions import Distribution
+from ..declarations.phase import Phase, When
+from ..declarations.roles import Roles
+from ..declarations.system import System
+from ..kernels.errors import ScheduleError, did_you_mean
+from ..kernels.frozen_values import is_outside
+from ..kernels.jit import compiled
+from ..memory.layout import Layout
+from ..memory.module import Module
+from ..memory.per_agent import differing_numbers
+
+KEPT = 16  # the most plans that are kept: those that were used last
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a plan is made for: the arguments of Worlds, except `count` and `threads`."""
+
+    modules: tuple[Module, ...]
+    varied: tuple[tuple[str, Distribution], ...]
+    observed: tuple[str, ...]
+    roles: Roles | None
+    without: frozenset[Phase]
+    ordered: tuple[tuple[str, ...], ...]
+    split: bool
+    interpret: tuple[str, ...]
+    specialize: bool
+    functions: tuple[tuple[str, Any], ...]
+    parts: tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledGame:
+    """All that a batch of worlds needs except memory.
+
+    Attributes:
+        layout: The layout of each world.
+        schedule: The systems, in order.
+        segments: The units of the tick.
+        units: The machine code of units, functions and parts.
+    """
+
+    layout: Layout
+    schedule: Schedule
+    segments: Sequence[Segment]
+    units: CompiledUnits
+
+
+def plan(wanted: Wanted) -> CompiledGame:
+    """The plan for what is wanted, maybe one that was made before. For what it raises, see Worlds.
+
+    Games with a user's mechanics get a new plan each time, as these may refer to something that has changed since.
+    Outlast's own code is taken not to change while a process runs.
+    """
+    systems = tuple(system for module in wanted.modules for system in module.systems())
+    if any(is_outside(type(module)) for module in wanted.modules):
+        return _made(wanted)
+    try:
+        hash(wanted)
+    except TypeError:  # a number of a kind that is not hashable
+        return _made(wanted)
+    return _kept(wanted, repr(wanted), systems, compiled())
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_code: bool) -> CompiledGame:
+    """The plan. text: tells apart games whose numbers are equal and yet differ, as 1 and 1.0, or 0.0 and -0.0, do."""
+    return _made(wanted)
+
+
+def _made(wanted: Wanted) -> CompiledGame:
+    layout = Layout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
+    check_brought(layout.systems, layout.components)
+    systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
+    schedule = order(systems, layout.components, wanted.ordered)
+    _check_labels(wanted.interpret, schedule)
+    resets = [system.label for system in schedule.systems if system.phase.when is When.RESET]
+    for system in schedule.systems:
+        if system.outside:
+            behind = resets[resets.index(system.label) + 1 :] if system.label in resets else ()
+            check(system, differing_numbers(layout, system), _widths(layout, system.module), layout, behind)
+        if system.label in wanted.interpret:
+            check_interpretable(system)
+    tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
+    units = [unit for segment in tick for unit in segment.units if unit.compiled]
+    functions, parts = {CALL: call, **dict(wanted.functions)}, {RUN: run_units, **dict(wanted.parts)}
+    return CompiledGame(layout, schedule, tick, CompiledUnits(units, functions, parts))
+
+
+def _widths(layout: Layout, module: str) -> dict[str, int]:
+    """For each field that a mechanic adds, by name of its Offset, how many columns from there on are the mechanic's."""
+    found = dict[str, int]()
+    for mechanic in layout.modules:
+        for key, added in mechanic.fields().items() if mechanic.name == module else ():
+            there, from_start = layout.fields.get(key, {}), dict[int, int]()
+            own = [there[field.name] for field in added if field.name in there]
+            for field in sorted(own, key=lambda field: -field.start):
+                width = field.size + from_start.get(field.start + field.size, 0)
+                from_start[field.start] = found[f"{key}_{field.name}"] = width
+    return found
+
+
+def _applies(system: System, layout: Layout) -> bool:
+    """Whether a system is scheduled: the components that it needs are there, and none of its lists of rows is empty."""
+    rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
+    return {*system.needs} <= {*layout.components} and all(map(len, rows))
+
+
+def _check_labels(interpret: Sequence[str], schedule: Schedule) -> None:
+    known = [system.label for system in schedule.systems]
+    for label in interpret:
+        if label not in known:
+            hint = did_you_mean(label, known, after=" ")
+            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")

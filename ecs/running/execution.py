@@ -1,0 +1,152 @@
+"""Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ..compilation.arguments import ArgumentBlock
+from ..compilation.cache import CompiledUnits
+from ..compilation.compile_errors import of_numba
+from ..compilation.run_units import CALL, CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, RUN, TABLE, UNITS
+from ..compilation.segments import Segment
+from ..compilation.tick import Unit
+from ..kernels.errors import EngineError
+from ..kernels.jit import interpreted
+from ..kernels.machine_code import exception_at
+from ..memory.column_places import touched_lines
+from .team import TEAM, Team, aligned
+
+# How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
+# which fit into a second-level cache of 0.5 MB.
+TOGETHER, TOGETHER_BYTES = 32, 7 << 16
+CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
+
+
+class CompiledExecution:
+    """Runs units that are machine code.
+
+    Args:
+        segment: The units.
+        worlds: The Worlds, whose tables the units use.
+        compiled_units: The machine code, loaded.
+        team: The threads that share the worlds; None for the caller's thread alone.
+
+    Attributes:
+        blocks: The arguments of all units, one thread after the other.
+        team: As given.
+        address: The address of the frame of the caller's thread, see compilation.run_units.
+    """
+
+    def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits, team: Team | None) -> None:
+        self._units, self._code, self.team = segment.units, compiled_units, team
+        self._count: int = worlds.count
+        self.blocks = list[ArgumentBlock]()
+        self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
+        self.address = int(self._frames[0].ctypes.data)
+        self._plans = list[Any]()  # the plans of the team's rounds, see Team.plan
+        self._call, self._run = compiled_units.function(CALL), self.target(RUN)
+
+    def _frame(self, worlds: Any) -> Any:
+        """The frame of a thread."""
+        blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
+        frame = aligned(TABLE + 2 * len(blocks))
+        frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
+        frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
+        frame[TABLE + 1 :: 2] = [block.address for block in blocks]
+        self._share_fetching(worlds, blocks, int(frame[CHUNK]))
+        self.blocks += blocks
+        return frame
+
+    def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock], together: int) -> None:
+        """Let the units that run in every tick prefetch the next `together` worlds, in equal parts, if that pays."""
+        fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
+        if worlds.block.nbytes > CACHED and fetching:
+            ahead = worlds.block.ctypes.data + together * worlds.layout.world_bytes
+            lines = touched_lines(worlds.layout, worlds.schedule.touched)
+            for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
+                block.fetch(ahead, share)
+
+    def target(self, part: str) -> tuple[int, int]:
+        """The address and the first argument of the function that takes all worlds through the units.
+
+        part: label of the one that takes some worlds through them: RUN, or a function that also runs the tick.
+        """
+        if self.team is None:
+            return self._code.address(part), self.address
+        plan = self.team.plan(self._code.address(part), self._count, [frame.ctypes.data for frame in self._frames])
+        self._plans.append(plan)
+        return self.team.spread, int(plan.ctypes.data)
+
+    def ready(self) -> None:
+        """Start the team's threads and write the team's address into the plans; to be called before each round."""
+        if self.team is not None:
+            address = self.team.ready()
+            for plan in self._plans:
+                plan[TEAM] = address
+
+    def __call__(self) -> None:
+        """Take all worlds through the units. Raises what a kernel raises."""
+        self.ready()
+        self._call(*self._run, 0, self._count, self.address + 8 * EXCEPTION)
+        self.check()
+
+    def check(self) -> None:
+        """Raise the exception that a kernel raised since the last call, if one did."""
+        frame = self._frames[0]
+        if frame[FAILED] != NONE:
+            unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
+            frame[FAILED] = NONE
+            last = min(first_world + int(frame[CHUNK]), self._count) - 1
+            raise _exception(self._units[unit], first_world, last, exception)
+
+
+class PythonExecution:
+    """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
+
+    def __init__(self, segment: Segment, worlds: Any) -> None:
+        self._count: int = worlds.count
+        self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
+        self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
+
+    def __call__(self) -> None:
+        """Take all worlds through the units, one after the other."""
+        with interpreted():
+            for unit, function, block in zip(self._units, self._functions, self.blocks, strict=True):
+                try:
+                    function(block, 0, self._count)
+                except EngineError as error:
+                    raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
+
+
+def _together(worlds: Any) -> int:
+    """How many worlds go through all units together. More need fewer calls, but their memory must stay in the cache."""
+    buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
+    used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)
+    return max(TOGETHER, TOGETHER_BYTES // used)
+
+
+def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
+    """The exception that a unit raised, with its label and the line, or how to find it, and a note on the worlds.
+
+    Args:
+        unit: The unit.
+        first_world: The first of the worlds that it was handling.
+        last: The last of them.
+        address: The address of the exception, see `exception_at`.
+    """
+    kind, arguments, place = exception_at(address)
+    file, _, line = place.rpartition(", ")
+    shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing
+    place = f" ({os.path.basename(file)}, {line})" if shown else ""
+    text = " ".join(map(str, arguments)).partition('\nFile "')[0] if arguments else kind.__name__  # of numba
+    if unit.system and not shown:
+        what = ", the array and the index" if issubclass(kind, IndexError) else ""
+        text += f'; interpret=("{unit.label}",) runs this system as Python and shows the line{what}'
+    try:
+        error = kind(f"{unit.label}{place}: {text}{unit.needed}")
+    except Exception:  # a class that cannot be made from one text
+        error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
+    worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"
+    error.add_note(f"Raised in {worlds} of the batch, counted from 0.")
+    return error

@@ -1,0 +1,106 @@
+"""The runner of a tick: its segments, one after the other, on one thread or several."""
+
+import threading
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..compilation.cache import CompiledUnits
+from ..compilation.segments import Segment
+from ..compilation.tick import Unit
+from ..kernels.jit import compiled
+from .execution import CompiledExecution, PythonExecution
+from .team import Team, shared
+
+Execution = CompiledExecution | PythonExecution
+
+
+class Runner:
+    """Runs a tick in a batch of worlds.
+
+    Attributes:
+        units: The machine code.
+        times: Seconds spent in each segment, by the label of its first unit.
+        lock: Held while executions are made or changed.
+    """
+
+    def __init__(
+        self, worlds: Any, segments: Sequence[Segment], units: CompiledUnits, functions: Mapping[str, Any]
+    ) -> None:
+        """Make it; nothing is compiled or loaded yet.
+
+        Args:
+            worlds: The Worlds: their tables, `count` and `threads`.
+            segments: The tick.
+            units: The machine code of the tick and of the functions.
+            functions: Kernels of integers by label, see `function`.
+        """
+        self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
+        self._segments, self._functions = segments, functions
+        self.units = units
+        self.times = {segment.units[0].label: 0.0 for segment in segments}
+        self.lock = threading.Lock()
+        self._loaded = False
+        self._executions: list[Execution | None] = [None] * len(segments)
+        self._team = Team(worlds.threads) if shared(worlds.count, worlds.threads) else None
+
+    @property
+    def sources(self) -> list[Unit]:
+        """All units, in order."""
+        return [unit for segment in self._segments for unit in segment.units]
+
+    @property
+    def missing(self) -> list[str]:
+        """Labels of the units whose machine code is neither loaded nor on disk."""
+        return self.units.missing + (self._team.code.missing if self._team is not None else [])
+
+    def run(self) -> None:
+        """Take every world through the tick, by its mode."""
+        self._load()
+        for k, segment in enumerate(self._segments):
+            start = time.perf_counter()
+            self._execution(k)()
+            self.times[segment.units[0].label] += time.perf_counter() - start
+
+    def function(self, label: str) -> Any:
+        """One of the functions, as machine code that Python can call; as Python where nothing is compiled."""
+        self._load()
+        return self.units.function(label) if compiled() else self._functions[label]
+
+    def single(self) -> CompiledExecution | None:
+        """The execution of the whole tick; None if the tick takes several calls."""
+        self._load()
+        execution = self._execution(0) if len(self._segments) == 1 else None
+        return execution if isinstance(execution, CompiledExecution) else None
+
+    def set_numbers(self, changed: Mapping[str, int | float]) -> None:
+        """Change numbers of mechanics, by name, from the next tick on. The caller holds `lock`."""
+        for execution in (each for each in self._executions if each is not None):
+            for block in execution.blocks:
+                block.set_numbers(changed)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._team is not None:
+            self._team.close()
+
+    def _execution(self, k: int) -> Execution:
+        execution = self._executions[k]
+        if execution is None:
+            segment = self._segments[k]
+            with self.lock:  # one thread at a time: modules' scratch() need not be thread-safe
+                worlds = self._worlds()
+                if segment.compiled:
+                    execution = CompiledExecution(segment, worlds, self.units, self._team)
+                else:
+                    execution = PythonExecution(segment, worlds)
+                self._executions[k] = execution
+        return execution
+
+    def _load(self) -> None:
+        if not self._loaded:
+            self.units.load()
+            if self._team is not None:
+                self._team.code.load()
+            self._loaded = True

@@ -1,0 +1,270 @@
+"""A team of threads that takes worlds through a tick together, without the GIL.
+
+Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
+(`spread`), the caller and the threads take ranges of worlds, first from their own shares and then from the others',
+until none is left. The caller does not wait for threads that have not woken up by then: they find the round closed.
+
+The words of a team are read and written by sequentially consistent atomic operations. These also order all other
+memory: threads see what the caller wrote before it opened the round, and the caller sees what threads wrote before they
+stopped being active. The mutex and the conditions are for sleeping only.
+"""
+
+import _thread
+import functools
+import os
+import threading
+import warnings
+import weakref
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..compilation.cache import CompiledUnits
+from ..compilation.run_units import CALLER, EXCEPTION, FAILED, FIRST_WORLD, NONE
+from ..kernels.jit import external, has_symbol, kernel, loader, storer
+from ..kernels.machine_code import atomic_add, atomic_load, atomic_store, call_address
+
+LINE = 8  # words of a cache line: different threads write to different lines
+ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
+DISMISSED, HIRED, PLAN = ROUND + 1, ROUND + 2, OPEN + 1
+MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # pthreads' objects: they need 64 bytes at most
+NEXT = 11 * LINE  # from here, a line for each thread, with the next world of its share
+TEAM, FUNCTION, COUNT, SHARE, RANGE, THREADS, FRAMES = range(7)  # words of a plan, see `spread`
+GLANCES = 100  # how often a thread looks for what it waits for before it sleeps: some 50 microseconds
+MIN_RANGE = 16  # the fewest worlds that a thread takes at a time: enough to pay for the call
+RANGES_PER_THREAD = 8  # enough for all threads to end at about the same time
+
+SPREAD = "spread"  # label
+NO_PYTHON = "several threads run machine code only"
+initialize_mutex = external("pthread_mutex_init", "int32", "intp", "intp", cure=NO_PYTHON)
+initialize_condition = external("pthread_cond_init", "int32", "intp", "intp", cure=NO_PYTHON)
+lock = external("pthread_mutex_lock", "int32", "intp", cure=NO_PYTHON)
+unlock = external("pthread_mutex_unlock", "int32", "intp", cure=NO_PYTHON)
+wait = external("pthread_cond_wait", "int32", "intp", "intp", cure=NO_PYTHON)
+wake_all = external("pthread_cond_broadcast", "int32", "intp", cure=NO_PYTHON)
+pause = external("sched_yield", "int32", cure=NO_PYTHON)
+read_word, write_word = loader("int64"), storer("int64")
+
+
+@kernel
+def prepare(team: int) -> int:
+    """Make the mutex and the conditions of a team, whose words are 0."""
+    initialize_mutex(team + 8 * MUTEX, 0)
+    initialize_condition(team + 8 * BEGUN, 0)
+    initialize_condition(team + 8 * ENDED, 0)
+    return 0
+
+
+@kernel
+def serve(team: int, others: int) -> int:
+    """What a thread of the team does until the team is dismissed. Threads beyond the number `others` return at once."""
+    thread = atomic_add(team + 8 * HIRED, 1) + 1
+    if thread > others:
+        return 0
+    seen = 0
+    while True:
+        for _ in range(GLANCES):
+            if atomic_load(team + 8 * ROUND) != seen:
+                break
+            pause()
+        if atomic_load(team + 8 * ROUND) == seen:
+            lock(team + 8 * MUTEX)
+            atomic_add(team + 8 * ASLEEP, 1)  # before it looks at ROUND: see `announce`
+            while atomic_load(team + 8 * ROUND) == seen:
+                wait(team + 8 * BEGUN, team + 8 * MUTEX)
+            atomic_add(team + 8 * ASLEEP, -1)
+            unlock(team + 8 * MUTEX)
+        seen = atomic_load(team + 8 * ROUND)
+        if atomic_load(team + 8 * DISMISSED):
+            return 0
+        atomic_add(team + 8 * ACTIVE, 1)  # before it looks at OPEN: an open round waits for it
+        if atomic_load(team + 8 * OPEN):
+            take_ranges(read_word(team + 8 * PLAN), thread)
+        if atomic_add(team + 8 * ACTIVE, -1) == 1 and atomic_load(team + 8 * WAITING):
+            lock(team + 8 * MUTEX)
+            wake_all(team + 8 * ENDED)
+            unlock(team + 8 * MUTEX)
+
+
+@kernel
+def announce(team: int) -> int:
+    """Tell the threads of a new round."""
+    atomic_add(team + 8 * ROUND, 1)
+    if atomic_load(team + 8 * ASLEEP):
+        lock(team + 8 * MUTEX)  # threads that saw the old ROUND are asleep by now
+        wake_all(team + 8 * BEGUN)
+        unlock(team + 8 * MUTEX)
+    return 0
+
+
+@kernel
+def take_ranges(plan: int, thread: int) -> None:
+    """Take ranges of worlds, first of the thread's own share, through the tick until none is left or a unit fails.
+
+    The shares are the same in each round, so that a processor finds its worlds in its cache.
+    """
+    function, frame = read_word(plan + 8 * FUNCTION), read_word(plan + 8 * (FRAMES + thread))
+    threads, size = read_word(plan + 8 * THREADS), read_word(plan + 8 * RANGE)
+    for k in range(thread, thread + threads):
+        following, stop = next_and_stop(plan, k % threads)
+        while True:
+            first = atomic_add(following, size)
+            if first >= stop:
+                break
+            call_address(function, frame, first, min(first + size, stop), frame + 8 * EXCEPTION)
+            if read_word(frame + 8 * FAILED) != NONE:
+                for other in range(threads):
+                    following, stop = next_and_stop(plan, other)
+                    atomic_store(following, stop)
+                return
+
+
+@kernel
+def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
+    """For a thread's share, the address of the word with the number of the next world, and one after the last world."""
+    following = read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread)
+    return following, min((thread + 1) * read_word(plan + 8 * SHARE), read_word(plan + 8 * COUNT))
+
+
+@kernel
+def spread(plan: int, first: int, last: int) -> int:
+    """Run a round: the team takes all worlds through the tick.
+
+    Args:
+        plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
+            such as ecs.run_units.run_units; the number of all worlds, of those in a share and of those in a range; the
+            number of threads, and the frame of each. Afterwards, the caller's frame says which unit failed, if one did
+            in any thread.
+        first: 0.
+        last: The number of worlds.
+
+    Returns:
+        0.
+    """
+    team, threads, own = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS), read_word(plan + 8 * FRAMES)
+    begin = first
+    for k in range(threads):
+        frame = read_word(plan + 8 * (FRAMES + k))
+        write_word(frame + 8 * FAILED, NONE)
+        write_word(frame + 8 * CALLER, read_word(own + 8 * CALLER))
+        following, stop = next_and_stop(plan, k)
+        atomic_store(following, begin)
+        begin = stop
+    write_word(team + 8 * PLAN, plan)
+    atomic_store(team + 8 * OPEN, 1)
+    announce(team)
+    take_ranges(plan, 0)
+    atomic_store(team + 8 * OPEN, 0)
+    for _ in range(GLANCES):
+        if atomic_load(team + 8 * ACTIVE) == 0:
+            break
+        pause()
+    if atomic_load(team + 8 * ACTIVE):
+        atomic_store(team + 8 * WAITING, 1)
+        lock(team + 8 * MUTEX)
+        while atomic_load(team + 8 * ACTIVE):
+            wait(team + 8 * ENDED, team + 8 * MUTEX)
+        unlock(team + 8 * MUTEX)
+        atomic_store(team + 8 * WAITING, 0)
+    for k in range(1, threads):
+        frame = read_word(plan + 8 * (FRAMES + k))
+        if read_word(frame + 8 * FAILED) != NONE:
+            earlier = read_word(frame + 8 * FIRST_WORLD) < read_word(own + 8 * FIRST_WORLD)
+            if read_word(own + 8 * FAILED) == NONE or earlier:
+                for word in (FAILED, FIRST_WORLD, EXCEPTION):
+                    write_word(own + 8 * word, read_word(frame + 8 * word))
+    return 0
+
+
+@kernel
+def dismiss(team: int) -> int:
+    """Let the threads return."""
+    atomic_store(team + 8 * DISMISSED, 1)
+    announce(team)
+    return 0
+
+
+@functools.cache
+def code() -> CompiledUnits:
+    """The machine code that teams run."""
+    return CompiledUnits((), {"prepare": prepare, "serve": serve, "dismiss": dismiss}, {SPREAD: spread})
+
+
+def shared(count: int, threads: int) -> bool:
+    """Whether this many threads share this many worlds. Warns if the system has no POSIX threads."""
+    possible = has_symbol("pthread_cond_wait") and has_symbol("sched_yield")
+    if threads > 1 and not possible:
+        warnings.warn(f"threads={threads} has no effect: this system has no POSIX threads", stacklevel=2)
+    return threads > 1 and count > MIN_RANGE and possible
+
+
+class Team:
+    """The caller's thread and others that serve it, started when they are needed, and again in a fork.
+
+    Attributes:
+        size: How many threads there are, including the caller's.
+        code: The machine code that they run; it must be loaded first.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size, self.code = size, code()
+        self._owner = 0
+
+    @property
+    def spread(self) -> int:
+        """The address of the function `spread`."""
+        return self.code.address(SPREAD)
+
+    def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
+        """The plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
+        share = max(MIN_RANGE, -(-count // self.size))
+        size = max(MIN_RANGE, -(-share // RANGES_PER_THREAD))
+        return np.array([0, function, count, share, size, self.size, *frames], np.int64)
+
+    def ready(self) -> int:
+        """Start the threads that are not running yet, and return the team's address."""
+        if self._owner != os.getpid():  # there are none yet, or this is a fork, which inherits none
+            self._words, self._threads = aligned(NEXT + LINE * self.size), list[tuple[int, threading.Lock]]()
+            self._address = int(self._words.ctypes.data)
+            self.code.function("prepare")(self._address)
+            dismissing = self.code.function("dismiss"), self._words, self._threads, os.getpid()
+            self._end = weakref.finalize(self, _end, *dismissing)
+            self._owner = os.getpid()
+        while len(self._threads) < self.size - 1:
+            running = threading.Lock()
+            running.acquire()
+            serving = self.code.function("serve"), self._words, self.size - 1, running
+            thread = _thread.start_new_thread(_serve, serving)
+            self._threads.append((thread, running))  # after Ctrl-C just before this, one too many starts: it returns
+        return self._address
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._owner == os.getpid():
+            self._owner = 0
+            self._end()
+
+
+def aligned(words: int) -> Any:
+    """Zeros, int64 (words,), that begin at a cache line."""
+    memory = np.zeros(words + LINE - 1, np.int64)
+    start = -memory.ctypes.data // 8 % LINE
+    return memory[start : start + words]
+
+
+def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None:
+    try:
+        serve(words.ctypes.data, others)
+    finally:
+        running.release()
+
+
+def _end(dismiss: Any, words: Any, threads: list[tuple[int, threading.Lock]], owner: int) -> None:
+    if owner != os.getpid():  # a fork, which has none of these threads
+        return
+    dismiss(words.ctypes.data)
+    for thread, running in threads:
+        if thread != threading.get_ident():  # garbage collection may run this in one of them
+            with running:
+                pass

@@ -1,0 +1,385 @@
+"""A batch of worlds of one scenario: their tables, and the runner that advances them on several threads."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ..declarations import event
+from ..declarations.component import Action, Clock, Component
+from ..declarations.distributions import Distribution
+from ..declarations.event import Event, EventMemory
+from ..declarations.phase import Phase
+from ..declarations.roles import Roles
+from ..kernels.errors import CapacityError, DeclarationError, NumberError
+from ..memory.column_places import ALIGN
+from ..memory.entity_view import EntityView
+from ..memory.given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
+from ..memory.live_numbers import changed_modules, differing
+from ..memory.module import Module, check_kind
+from ..memory.per_agent import agent_values
+from ..memory.varied import Varied
+from .compiled_game import Wanted, plan
+from .runner import Runner
+
+
+class Worlds:
+    """`count` worlds made of `modules`, stored as tables and advanced together.
+
+    worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
+    The arrays are the state itself, and remain the same objects for good.
+
+    Args:
+        modules: The mechanics, in any order.
+        count: How many worlds.
+        threads: How many threads `run` uses; the results do not depend on it.
+        split: Compile every system separately, and take all worlds through one system before the next, to time them
+            (see `times`); the results are the same.
+        without: Phases to leave out, such as that of observations.
+        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
+        interpret: Labels of systems to run as Python, for breakpoints, say; the others remain machine code.
+        specialize: Compile the systems for the sizes and rows of these modules alone. This makes the tick faster, but
+            other modules or other sizes then need machine code of their own. The results are the same.
+        varied: Distributions by name, "module_number": each world draws the number when an episode begins.
+        observed: Names of the varied numbers that agents observe.
+        roles: Which agents have numbers of their own.
+        functions: Kernels of integers by label, to be compiled with the systems; see `function`.
+        parts: Kernels that take some worlds through the tick and do more, by label; see `call_with_tick`.
+
+    Attributes:
+        actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
+        block: uint8 (count, bytes), the state of each world.
+        modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
+        event_memory: The events of each world's last tick, as they lie in memory; see `events`.
+
+    Raises:
+        DeclarationError: A module is impossible, or several modules are impossible together.
+        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names a system that there
+            is not.
+    """
+
+    def __init__(
+        self,
+        modules: Sequence[Module],
+        count: int,
+        threads: int = 1,
+        split: bool = False,
+        without: Collection[Phase] = (),
+        ordered: Sequence[Sequence[str]] = (),
+        interpret: Collection[str] = (),
+        specialize: bool = False,
+        varied: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
+        roles: Roles | None = None,
+        functions: Mapping[str, Any] | None = None,
+        parts: Mapping[str, Any] | None = None,
+    ) -> None:
+        wanted = Wanted(
+            modules=tuple(modules),
+            varied=tuple((varied or {}).items()),
+            observed=tuple(observed),
+            roles=roles,
+            without=frozenset(without),
+            ordered=tuple(map(tuple, ordered)),
+            split=split,
+            interpret=(interpret,) if isinstance(interpret, str) else tuple(map(str, interpret)),
+            specialize=specialize,
+            functions=tuple((functions or {}).items()),
+            parts=tuple((parts or {}).items()),
+        )
+        for what, given in (("count", count), ("threads", threads)):
+            if given < 1:
+                raise NumberError(f"Worlds(..., {what}={given}): at least 1 is needed")
+        made = plan(wanted)
+        self.layout, self.schedule = made.layout, made.schedule
+        self.count, self.threads = count, threads
+        self.modules = list(self.layout.modules)
+        self.block = _aligned(count, self.layout.world_bytes)
+        self.block[:] = self.layout.initial_image
+        self.mode = np.zeros(count, np.int8)
+        counts = np.zeros((count, len(self.layout.events)), np.int32)
+        self.event_memory = EventMemory(counts, np.zeros(count, self.layout.event_type))
+        self.actions = self._allocate_actions()
+        self._tables = {c: self._allocate(c) for c in self.layout.components}
+        self._runner = Runner(self, made.segments, made.units, functions or {})
+
+    def __getitem__(self, component: type[Component]) -> Any:
+        try:
+            return self._tables[component]
+        except KeyError:
+            known = ", ".join(sorted(c.__name__ for c in self._tables))
+            raise DeclarationError(f"this scenario has no component {component.__name__}; it has: {known}") from None
+
+    def __contains__(self, component: type[Component]) -> bool:
+        return component in self._tables
+
+    @property
+    def components(self) -> tuple[type[Component], ...]:
+        """All components, in the order in which they are stored."""
+        return self.layout.components
+
+    def __repr__(self) -> str:
+        return f"Worlds({self.count} worlds, {len(self.components)} components)"
+
+    @property
+    def dims(self) -> dict[str, int]:
+        """The sizes of this scenario's dimensions by name: "rows", and those that its modules define."""
+        return self.layout.dims
+
+    @property
+    def times(self) -> dict[str, float]:
+        """The seconds that `run` has spent in each segment of the tick, by its first unit (with split: by system)."""
+        return self._runner.times
+
+    @property
+    def compiled(self) -> bool:
+        """Whether machine code for this tick is ready or cached on disk."""
+        return not self.uncompiled
+
+    @property
+    def uncompiled(self) -> list[str]:
+        """Labels of the systems, and of other parts of the tick, that the next `run` compiles."""
+        return self._runner.missing
+
+    def events(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Return what happened in the last tick of each world, by name of the event; see `entries`."""
+        return {kind.name: self.entries(kind) for kind in self.layout.events}
+
+    def entries(self, kind: type[Event]) -> np.ndarray[Any, Any]:
+        """Return a copy of the events of one kind in the last tick of each world.
+
+        Returns:
+            A structured array with a row for each event, in order of worlds: `world`, `episode` and `tick`, int64, and
+            the event's columns. Empty if this scenario does not have the event.
+        """
+        clock = self[Clock]
+        times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
+        return event.entries(kind, self.layout.events, self.event_memory, times)
+
+    def number(self, name: str) -> Any:
+        """Return the value of a number in this episode, whether it is set, varies or differs by role.
+
+        Args:
+            name: "module_number".
+
+        Returns:
+            A single value; if worlds differ in it, an array (count,), or (count, length) for a tuple (see `numbers`);
+            if agents do, int32 or float32 (count, agents). Arrays are copies.
+
+        Raises:
+            NumberError: There is no such number.
+        """
+        if (agents := self.layout.per_agent.get(name)) is not None:
+            return agent_values(self, agents)
+        if (varied := self.layout.varied.get(name)) is not None:
+            return varied.decode(self[Varied].words.T.copy(), self.layout.modules[varied.module])
+        for module in self.modules:
+            own = name.removeprefix(f"{module.name}_")
+            if own != name and any(item.name == own for item in fields(module)):
+                return getattr(module, own)
+        raise NumberError(f"this scenario has no number '{name}'")
+
+    def span(self, archetype: str) -> slice:
+        """Return the rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
+
+        Raises:
+            DeclarationError: No mechanic that is imported has it.
+        """
+        if (rows := self.layout.spans.get(archetype)) is None:
+            check_kind(archetype, self.layout.spans)
+            return slice(0, 0)
+        return slice(rows.start, rows.stop)
+
+    def entity(self, row: int, world: int = 0) -> EntityView:
+        """Return one entity with all its components, to print or inspect. DeclarationError if there is no such row."""
+        return EntityView(self, row, world)
+
+    def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
+        """Key the random numbers of the worlds `where` by (seeds, worlds), and count their episodes from the start."""
+        clock = self[Clock]
+        clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
+        clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
+        clock.episode[where] = 0
+        if self.layout.keyed:
+            self[Given].words[where, AWAY] = 0
+
+    def set_numbers(self, /, **numbers: Any) -> None:
+        """Change numbers of mechanics from the next tick on, in all worlds.
+
+        Args:
+            **numbers: Values by name, module_number ("rewards_kill").
+
+        Raises:
+            NumberError: A number is unknown, a value is not allowed, or the number does more than enter into what
+                kernels compute (it determines sizes of tables, initial values of entities, which systems run, or bounds
+                of observations); nothing is changed.
+        """
+        with self._runner.lock:
+            self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
+            self._runner.set_numbers(self.changed)
+
+    def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Return the varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
+
+        A tuple is float32 (count, length).
+        """
+        if not self.layout.varied:
+            return {}
+        words = self[Varied].words.T.copy()
+        return {name: n.decode(words, self.layout.modules[n.module]) for name, n in self.layout.varied.items()}
+
+    def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Return each agent's numbers that differ by role in this episode: int32 or float32 (count, agents) by name."""
+        return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
+
+    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None), once: bool = False) -> None:
+        """Set varied numbers from the next reset of each world on, instead of drawing them.
+
+        Args:
+            numbers: By name, one value, or one for each of the worlds `where`; None: draw it again.
+            where: The worlds: mask, indices or slice.
+            once: Whether to set them for that episode only.
+
+        Raises:
+            NumberError: A number does not vary, or a value has the wrong shape or could not be drawn; nothing is
+                changed.
+        """
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        words = dict[str, Any]()
+        for name, values in numbers.items():
+            if name not in self.layout.varied:
+                known = ", ".join(self.layout.varied) or "none"
+                raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
+            number = self.layout.varied[name]
+            words[name] = np.uint64(0) if values is None else given_words(number, self.layout, values, len(rows))
+            if once and values is not None:
+                words[name] = words[name] | np.uint64(1) << ONCE
+        for name, given in words.items():
+            self[Given].words[rows, self.layout.varied[name].words] = given
+
+    def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
+        """Make the next episode one of another key; those that follow have the worlds' own keys again.
+
+        Args:
+            keys: (seed, world, episode) for each of the worlds `where`, uint64 (n, 3). NumberError unless Layout.keyed.
+            where: The worlds: mask, indices or slice.
+        """
+        if not self.layout.keyed:
+            raise NumberError(NO_LEVELS)
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        self[Given].words[rows, KEY] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
+
+    @property
+    def changed(self) -> dict[str, int | float]:
+        """The numbers that have changed since the worlds were made, by name, as kernels get them."""
+        return differing(self.layout.modules, self.modules)
+
+    def run(self, mode: np.ndarray[Any, Any]) -> None:
+        """Take every world through the tick. mode: int8 (count,), SKIP, STEP or RESET for each world.
+
+        Raises CapacityError if there are more events of a kind than its list has room for; the tick is then cut short.
+        """
+        self.mode[:] = mode
+        try:
+            self._runner.run()
+        except CapacityError as error:
+            raise self._capacity_error() or error from None
+
+    def function(self, label: str) -> Any:
+        """Return one of `functions` as machine code that Python can call, or as Python if nothing is compiled."""
+        return self._runner.function(label)
+
+    def call_with_tick(self, label: str, part: str) -> Callable[[int], int] | None:
+        """Return one of `functions` that runs the tick as a part of what it does.
+
+        Args:
+            label: A function of an address; a frame (see run_units), in which it writes that address at CALLER; and
+                the address and first argument of what it is to call for all worlds: `part` for one after the other, or
+                for ranges of worlds on several threads. It returns an integer. A negative one says that the tick
+                failed; then, what a system raised is raised.
+            part: One of `parts`, which finds the address in its frame.
+
+        Returns:
+            A function of the address; None if a tick takes several calls, because some systems run as Python.
+        """
+        if (execution := self._runner.single()) is None:
+            return None
+        function, frame, target = self.function(label), execution.address, execution.target(part)
+        ready, alone = execution.ready, execution.team is None
+
+        def call(address: int) -> int:
+            if not alone:  # without a team, as in a single world, this call would be a waste
+                ready()
+            result: int = function(address, frame, *target)
+            if result < 0:
+                try:
+                    execution.check()
+                except CapacityError as error:
+                    raise self._capacity_error() or error from None
+            return result
+
+        return call
+
+    def source(self) -> str:
+        """Return the generated code of the tick: a function for each system, in order, with the phases as comments."""
+        lines, phase = (
+            ["# Slots, in upper case, are positions in the argument block of a unit; see ecs.compilation.arguments."],
+            None,
+        )
+        for unit in self._runner.sources:
+            if unit.system and unit.system.phase is not phase:
+                phase = unit.system.phase
+                lines.append(f"# ---- {phase.name} ({phase.when.value}): {phase.postcondition}")
+            lines.append(unit.source)
+        return "\n\n".join(lines)
+
+    def close(self) -> None:
+        """End the threads. The tables stay readable."""
+        self._runner.close()
+
+    def _capacity_error(self) -> CapacityError | None:
+        ticks = self[Clock].tick[:, 0]
+        return event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
+
+    def _allocate(self, component: type[Component]) -> Any:
+        if component.packed:
+            return self.layout.columns(self.block, component)
+        columns = component.columns.items()
+        if issubclass(component, Event):
+            return event.table(component, self.layout.events, self.event_memory)
+        if issubclass(component, Action):
+            first = self.layout.actions.index((component, next(iter(component.columns))))
+            return component.Table(*self.actions[first : first + len(columns)])
+        return component.Table(
+            *(np.zeros((self.count, *component.row_shape(name, self.dims)), column.dtype) for name, column in columns)
+        )
+
+    def _allocate_actions(self) -> np.ndarray[Any, Any]:
+        """All action columns in one array, so that an adapter sets them by one assignment: (actions, worlds, ...)."""
+        kinds = {
+            (component.columns[name].dtype, component.row_shape(name, self.dims))
+            for component, name in self.layout.actions
+        }
+        if len(kinds) > 1:
+            found = ", ".join(
+                f"{component.__name__}.{name} {component.columns[name].dtype} {component.row_shape(name, self.dims)}"
+                for component, name in self.layout.actions
+            )
+            raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
+        dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
+        return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
+
+
+def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
+    """Memory for the state of `count` worlds, aligned to cache lines; kernels.simd may read one line past the end."""
+    memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
+    start = -memory.ctypes.data % ALIGN
+    return memory[start : start + count * world_bytes].reshape(count, world_bytes)
+
+
+def checked_worlds(given: Any) -> Worlds:
+    """What was given, if it is worlds. Raises TypeError."""
+    if not isinstance(given, Worlds):
+        raise TypeError(f"{type(given).__name__} is given for worlds: those of an environment are env.worlds")
+    return given
