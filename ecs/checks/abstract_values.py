@@ -12,6 +12,7 @@ from numba.core import ir
 
 from ..compilation.cache_key import FOREIGN
 from ..declarations.component import Component
+from ..memory.layout import Layout
 
 FIELD = 1 << 16  # a value of Column.axes, see there
 UNKNOWN, FLOATING = "unknown", "floating"  # any value; a float that does not come from a column
@@ -26,7 +27,7 @@ class Calls(Protocol):
     offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
     used: set[tuple[type[Component], str]]  # columns that were looked up
     written: set[tuple[type[Component], str]]
-    layout: Any  # the layout of the worlds, or None
+    layout: Layout | None  # that of the worlds
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 
 from ..declarations.component import Singleton
+from ..memory.layout import Layout
 from .abstract_values import FIELD, UNKNOWN, Column, Constant, Member, PerAgent, Place, Shared, Slice, parts_of
 
 
-def wrong_index(layout: Any, target: Any, index: Any) -> str:
+def wrong_index(layout: Layout, target: Any, index: Any) -> str:
     """Find an index that selects another entity's number in these worlds, or none.
 
     Args:
-        layout: The memory.layout.Layout of the worlds.
+        layout: The layout of the worlds.
         target: The abstract value that is indexed: a column, a list of rows, or a number in which roles differ.
         index: The abstract value of the index.
 
@@ -58,7 +59,7 @@ def wrong_field(offsets: Collection[str], target: Column, index: Any) -> str:
     return ""
 
 
-def _dims(layout: Any, target: Any) -> tuple[int | str, ...]:
+def _dims(layout: Layout, target: Any) -> tuple[int | str, ...]:
     """The dimensions of a target; () for a part of a column, and for anything else."""
     if isinstance(target, Shared) and target.kind == "rows":
         return (len(layout.rows(*target.components)),)
@@ -70,7 +71,7 @@ def _dims(layout: Any, target: Any) -> tuple[int | str, ...]:
     return own if issubclass(target.component, Singleton) else ("rows", *own)
 
 
-def _wrong(layout: Any, dim: int | str, value: Member) -> str:
+def _wrong(layout: Layout, dim: int | str, value: Member) -> str:
     """What is wrong with an index of a dimension, and how to cure it; "" for nothing."""
     rows, size = layout.rows(*value.components), layout.dims[dim] if isinstance(dim, str) else dim
     alike = np.array_equal(rows, np.arange(len(rows)))  # whether the rows are 0, 1, 2, ...

@@ -23,6 +23,7 @@ from ..declarations.system import System
 from ..kernels.errors import DeclarationError, ScheduleError, place
 from ..kernels.frozen_values import is_outside, reachable, references
 from ..kernels.jit import External, compiled
+from ..memory.layout import Layout
 from .abstract_interpreter import Activation
 from .abstract_values import (
     ANYTHING,
@@ -45,7 +46,7 @@ def check(
     system: System,
     per_agent: Collection[str] = (),
     widths: Mapping[str, int] | None = None,
-    layout: Any = None,
+    layout: Layout | None = None,
     behind: Collection[str] = (),
 ) -> None:
     """Compare what a system does with what its parameter list declares.
@@ -54,7 +55,7 @@ def check(
         system: Any system. In one that stays Python, only code that numba's front end understands is checked.
         per_agent: Names of its mechanic's numbers in which roles differ.
         widths: By name of the Offset of each field that its mechanic adds, how many columns from there on are its own.
-        layout: The memory.layout.Layout of the worlds, by which indices of entities are checked; None: they are not.
+        layout: The layout of the worlds, by which indices of entities are checked; None: they are not.
         behind: Labels of the systems that run after it in the reset that it is part of.
 
     Raises:
@@ -114,7 +115,7 @@ def _is_own(function: FunctionType) -> bool:
 class _Check:
     """The check of one system, which follows the functions it calls, each with the values of its arguments."""
 
-    def __init__(self, system: System, layout: Any) -> None:
+    def __init__(self, system: System, layout: Layout | None) -> None:
         self.system, self.label, self.offsets, self.layout = system, system.label, system.offsets(), layout
         self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}

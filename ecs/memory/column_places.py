@@ -61,7 +61,7 @@ def touched_lines(layout: Any, components: Collection[type[Component]]) -> np.nd
     """The cache lines that hold these components, for entities that have them, and the engine's own components.
 
     Args:
-        layout: An memory.layout.Layout.
+        layout: A Layout.
         components: See Schedule.touched.
 
     Returns:

@@ -47,7 +47,7 @@ class Plan:
 
 
 def plan(layout: Any) -> Plan:
-    """Return the arrays for `draw`, for an memory.layout.Layout. Raises the errors of `varied.patches`."""
+    """Return the arrays for `draw`, for a Layout. Raises the errors of `varied.patches`."""
     numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
     for number in numbers:
         values = number.distribution.values if number.distribution.kind in (CHOICE, FREE) else ()

@@ -35,7 +35,7 @@ def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> A
 
     Args:
         number: The number.
-        layout: An memory.layout.Layout that varies it.
+        layout: A Layout that varies it.
         values: One, or one for each of the worlds.
         count: How many worlds.
 
@@ -68,7 +68,7 @@ def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
 
     Args:
         number: The number.
-        layout: An memory.layout.Layout that varies it.
+        layout: A Layout that varies it.
         words: int32 (worlds, width), the words of this number.
     """
     module = layout.modules[number.module]
@@ -103,7 +103,7 @@ def wrongly_given(layout: Any, words: Array) -> str:
     """What is wrong with words of Given from a file, which kernels would use as indices unchecked; "" if nothing is.
 
     Args:
-        layout: An memory.layout.Layout with varied numbers.
+        layout: A Layout with varied numbers.
         words: uint64 (worlds, words).
     """
     for name, number in layout.varied.items():

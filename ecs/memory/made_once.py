@@ -13,7 +13,7 @@ def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[s
     """Why worlds of one layout cannot go on with a mechanic of another one.
 
     Args:
-        layout: An memory.layout.Layout.
+        layout: A Layout.
         there: A layout that differs from it only in a number of the mechanic `k`.
         k: The index of the mechanic among the modules of both.
         systems: Whether the mechanic must have the same systems in both.

@@ -225,7 +225,7 @@ class Plan:
 
 
 def plan(layout: Any) -> Plan:
-    """Return the arrays for `assign`, for an memory.layout.Layout with roles. Raises the errors of `_patches`."""
+    """Return the arrays for `assign`, for a Layout with roles. Raises the errors of `_patches`."""
     numbers, choices = list(layout.per_agent.values()), list[int]()
     shape = (len(numbers), len(layout.roles.roles))
     kinds, ends, options = np.zeros(shape, np.int8), np.zeros((*shape, 2)), np.zeros((*shape, 2), np.int32)

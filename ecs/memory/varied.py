@@ -232,7 +232,7 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
     """Find the prefab values that are varied numbers, by comparing initial states for different values of the numbers.
 
     Args:
-        layout: An memory.layout.Layout.
+        layout: A Layout.
 
     Returns:
         Rows as in draw.Plan.patches.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from outlast.ecs.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
