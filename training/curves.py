@@ -18,7 +18,7 @@ from .errors import EmptyRunError, TrainingError
 from .files import packed, read_bytes, unpacked
 from .log_file import LAST, read_log
 
-FILE = "curves.csv.gz"  # the curves of several runs, in a folder of results that are kept
+FILE = "curves.csv.xz"  # the curves of several runs, in a folder of results that are kept
 BEYOND = 1e30  # values are below this, so that they can be squared and added up
 Array = np.ndarray[Any, Any]
 

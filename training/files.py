@@ -1,7 +1,6 @@
 """Reading and writing files, with errors that name the file."""
 
-import gzip
-import io
+import lzma
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -38,13 +37,13 @@ def read_bytes(path: Path) -> bytes:
 
 
 def packed(text: str) -> bytes:
-    """Return a text compressed by gzip; equal texts give equal bytes."""
-    return gzip.compress(text.encode(), 9, mtime=0)
+    """Return a text compressed by xz; equal texts give equal bytes."""
+    return lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME)
 
 
 def unpacked(content: bytes) -> str:
     """Return the text that was compressed by `packed`. Raises ValueError if the content is something else."""
-    return limited_read.read_gzip(io.BytesIO(content), LARGEST_PACKED).decode()
+    return limited_read.unpack(content, LARGEST_PACKED).decode()
 
 
 def check_out(folder: str | os.PathLike[str]) -> Path:

@@ -1,13 +1,12 @@
 """Files from elsewhere, read up to a limit: neither a huge file nor one that never ends takes all memory."""
 
-import gzip
 import io
+import lzma
 import os
-import zlib
-from typing import BinaryIO
 
 LARGEST_TEXT = 2**24  # bytes; as JSON, they take about 30 times as much memory
 CHUNK = 2**20  # bytes that are read at once
+MEMORY = 2**27  # bytes that xz may take to unpack a file; the highest preset takes half of it
 
 
 def read_bytes(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
@@ -36,18 +35,25 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
 
 
-def read_gzip(path: str | os.PathLike[str] | BinaryIO, most: int = LARGEST_TEXT) -> bytes:
-    """Return what a gzip file holds, which may be open.
+def read_xz(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
+    """Return what an xz file holds.
 
     Raises:
-        ValueError: It holds more than `most` bytes, or is no gzip file.
+        ValueError: It holds more than `most` bytes, takes more than MEMORY, or is no xz file.
         OSError: It cannot be read.
     """
+    return unpack(read_bytes(path, most), most)
+
+
+def unpack(content: bytes, most: int = LARGEST_TEXT) -> bytes:
+    """Return what the content of an xz file holds. Raises ValueError as `read_xz` does."""
+    unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, MEMORY)
     try:
-        with gzip.open(path) as file:
-            content = file.read(most + 1)
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise ValueError(f"it is no gzip file: {error}") from error
-    if len(content) > most:
+        found = unpacking.decompress(content, most + 1)
+    except lzma.LZMAError as error:
+        raise ValueError(f"it is no xz file: {error}") from error
+    if len(found) > most:
         raise ValueError(f"it holds more than {most:,} bytes")
-    return content
+    if not unpacking.eof:
+        raise ValueError("it is no xz file: it ends too soon")
+    return found

@@ -1,8 +1,8 @@
 """Fuzz targets: checkpoints that runs resume from, saved policies, logs and kept results."""
 
 import dataclasses
-import gzip
 import json
+import lzma
 import os
 import pickle
 import shutil
@@ -215,7 +215,7 @@ class Results:
         else:
             source = self.folder / "kept"
             source.mkdir(exist_ok=True)
-            (source / FILE).write_bytes(gzip.compress(content, 1))
+            (source / FILE).write_bytes(lzma.compress(content, preset=0))
         (group,) = results.group_runs(results.load_runs([source]))
         for name in (group.name, group.runs[0].name):
             assert Path(name).name == name, f"{name} would be written elsewhere"

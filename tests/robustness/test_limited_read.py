@@ -1,7 +1,7 @@
 """Files from elsewhere that are huge, or never end: each reader stops at its limit, and its error names the file."""
 
 import contextlib
-import gzip
+import lzma
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -108,16 +108,16 @@ def test_text_is_read_as_python_reads_it(tmp_path: Path) -> None:
         limited_read.read_bytes(tmp_path / "a", 7)
 
 
-def test_what_a_gzip_file_holds_has_a_limit(tmp_path: Path) -> None:
+def test_what_an_xz_file_holds_has_a_limit(tmp_path: Path) -> None:
     """A thousand times as much as the file has bytes."""
-    (tmp_path / "a.gz").write_bytes(gzip.compress(bytes(2**20)))
-    assert limited_read.read_gzip(tmp_path / "a.gz", 2**20) == bytes(2**20)
+    (tmp_path / "a.xz").write_bytes(lzma.compress(bytes(2**20)))
+    assert limited_read.read_xz(tmp_path / "a.xz", 2**20) == bytes(2**20)
     with pytest.raises(ValueError, match="it holds more than 1,048,575 bytes"):
-        limited_read.read_gzip(tmp_path / "a.gz", 2**20 - 1)
-    for broken in (b"text", gzip.compress(b"text")[:-2], gzip.compress(b"text")[:-5] + bytes(5)):
-        (tmp_path / "a.gz").write_bytes(broken)
-        with pytest.raises(ValueError, match="it is no gzip file: "):
-            limited_read.read_gzip(tmp_path / "a.gz")
+        limited_read.read_xz(tmp_path / "a.xz", 2**20 - 1)
+    for broken in (b"text", lzma.compress(b"text")[:-2], lzma.compress(b"text")[:-5] + bytes(5)):
+        (tmp_path / "a.xz").write_bytes(broken)
+        with pytest.raises(ValueError, match="it is no xz file: "):
+            limited_read.read_xz(tmp_path / "a.xz")
 
 
 def test_a_plan_that_is_played_in_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

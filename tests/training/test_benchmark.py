@@ -1,8 +1,8 @@
 """The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
 
-import gzip
 import itertools
 import json
+import lzma
 import re
 import shutil
 import sys
@@ -743,7 +743,7 @@ def test_kept_results_are_those_of_the_runs(results: Path, tmp_path: Path) -> No
     keeping.keep(tmp_path / "one", tmp_path / "two")
     for name in (kept.NAME, own_file(), f"games/{BUDGET}/{NAME}/fast-0.npz"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-    with pytest.raises(TrainingError, match=r"neither result.json nor entries.json.gz in .*mine/7, nor in folders"):
+    with pytest.raises(TrainingError, match=r"neither result.json nor entries.json.xz in .*mine/7, nor in folders"):
         kept.find(task / "mine/7")
 
 
@@ -766,9 +766,9 @@ def test_policies_beside_kept_results_are_not_copied(results: Path, tmp_path: Pa
 
 def kept_changed(place: Path, change: Callable[[Content], Any]) -> None:
     """Change what kept results say."""
-    content = json.loads(gzip.decompress((place / kept.NAME).read_bytes()))
+    content = json.loads(lzma.decompress((place / kept.NAME).read_bytes()))
     change(content)
-    (place / kept.NAME).write_bytes(gzip.compress(json.dumps(content).encode()))
+    (place / kept.NAME).write_bytes(lzma.compress(json.dumps(content).encode()))
 
 
 def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -852,8 +852,8 @@ def test_kept_results_that_are_none_are_refused(
     kept_changed(tmp_path, change)
     with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + re.escape(message)):
         kept.find(tmp_path)
-    (tmp_path / kept.NAME).write_bytes(gzip.compress(b"{}")[:-4])
-    with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is no gzip file"):
+    (tmp_path / kept.NAME).write_bytes(lzma.compress(b"{}")[:-4])
+    with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is no xz file"):
         kept.find(tmp_path)
 
 

@@ -177,7 +177,7 @@ def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: str, message: 
 
 
 @pytest.mark.parametrize("content", [b"", b"# {}", packed("x" * 999)[:-9], packed(LINES)[:10] + b"\xff" * 99])
-def test_what_gzip_cannot_read_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_what_xz_cannot_read_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / FILE).write_bytes(content)
     with pytest.raises(TrainingError, match=f"{FILE} does not hold the curves of runs"):
         results.load_runs([tmp_path])

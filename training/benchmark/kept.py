@@ -1,4 +1,4 @@
-"""Kept results: entries.json.gz, which holds the numbers of many entries; tables made from it have the same bytes.
+"""Kept results: entries.json.xz, which holds the numbers of many entries; tables made from it have the same bytes.
 
 Of matches it holds how many games were won, drawn and lost, and of each entry's games against itself all figures.
 Games and opponents are described once for each task. Needs no PyTorch.
@@ -16,7 +16,7 @@ from . import result
 from .result import BEST, POLICY, SELF, Content, Result, read, read_json, wrong_with_match, wrong_with_result
 from .tasks import PROTOCOL
 
-NAME = "entries.json.gz"
+NAME = "entries.json.xz"
 TRAINED = "trained"  # the game of training
 SAME = ("task", "agent", "seed", "budget", "games", "source", "options", "policy", "response", "seconds", "made")
 NUMBERS = ("won", "drawn", "lost")

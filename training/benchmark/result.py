@@ -13,7 +13,7 @@ from typing import Any
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import strict_json
-from outlast.envs.storage.limited_read import read_bytes, read_gzip
+from outlast.envs.storage.limited_read import read_bytes, read_xz
 from outlast.systems import box2d
 
 from ..errors import TrainingError
@@ -120,14 +120,14 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """Read the content of a JSON file.
 
     Args:
-        path: The file; with the ending .gz, it is compressed.
+        path: The file; with the ending .xz, it is compressed.
         wrong: Says what is wrong with the content; empty if nothing is.
 
     Raises:
         TrainingError: It cannot be read, or is not what it should be.
     """
     try:
-        content = json.loads((read_gzip if path.suffix == ".gz" else read_bytes)(path, LONGEST))
+        content = json.loads((read_xz if path.suffix == ".xz" else read_bytes)(path, LONGEST))
         fault = wrong(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error

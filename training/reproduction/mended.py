@@ -24,7 +24,7 @@ from ..tables import NONE, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 FOLDER = "measured"  # the folder of a run with what was measured of it
-FILE = "measured.csv.gz"  # that of all runs which are kept
+FILE = "measured.csv.xz"  # that of all runs which are kept
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
 MATES = "mate_distance"  # 0 where nobody has a mate
 BY_SIDES, BY_AGENTS = 2, 0  # factors from the mean of both roles to a sum over all agents: 2; the number of agents
