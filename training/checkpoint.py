@@ -5,9 +5,8 @@ run.json (see run_header), which says what the policy was trained in, and how. N
 """
 
 import io
-import json
 import zipfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -78,12 +77,6 @@ def read_policies(path: Path) -> tuple[run_header.Header, list[Any], int]:
         return {"plan": {}, **header}, weights, sum(values.nbytes for own in policies for values in own.values())
     files = read_checkpoint(path, ("policy.pt",))
     return header_of(files), policies_in(files), len(files["policy.pt"])
-
-
-def files_of(header: run_header.Header, policies: Sequence[ActorCritic]) -> dict[str, bytes]:
-    """Make the files of a checkpoint that a policy plays from, of run.json and networks."""
-    weights = [policy.state_dict() for policy in policies]
-    return {run_header.NAME: json.dumps(header).encode(), "policy.pt": tensor_bytes(weights)}
 
 
 def load_weights(policy: ActorCritic, weights: Any, where: str = "policy.pt") -> None:
