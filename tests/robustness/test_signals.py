@@ -23,13 +23,16 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are tho
 
 @pytest.fixture(autouse=True)
 def _handlers() -> Iterator[None]:
-    """Every test leaves the process as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *STOPS, signal.SIGUSR1)}
+    """Every test begins with the usual handlers, though nohup ignores SIGHUP, and leaves them as they were."""
+    usual: dict[int, Any] = dict.fromkeys((*STOPS, signal.SIGUSR1), signal.SIG_DFL)
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    usual[signal.SIGINT] = signal.getsignal(signal.SIGINT)
     yield
-    now = {number: signal.getsignal(number) for number in before}
+    now = {number: signal.getsignal(number) for number in usual}
     for number, handler in before.items():
         signal.signal(number, handler)
-    assert now == before
+    signal.signal(signal.SIGINT, usual[signal.SIGINT])
+    assert now == usual
 
 
 def test_ctrl_c_waits_for_what_has_to_be_whole() -> None:

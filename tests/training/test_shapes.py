@@ -143,7 +143,7 @@ def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[T
     for part in torch.randperm(rollout.learner.size).tensor_split(4):
         seen = samples.seen.select(part)
         shapes.add((len(seen.entities), len(seen.pairs[0])))
-        figures = learner._differentiate(samples, part)
+        figures = learner._differentiate(samples, part, map)
         assert {parameter.grad.device for parameter in learner.parameters} == {figures.device} == {META}
         torch.nn.utils.clip_grad_norm_(learner.parameters, 0.5)
     assert all(size % FILL == 0 for shape in shapes for size in shape)
