@@ -147,6 +147,7 @@ assert not {"cv2", "matplotlib", "torch", "stable_baselines3"} & sys.modules.key
 
 def test_a_misspelt_argument_is_not_taken_for_a_number() -> None:
     """Every public function that takes a game with its numbers, as far as the extras are installed."""
+    pytest.importorskip("websockets", reason="needs websockets: outlast[play]")
     members = [getattr(outlast, name, None) for name in outlast.__all__ if name != "role"]
     functions = [
         each for each in members if inspect.isfunction(each) and "numbers" in inspect.signature(each).parameters

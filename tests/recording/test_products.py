@@ -92,6 +92,7 @@ def recorded(path: Path, scenario: Any, steps: int = 8) -> Path:
 
 @pytest.mark.parametrize(("mechanic", "name"), [(Say(), "reward"), (Watch(), "final_own")])
 def test_an_action_does_not_replace_a_column_of_a_table(tmp_path: Path, mechanic: Module, name: str) -> None:
+    pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
     game = outlast.variant("ffa_1").with_(mechanic)
     replay = Replay(Recording.open(recorded(tmp_path / "a.rec", game), game))
     with pytest.raises(RecordingError, match=f"action '{name}' has the name of another column"):
@@ -151,7 +152,9 @@ def test_ticks_of_a_page_are_whole_numbers(tmp_path: Path) -> None:
 def test_a_dataset_has_samples(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     path = recorded(tmp_path / "a.rec", "ffa_1")
     if name.startswith("minari"):
-        pytest.importorskip("minari")
+        pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+    if name.endswith(".parquet"):
+        pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     target = name if name.startswith("minari") else str(tmp_path / name)
     with pytest.raises(RecordingError, match=r"none of the worlds .* ticks 0 to 0, so there is no sample"):
