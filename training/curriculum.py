@@ -15,6 +15,7 @@ from outlast.envs.rollout.policies import hashed
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage import strict_json
 
+from .checkpoint import REST
 from .config import Choose
 from .errors import TrainingError
 from .player import Player
@@ -115,7 +116,7 @@ class Curriculum:
         try:
             self.take(decoded(json.loads(given)))
         except strict_json.BROKEN as error:
-            raise TrainingError(f"levels in rest.pt of the checkpoint are none: {error}") from None
+            raise TrainingError(f"levels in {REST} of the checkpoint are none: {error}") from None
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:

@@ -15,6 +15,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side, shares_outlived
 
+from .checkpoint import REST
 from .config import CHUNK
 from .curriculum import Curriculum, Ended, just_ended
 from .errors import TrainingError
@@ -271,7 +272,7 @@ class Lane:
         """Go on from what `state` returned. Raises TrainingError if it names players that do not exist."""
         opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
-            raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
+            raise TrainingError(f"lane in {REST} of the checkpoint names players that there are not")
         self.opponent, self.own, self.life = opponent, own, life
         self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).clone()

@@ -13,7 +13,7 @@ import torch
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import POLICIES
 
-from .checkpoint import check_state, load_weights
+from .checkpoint import REST, check_state, load_weights
 from .config import PAST, SELF
 from .errors import TrainingError
 from .evaluation.ratings import MEAN
@@ -27,7 +27,7 @@ PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
 STEP = 4.0  # Elo's K-factor: half of it is gained by winning a game that should have been drawn
 SCALE = 400.0  # Elo points of odds of ten to one
 FORGET = 0.9  # factor by which earlier games count less with each update, as learners change
-WRONG = "opponents in rest.pt of the checkpoint are not what a run goes on with"
+WRONG = f"opponents in {REST} of the checkpoint are not what a run goes on with"
 HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # limits in a checkpoint: of ratings, games, digits of agent-steps
 LEAST = 0.02  # is added to every priority, so that an opponent that always loses is still drawn
 
@@ -211,15 +211,19 @@ class Opponents:
     def state(self) -> dict[str, Any]:
         """What a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
         figures = {
-            k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
+            str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()
         }
         past = {
-            k: {"name": one.name, "drawn": k in self.past, "weights": [policy.state_dict() for policy in one.policies]}
+            str(k): {
+                "name": one.name,
+                "drawn": k in self.past,
+                "weights": [policy.state_dict() for policy in one.policies],
+            }
             for k, one in self.all.items()
             if one.past
         }
-        saved = {k: one.weights for k, one in self.all.items() if one.policies and not one.past}
+        saved = {str(k): one.weights for k, one in self.all.items() if one.policies and not one.past}
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str) -> None:
@@ -227,12 +231,11 @@ class Opponents:
 
         begun: The opponents with their weights at the beginning of the run.
         """
-        past = given.get("past") if isinstance(given, dict) else None
-        if not isinstance(past, dict):
+        if not isinstance(given, dict) or given.keys() != {"figures", "past", "dropped", "saved"}:
             raise TrainingError(WRONG)
+        figures, past, saved = (_by_index(given[name]) for name in ("figures", "past", "saved"))
         pool = {number: one for number, one in self.all.items() if not one.past}
-        saved = given.get("saved")
-        if not isinstance(saved, dict) or not saved.keys() <= pool.keys():
+        if not saved.keys() <= pool.keys():
             raise TrainingError(WRONG)
         for number, weights in saved.items():
             if pool[number].weights != weights:
@@ -241,9 +244,9 @@ class Opponents:
                     f"begun with {begun}: name that file, or put it there, to go on, or begin another run"
                 )
         for number, kept in past.items():
-            if type(number) is not int or number in pool or number < 0 or not isinstance(kept, dict):
+            if number in pool or not isinstance(kept, dict) or kept.keys() != {"name", "drawn", "weights"}:
                 raise TrainingError(WRONG)
-            weights, name = kept.get("weights"), kept.get("name")
+            weights, name = kept["weights"], kept["name"]
             if (
                 not isinstance(weights, list)
                 or len(weights) != len(policies)
@@ -253,22 +256,30 @@ class Opponents:
                 raise TrainingError(WRONG)
             pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
             for policy, own in zip(pool[number].policies, weights, strict=True):
-                load_weights(policy, own, f"{name} in rest.pt")
-        figures = given.get("figures")
+                load_weights(policy, own, f"{name} in {REST}")
         check_state(
             figures, {number: torch.zeros(4, dtype=torch.float64, device="cpu") for number in pool}, "opponents"
         )
         for rating, won, games, total in (kept.tolist() for kept in figures.values()):
             if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
                 raise TrainingError(WRONG)
-        dropped = given.get("dropped")
+        dropped = given["dropped"]
         if type(dropped) is not int or not 0 <= dropped <= MOST:
             raise TrainingError(WRONG)
         self.dropped = dropped
-        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept.get("drawn"))
+        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept["drawn"])
         for number, one in pool.items():
             one.rating, one.won, one.games, total = figures[number].tolist()
             one.total = int(total)
+
+
+def _by_index(given: Any) -> dict[int, Any]:
+    """Return the values by the indices that are their names. Raises TrainingError if they have other names."""
+    if not isinstance(given, dict):
+        raise TrainingError(WRONG)
+    if not all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given):
+        raise TrainingError(WRONG)
+    return {int(name): value for name, value in given.items()}
 
 
 def is_past(name: str) -> bool:

@@ -62,11 +62,10 @@ class Player:
         path: A model's name, a file, or the content of the files in a checkpoint. seed: See `load_policy`.
         """
         if isinstance(path, dict):
-            self._origin, self.header, size = "", checkpoint.header_of(path), len(path["policy.pt"])
-            weights = checkpoint.policies_in(path)
+            self._origin, self.header, weights = "", checkpoint.header_of(path), checkpoint.policies_in(path)
         else:
             self._origin = f"{path}: "
-            self.header, weights, size = checkpoint.read_policies(located(path))
+            self.header, weights = checkpoint.read_policies(located(path))
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header["fields"])
         self.preset = preset(self.header["preset"])
@@ -76,18 +75,18 @@ class Player:
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
-        self.critic = any(_is_of_critic(name) for own in weights if isinstance(own, dict) for name in own)
+        self.critic = any(_is_of_critic(name) for own in weights for name in own)
         try:
             with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
-                self.policies = self._make_policies(weights, size)
+                self.policies = self._make_policies(weights)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
         self._noise: Callable[[], Array] | None = None  # see `key_by`
         self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
 
-    def _make_policies(self, weights: list[Any], size: int) -> list[ActorCritic]:
-        """Make the policies; sizes in run.json are checked against the `size` of their weights, in bytes, first."""
+    def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[ActorCritic]:
+        """Make the policies; sizes in run.json are checked against those of their weights first."""
         layout, actions = self.layout, self.header["actions"]
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
@@ -96,14 +95,14 @@ class Player:
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         state = self.state if self.critic else 0
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
-        if 4 * least * len(weights) > size:
+        if least * len(weights) > sum(values.numel() for own in weights for values in own.values()):
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
         sizes, policies = checkpoint.recorded_scales(self.header, layout), []
         for own in weights:
             policy = ActorCritic(
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
-            if not self.critic and isinstance(own, dict):
+            if not self.critic:
                 blank = {name: torch.zeros_like(each) for name, each in policy.state_dict().items()}
                 own = {name: each for name, each in blank.items() if _is_of_critic(name)} | own
             checkpoint.load_weights(policy, own)
@@ -260,8 +259,8 @@ class Player:
             )
 
 
-def _is_of_critic(name: object) -> bool:
-    return isinstance(name, str) and name.startswith(policy_file.CRITIC)
+def _is_of_critic(name: str) -> bool:
+    return name.startswith(policy_file.CRITIC)
 
 
 def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:

@@ -1,7 +1,7 @@
 """Policies as safetensors: weights in float16, and run.json without indentation. Needs numpy, and no PyTorch.
 
 A file holds the policies of one checkpoint, whose tensors are called "0.actor.first.weight": number of the policy, name
-of the weight. The metadata have one entry, as the order of several is random.
+of the weight. Checkpoints hold such a file, too, in float32 and without run.json.
 """
 
 import json
@@ -11,39 +11,47 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.errors import install
+from outlast.envs.storage import limited_read
 
+from . import tensor_file
 from .errors import TrainingError
 from .files import write_files
-from .run_header import NEEDED, Header, parse_header, read_checkpoint
+from .run_header import NEEDED, WEIGHTS, Header, parse_header, read_checkpoint
 
 SUFFIX = ".safetensors"
-ENTRY = "outlast"  # of the metadata: run.json
 LARGEST = 2**26  # bytes of a file
 CRITIC = ("critic.", "overview.", "extractors.1.")  # the beginnings of weights that only values need
 Array = np.ndarray[Any, Any]
 Weights = Mapping[str, Array]
 
 
-def content(header: Header, policies: Sequence[Weights], exact: str = "") -> bytes:
+def content(header: Header, policies: Sequence[Weights], exact: str | None = None) -> bytes:
     """Return the content of a file of policies; equal policies give equal bytes.
 
     Args:
         header: The content of run.json.
         policies: Weights of each policy by name, float32; they are rounded to float16.
-        exact: Weights whose names begin with this stay float32; "": none.
+        exact: Weights whose names begin with this stay float32, so all with ""; None: none.
+
+    Raises:
+        TrainingError: safetensors is not installed.
     """
-    from safetensors.numpy import save  # imported here, as checkpoints are read without it
+    rounded = [
+        {
+            name: value.astype(np.float32 if exact is not None and name.startswith(exact) else np.float16)
+            for name, value in own.items()
+        }
+        for own in policies
+    ]
+    return tensor_file.content(_numbered(rounded), json.dumps(header, separators=(",", ":")))
 
-    tensors = {
-        f"{k}.{name}": value.astype(np.float32 if exact and name.startswith(exact) else np.float16)
-        for k, own in enumerate(policies)
-        for name, value in own.items()
-    }
-    return save(tensors, {ENTRY: json.dumps(header, separators=(",", ":"))})
+
+def weights_content(policies: Sequence[Weights]) -> bytes:
+    """Return the content of the file of policies in a checkpoint: their weights as they are."""
+    return tensor_file.content(_numbered(policies))
 
 
-def write(path: Path, header: Header, policies: Sequence[Weights], exact: str = "") -> None:
+def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | None = None) -> None:
     """Write the policies of a checkpoint, completely or not at all; see `content`.
 
     Raises:
@@ -53,21 +61,33 @@ def write(path: Path, header: Header, policies: Sequence[Weights], exact: str = 
 
 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
-    """Return run.json and the weights of each policy by name, float32.
+    """Return run.json and the weights of each policy by name: of a file of weights as float32, of a checkpoint as is.
 
     Raises:
         TrainingError: The file cannot be read, or holds something else; or safetensors is not installed.
     """
-    entry, tensors = _opened(path, weights=True)
-    header = parse_header(path, entry, NEEDED)
-    policies = dict[str, dict[str, Array]]()
-    for name, values in sorted(tensors.items()):
-        number, _, weight = name.partition(".")
-        policies.setdefault(number, {})[weight] = values
-    numbers = [str(k) for k in range(len(policies))]
-    if not policies or policies.keys() != {*numbers}:
-        raise TrainingError(f"{path} is not a policy: its tensors are not called 0.NAME, 1.NAME ...")
-    return header, [policies[number] for number in numbers]
+    if path.suffix != SUFFIX:
+        header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
+        return header, parse_weights(files[WEIGHTS], f"{path} is not a checkpoint: {WEIGHTS} in it")
+    text, tensors = _opened(path)
+    header = parse_header(path, text.encode(), NEEDED)
+    return header, _by_policy({name: values.astype(np.float32) for name, values in tensors.items()}, path)
+
+
+def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
+    """Return the weights of each policy in a checkpoint by name, unchecked.
+
+    Args:
+        data: What `weights_content` returned.
+        name: What errors call it.
+
+    Raises:
+        TrainingError: It is something else; or safetensors is not installed.
+    """
+    try:
+        return _by_policy(tensor_file.parse(data)[1], name)
+    except ValueError as error:
+        raise TrainingError(f"{name} is not a policy: {error}") from error
 
 
 def read_header(path: Path, needed: Collection[str]) -> Header:
@@ -77,24 +97,32 @@ def read_header(path: Path, needed: Collection[str]) -> Header:
         TrainingError: The file cannot be read, or holds something else; or safetensors is not installed.
     """
     if path.suffix == SUFFIX:
-        return parse_header(path, _opened(path, weights=False)[0], needed)
+        return parse_header(path, _opened(path)[0].encode(), needed)
     return read_checkpoint(path, (), needed)[0]
 
 
-def _opened(path: Path, weights: bool) -> tuple[bytes, dict[str, Array]]:
-    """Return run.json as it is, and all tensors as float32, or none."""
+def _numbered(policies: Sequence[Weights]) -> dict[str, Array]:
+    """Return the tensors of a file of these policies."""
+    return {f"{k}.{name}": values for k, own in enumerate(policies) for name, values in own.items()}
+
+
+def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Array]]:
+    """Return the tensors of each policy. Raises TrainingError, which calls the file by the name."""
+    policies = dict[str, dict[str, Array]]()
+    for key, values in sorted(tensors.items()):
+        number, _, weight = key.partition(".")
+        policies.setdefault(number, {})[weight] = values
+    numbers = [str(k) for k in range(len(policies))]
+    if not policies or policies.keys() != {*numbers}:
+        raise TrainingError(f"{name} is not a policy: its tensors are not called 0.NAME, 1.NAME ...")
+    return [policies[number] for number in numbers]
+
+
+def _opened(path: Path) -> tuple[str, dict[str, Array]]:
+    """Return run.json as it is, and all tensors."""
     try:
-        from safetensors import SafetensorError, safe_open
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"{path} needs {error.name}: {install('train')}") from error
-    try:
-        if path.stat().st_size > LARGEST:
-            raise ValueError(f"it has more than {LARGEST:,} bytes")
-        with safe_open(path, framework="np") as file:
-            entry = (file.metadata() or {}).get(ENTRY, "")
-            names = file.keys() if weights else ()
-            return entry.encode(), {name: file.get_tensor(name).astype(np.float32) for name in names}
+        return tensor_file.parse(limited_read.read_bytes(path, LARGEST))
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror or error}") from error
-    except (SafetensorError, ValueError, TypeError) as error:
+    except ValueError as error:
         raise TrainingError(f"{path} is not a policy: {error}") from error

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from .checkpoint import check_state
+from .checkpoint import REST, check_state
 from .errors import TrainingError
 from .rows import Observed
 
@@ -109,7 +109,7 @@ class RewardScale:
         check_state(given, self.state(), "rewards")
         self.sums = given["sums"].numpy().copy()
         self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))
-        if wrong := self.wrong(" in rest.pt of the checkpoint"):
+        if wrong := self.wrong(f" in {REST} of the checkpoint"):
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:

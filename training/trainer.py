@@ -22,7 +22,7 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
 
 from . import run_header
-from .checkpoint import tensor_bytes
+from .checkpoint import policies_content
 from .collector import Collector
 from .config import IMITATED, TrainingConfig
 from .crew import Crew
@@ -198,10 +198,9 @@ class Trainer:
             "state": self.state,
             "state_scale": self.state_scale.tolist(),
         }
-        weights = [policy.state_dict() for policy in self.policies]
         return {
             run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
-            "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
+            run_header.WEIGHTS: policies_content([policy.state_dict() for policy in self.policies]),
         }
 
     def update(

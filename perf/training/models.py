@@ -42,7 +42,7 @@ def keep(source: Path, name: str, critic: bool) -> None:
     """Write the file of a model, and print how many of its actions are those of the source."""
     header, weights = weights_of(source, critic)
     target = POLICIES / f"{name}{policy_file.SUFFIX}"
-    for exact in ("", EXTRACTOR):
+    for exact in (None, EXTRACTOR):
         policy_file.write(target, header, weights, exact)
         choices, actions = equal_actions(Player(source), Player(target))
         print(f"{choices:.5f} of choices and {actions:.5f} of whole actions are equal, float32: {exact or 'none'}")

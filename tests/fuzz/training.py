@@ -3,13 +3,10 @@
 import dataclasses
 import json
 import lzma
-import os
-import pickle
 import shutil
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -18,7 +15,7 @@ import outlast
 from outlast.envs.errors import FaultError, StateError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training import checkpoint, resume
+from outlast.training import checkpoint, resume, tensor_file
 from outlast.training.config import TrainingConfig
 from outlast.training.curves import FILE, format_curves
 from outlast.training.errors import TrainingError
@@ -27,6 +24,7 @@ from outlast.training.paper import end_values, figures, results
 from outlast.training.player import Player
 from outlast.training.presets import preset
 from outlast.training.run import TrainingRun
+from outlast.training.run_header import WEIGHTS
 from outlast.training.trainer import Trainer
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
 from tests.fuzz.worlds import folder_of
@@ -54,14 +52,9 @@ def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
             return mutated_zip(content, rng)
         case 2 | 3 | 4:
             files["run.json"] = to_json(mutated_json(json.loads(files["run.json"]), rng))
-        case 5 | 6:
-            name = rng.choice(("policy.pt", "rest.pt"))
-            files[name] = mutated_zip(files[name], rng)
-        case 7 | 8:
-            name = rng.choice(("policy.pt", "rest.pt"))
-            inner = unzipped(files[name])
-            part = rng.choice([*inner, *[part for part in inner if part.endswith(".pkl")] * 20])
-            files[name] = zipped(inner | {part: rng.choice((mutated, mutated_pickle))(inner[part], rng)})
+        case 5 | 6 | 7 | 8:
+            name = rng.choice((WEIGHTS, checkpoint.REST))
+            files[name] = rng.choice((mutated, mutated_header, mutated_header, mutated_header))(files[name], rng)
         case _:
             inner = unzipped(files["worlds.npz"])
             part = rng.choice([*inner])
@@ -69,40 +62,28 @@ def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
     return zipped(files)
 
 
-def mutated_pickle(content: bytes, rng: Random) -> bytes:
-    """A pickle that names other globals or sizes: code to execute, huge buffers, tensors larger than their storage."""
-    here = bytes("ctorch._utils\n_rebuild_tensor_v2\n", "ascii")
-    forms: tuple[Callable[[], bytes], ...] = (
-        lambda: pickle.dumps(rng.choice((_Executes("exit 7"), _Large(10**12), [1] * 9, {"a": 1}, None, "x" * 999)), 2),
-        lambda: content.replace(here, rng.choice((b"cbuiltins\nbytearray\n", b"cos\nsystem\n", b"ctorch\ntensor\n"))),
-        lambda: content.replace(b"FloatStorage", rng.choice((b"DoubleStorage", b"ByteStorage", b"HalfStorage"))),
-        lambda: _other_number(content, rng),
-    )
-    return rng.choice(forms)()
-
-
-class _Executes:
-    def __init__(self, command: str) -> None:
-        self.command = command
-
-    def __reduce__(self) -> Any:
-        return os.system, (self.command,)
-
-
-class _Large(_Executes):
-    def __reduce__(self) -> Any:
-        return bytearray, (self.command,)
-
-
-def _other_number(content: bytes, rng: Random) -> bytes:
-    """One of its integers is replaced by another one of the same length."""
-    spots = [at for at, byte in enumerate(content[:-5]) if byte in b"JKM"]
-    if not spots:
-        return b""
-    at = rng.choice(spots)
-    size = {"J": 4, "K": 1, "M": 2}[chr(content[at])]
-    number = rng.choice((0, 1, 2, 255, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**32 - 2, rng.randrange(2**16)))
-    return content[: at + 1] + (number % 256**size).to_bytes(size, "little") + content[at + 1 + size :]
+def mutated_header(content: bytes, rng: Random) -> bytes:
+    """Tensors with another header: other types, sizes and names, larger than the file, or another text beside them."""
+    size = int.from_bytes(content[:8], "little")
+    header, numbers = json.loads(content[8 : 8 + size]), content[8 + size :]
+    name, other = (rng.choice([key for key in header if key != "__metadata__"]) for _ in range(2))
+    about = header["__metadata__"]
+    match rng.randrange(6):
+        case 0:
+            header = mutated_json(header, rng)
+        case 1:
+            header[name] = mutated_json(header[name], rng)
+        case 2:
+            header[name]["dtype"] = rng.choice(("F16", "BF16", "F64", "I32", "I64", "U8", "U32", "BOOL", "C64", "F4"))
+        case 3:
+            header[name], header[other] = header[other], header[name]
+        case 4 if about[tensor_file.ENTRY]:
+            text = to_json(mutated_json(json.loads(about[tensor_file.ENTRY]), rng)).decode()
+            about[tensor_file.ENTRY] = rng.choice((text, text, text, text[:-1]))
+        case _:
+            header[rng.choice((f"{name}/x", name[:-1], f"1{name}", "\x1b[31m", "9" * 5000))] = header.pop(name)
+    changed = to_json(header)
+    return len(changed).to_bytes(8, "little") + changed + numbers
 
 
 class Checkpoints:

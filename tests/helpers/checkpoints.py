@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from outlast.training import run_header
-from outlast.training.checkpoint import tensor_bytes, write_checkpoint
+from outlast.training.checkpoint import policies_content, write_checkpoint
 from outlast.training.player import Player
 
 KEPT = Path(__file__).resolve().parents[2] / "results" / "policies"
@@ -13,6 +13,6 @@ KEPT = Path(__file__).resolve().parents[2] / "results" / "policies"
 def as_checkpoint(name: str, place: Path) -> Path:
     """Write a kept policy, such as "ffa_2/original-0", as a checkpoint, and return the path."""
     player = Player(KEPT / f"{name}.safetensors")
-    weights = tensor_bytes([policy.state_dict() for policy in player.policies])
-    write_checkpoint(place, {run_header.NAME: json.dumps(player.header).encode(), "policy.pt": weights})
+    weights = policies_content([policy.state_dict() for policy in player.policies])
+    write_checkpoint(place, {run_header.NAME: json.dumps(player.header).encode(), run_header.WEIGHTS: weights})
     return place

@@ -49,12 +49,13 @@ class Train(Writer):
         from outlast.envs.rollout.saved import newest
         from outlast.training import checkpoint
         from outlast.training.log_file import read_log
+        from outlast.training.run_header import WEIGHTS
 
         one, other = (untimed(read_log(directory / "run" / "log.csv")) for directory in (folder, reference))
         assert one == other, "the logs differ"
         assert scalars(folder / "run") == one, "TensorBoard shows something else than log.csv"
         assert not temporary_files(folder)
-        last = [checkpoint.read_checkpoint(newest(directory / "run"))["policy.pt"] for directory in (folder, reference)]
+        last = [checkpoint.read_checkpoint(newest(directory / "run"))[WEIGHTS] for directory in (folder, reference)]
         assert last[0] == last[1], "the policies differ"
 
 

@@ -1,6 +1,5 @@
 """Hostile checkpoints: nothing is executed, and everything is checked."""
 
-import io
 import json
 import pickle
 import zipfile
@@ -17,13 +16,14 @@ from outlast.envs.errors import StateError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint, resume  # noqa: E402
+from outlast.training import checkpoint, resume, tensor_file  # noqa: E402
+from outlast.training.checkpoint import REST  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
-from outlast.training.safe_torch import BROKEN, load_tensors  # noqa: E402
+from outlast.training.run_header import WEIGHTS  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
-from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
+from tests.fuzz.mutations import memory_limit, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 Files = dict[str, bytes]
@@ -45,127 +45,80 @@ def files(trainer: Trainer) -> Files:
 # ---- tensors
 
 
-def saved(content: Any) -> bytes:
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    return buffer.getvalue()
+NUMBERS = {"a": np.arange(100, dtype=np.float32), "b/c": np.zeros((), np.int64), "d": np.zeros((3, 0), np.uint8)}
+ENTRY = '"a":{"dtype":"F32","shape":[100],"data_offsets":[8,408]}'
 
 
-def test_tensors_are_those_that_torch_reads() -> None:
-    rng = np.random.default_rng(0)
-    for kind in ("float32", "float64", "int64", "int32", "uint8"):
-        base = torch.from_numpy(rng.integers(0, 99, (6, 5)).astype(kind))
-        content = {"a": base, "b": (base.T, base[2:4, 1:]), 7: [base[0, 0], base[:0], None, True, 2**40, -1.5, "x"]}
-        ours, theirs = (read(saved(content)) for read in (load_tensors, lambda data: torch.load(io.BytesIO(data))))
-        for one, other in zip(flat(ours), flat(theirs), strict=True):
-            assert type(one) is type(other)
-            assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other
-            assert getattr(one, "dtype", None) == getattr(other, "dtype", None)
+def changed(old: str, new: str) -> bytes:
+    """The content of a file whose header says something else, with its own length."""
+    data = tensor_file.content(NUMBERS, "text")
+    size = int.from_bytes(data[:8], "little")
+    header = data[8 : 8 + size].decode()
+    assert old in header
+    header = header.replace(old, new)
+    return len(header).to_bytes(8, "little") + header.encode() + data[8 + size :]
 
 
-@pytest.mark.parametrize("default", [2, 4, 5])
-def test_what_is_written_can_be_read_whatever_the_default_of_torch(
-    monkeypatch: pytest.MonkeyPatch, default: int
-) -> None:
-    save = torch.save
-    monkeypatch.setattr(
-        torch, "save", lambda *files, pickle_protocol=default: save(*files, pickle_protocol=pickle_protocol)
-    )
-    (found,) = load_tensors(checkpoint.tensor_bytes([torch.arange(12.0).reshape(3, 4)[1:, ::2]]))
-    assert found.tolist() == [[4, 6], [8, 10]]
+def test_what_is_written_is_read_to_the_bit() -> None:
+    """Equal content gives equal bytes, whatever the order and the strides."""
+    values = np.array([np.nan, -0.0, 1e-45, np.pi], np.float32)
+    tensors = NUMBERS | {"e": values, "f": np.arange(12.0).reshape(3, 4).T, "g": np.arange(3, dtype=np.int32)}
+    data = tensor_file.content(tensors, "text")
+    assert data == tensor_file.content(dict(reversed(tensors.items())), "text")
+    text, found = tensor_file.parse(data)
+    assert text == "text"
+    assert found.keys() == tensors.keys()
+    for name, like in tensors.items():
+        assert (found[name].dtype, found[name].shape, found[name].tobytes()) == (like.dtype, like.shape, like.tobytes())
+        assert found[name].flags.writeable
 
 
-def flat(content: Any) -> list[Any]:
-    if isinstance(content, dict):
-        return [*content, *flat(list(content.values()))]
-    return [part for each in content for part in flat(each)] if isinstance(content, (list, tuple)) else [content]
+HUGE = 2**40
+FILES: dict[str, tuple[bytes, str]] = {
+    "nothing": (b"", "header too small"),
+    "noise": (b"\xff" * 99, "header too large"),
+    "a large header": (HUGE.to_bytes(8, "little") + b"{}", "header too large"),
+    "a pickle": (pickle.dumps([1] * 9), "header too large"),
+    "cut": (changed(ENTRY, ENTRY)[:-1], "not fully covered"),
+    "more": (changed(ENTRY, ENTRY) + b"x", "not fully covered"),
+    "a terabyte": (
+        changed(ENTRY, ENTRY.replace("100]", f"{HUGE}]").replace("408]", f"{4 * HUGE + 8}]")),
+        "invalid offset",
+    ),
+    "more numbers": (changed(ENTRY, ENTRY.replace("100]", "101]")), "invalid shape"),
+    "product": (changed(ENTRY, ENTRY.replace("100]", f"{HUGE},{HUGE}]")), "overflow"),
+    "negative": (changed(ENTRY, ENTRY.replace("100]", "-100]")), "invalid value"),
+    "a name": (changed(ENTRY, ENTRY.replace("100]", '"100"]')), "invalid type"),
+    "overlap": (changed(ENTRY, ENTRY.replace("[8,", "[0,")), "invalid"),
+    "a wide type": (changed(ENTRY, ENTRY.replace("F32", "F64")), "invalid shape"),
+    "an unknown type": (changed(ENTRY, ENTRY.replace("F32", "X32")), "unknown variant"),
+    "an unused type": (changed(ENTRY, ENTRY.replace("F32", "U32")), "a is of type uint32: float16, float32"),
+    "half": (
+        changed(ENTRY, ENTRY.replace('F32","shape":[100', 'BF16","shape":[200')),
+        "of type .BF16.: float16, float32",
+    ),
+    "many dimensions": (changed(ENTRY, ENTRY.replace("[100]", f"[100{',1' * 99}]")), "maximum supported dimension"),
+    "no text": (changed('{"outlast":"text"}', '{"outlast":3}'), "invalid"),
+}
 
 
-class Opens:
-    """Unpickling creates a file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> Any:
-        return open, (str(self.path), "w")
-
-
-class Large:
-    """Unpickling allocates a terabyte."""
-
-    def __reduce__(self) -> Any:
-        return bytearray, (10**12,)
-
-
-NEST = b")" + b"".join(b"q%ch%c\x86" % (k, k) for k in range(50, 100))  # a tuple of the one before, twice
-LONG = b"\x8a\xff" + b"\x7f" * 255  # an integer
-
-
-def with_pickle(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
-    inner = unzipped(content)
-    name = next(name for name in inner if name.endswith("data.pkl"))
-    return zipped(inner | {name: change(inner[name])})
-
-
-def put(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
-    def change(code: bytes) -> bytes:
-        assert old in code
-        return code.replace(old, new, 1)
-
-    return change
-
-
-def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
-    """A hundred numbers in 400 bytes, which a pickle describes wrongly."""
-    plain = saved(torch.zeros(100))
-    for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
-        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
-            load_tensors(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
-    assert not (tmp_path / "made").exists()
-    size, text = b"Kd\x85", b"X\x03\x00\x00\x00abc\x85"  # a tuple of 100, and one of a text
-    changes: tuple[tuple[Callable[[bytes], bytes], str], ...] = (
-        (put(b"FloatStorage", b"DoubleStorage"), "a storage of 100 numbers in 400 bytes"),
-        (put(b"FloatStorage", b"HalfStorage"), "the name torch HalfStorage"),
-        (put(b"Kdt", b"Ket"), "a storage of 101 numbers in 400 bytes"),
-        (put(b"Kdt", b"J\xff\xff\xff\xfft"), "a storage of -1 numbers in 400 bytes"),
-        (put(size, b"J\xff\xff\xff\x7f\x85"), "a tensor of size"),
-        (put(size, b"J\xff\xff\xff\xff\x85"), "not whole numbers"),
-        (put(size, b"(]NaJ\x00\x00\x00\x10t"), "2 sizes and 1 strides"),
-        (put(size, b"]Na\x85"), "not whole numbers"),  # a list of 2**28 was made where it was multiplied
-        (put(size, text), "not whole numbers"),
-        (put(size, b"(" + b"K\x02" * 3000 + b"t"), "3000 sizes and 1 strides"),
-        (put(size, LONG + b"\x85"), "more than 63 bits"),
-        (put(size, b"J\x00\x00\x00\x10K\x00\x86"), "2 sizes"),
-        (put(b"Kdt", NEST + b"t"), "a storage that is none"),  # printed, it has 2**50 brackets
-        (put(size, NEST), "2 sizes and 1 strides"),
-        (put(size, NEST + b"\x85"), "not whole numbers"),
-        (put(b"K\x00Kd", b"K\x01Kd"), "out of bounds"),
-        (lambda code: code[:-1], "exhausted"),
-        (lambda _: b"\x80\x02.", "out of range"),
-        (lambda _: b"\x80\x04\x8c\x02os\x94.", "the instruction SHORT_BINUNICODE"),
-        (lambda _: pickle.dumps([1] * 9, 4), "the instruction"),
-    )
-    for change, reason in changes:
-        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
-            load_tensors(with_pickle(plain, change))
-    with memory_limit(2**26), pytest.raises(BROKEN, match="more than 262144 instructions"):
-        load_tensors(with_pickle(plain, lambda code: code[:2] + b"(" * 300_000 + code[2:]))
-    for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
-        with pytest.raises(BROKEN):
-            load_tensors(content)
+@pytest.mark.parametrize("what", FILES)
+def test_tensors_are_no_larger_than_their_file(what: str) -> None:
+    data, reason = FILES[what]
+    with memory_limit(2**20), pytest.raises(ValueError, match=reason):
+        tensor_file.parse(data)
 
 
 # ---- the state of a run
 
 
 def rest_with(files: Files, change: Callable[[Any], Any]) -> Files:
-    rest = torch.load(io.BytesIO(files["rest.pt"]))
-    return files | {"rest.pt": saved(change(rest) or rest)}
+    rest = checkpoint.load_tree(files, REST)
+    return files | {REST: checkpoint.tree_content(change(rest) or rest)}
 
 
 def moment(rest: Any, name: str, value: Any) -> None:
-    rest["learners"][0]["optimiser"]["state"][0][name] = value
+    rest["learners"][0]["optimiser"]["0"][name] = value
 
 
 def rewards(rest: Any, **values: Any) -> None:
@@ -173,11 +126,11 @@ def rewards(rest: Any, **values: Any) -> None:
 
 
 def figures(rest: Any, values: list[float]) -> None:
-    rest["opponents"]["figures"][0] = torch.tensor(values, dtype=torch.float64)
+    rest["opponents"]["figures"]["0"] = torch.tensor(values, dtype=torch.float64)
 
 
 def past(rest: Any, number: int, **changes: Any) -> None:
-    rest["opponents"]["past"][number] = {"name": "past@16", "drawn": True, "weights": []} | changes
+    rest["opponents"]["past"][str(number)] = {"name": "past@16", "drawn": True, "weights": []} | changes
 
 
 def random_at(rest: Any, left: int, place: int) -> None:
@@ -185,18 +138,28 @@ def random_at(rest: Any, left: int, place: int) -> None:
     state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
 
 
-NO_REWARDS = "rewards in rest.pt of the checkpoint is not what a run goes on with"
+NO_REWARDS = "rewards in rest.safetensors of the checkpoint is not what a run goes on with"
 RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "nothing": (lambda rest: {"updates": 1}, "is not what a run goes on with"),
     "a list": (lambda rest: [1], "is not what a run goes on with"),
     "updates": (lambda rest: rest.update(updates="1"), "is not what a run goes on with"),
+    "many updates": (lambda rest: rest.update(updates=2**70), "is not what a run goes on with"),
+    "epochs": (lambda rest: rest["learners"][0].update(epochs=-1), "is not what a run goes on with"),
+    "more": (lambda rest: rest.update(more=torch.zeros(3)), "is not what a run goes on with"),
+    "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), "is not what a run goes on with"),
+    "more of opponents": (
+        lambda rest: rest["opponents"].update(a=torch.zeros(3)),
+        "opponents in .* are not what a run",
+    ),
+    "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "is not what a run goes on with"),
+    "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "is not of an optimiser"),
     "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"exp_avg of parameter 0 .*\(3,\): .* is needed"),
     "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "step of parameter 0 .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
     "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "is not of an optimiser of this policy"),
     "a parameter": (
-        lambda rest: rest["learners"][0]["optimiser"]["state"].pop(1),
+        lambda rest: rest["learners"][0]["optimiser"].pop("1"),
         "is not of an optimiser of this policy",
     ),
     "a generator": (lambda rest: random_at(rest, 624, 624), "in a state that cannot be"),
@@ -206,7 +169,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "more rewards": (lambda rest: rewards(rest, more=1.0), NO_REWARDS),
     "fewer rewards": (lambda rest: rest["rewards"].pop("mean"), NO_REWARDS),
     "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"rewards sums .* \(7,\): .* \(8,\) is needed"),
-    "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "rewards sums in rest.pt .* is no tensor"),
+    "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "rewards sums in rest.safetensors .* is no tensor"),
     "a kind of mean": (lambda rest: rest["rewards"].update(mean=torch.tensor(0.0)), "mean .* is torch.float32"),
     "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"rewards mean .* \(2,\): .* \(\) is needed"),
     "a large sum": (lambda rest: rewards(rest, sums=[0.0] * 7 + [1e300]), "rewards sums .* beyond -1e\\+30 to"),
@@ -217,39 +180,67 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "count": (lambda rest: rewards(rest, count=-1.0), "rewards count .* beyond 0 to 1e\\+60"),
     "no lane": (
         lambda rest: rest.update(lane=None),
-        "lane in rest.pt of the checkpoint is not what a run goes on with",
+        "lane in rest.safetensors of the checkpoint is not what a run goes on with",
     ),
     "an opponent": (
         lambda rest: rest["lane"]["opponent"].fill_(3),
-        "lane in rest.pt .* names players that there are not",
+        "lane in rest.safetensors .* names players that there are not",
     ),
-    "a side": (lambda rest: rest["lane"]["own"].fill_(9), "lane in rest.pt .* names players that there are not"),
-    "no side": (lambda rest: rest["lane"]["own"].fill_(-1), "lane in rest.pt .* names players that there are not"),
-    "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in rest.pt .* is needed"),
-    "a memory": (lambda rest: rest["lane"].update(memory=torch.zeros(8, 5)), "lane memory in rest.pt .* is needed"),
-    "no pool": (lambda rest: rest.update(opponents=[1]), "opponents in rest.pt .* are not what a run goes on with"),
-    "a rating": (lambda rest: figures(rest, [np.inf, 0, 0, 0]), "opponents 0 in rest.pt .* is not finite"),
-    "a high rating": (lambda rest: figures(rest, [1e9, 0, 0, 0]), "opponents in rest.pt .* are not what a run goes on"),
-    "games": (lambda rest: figures(rest, [0, 0, -1, 0]), "opponents in rest.pt .* are not what a run goes on with"),
-    "wins": (lambda rest: figures(rest, [0, 2, 1, 1]), "opponents in rest.pt .* are not what a run goes on with"),
+    "a side": (
+        lambda rest: rest["lane"]["own"].fill_(9),
+        "lane in rest.safetensors .* names players that there are not",
+    ),
+    "no side": (
+        lambda rest: rest["lane"]["own"].fill_(-1),
+        "lane in rest.safetensors .* names players that there are not",
+    ),
+    "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in rest.safetensors .* is needed"),
+    "a memory": (
+        lambda rest: rest["lane"].update(memory=torch.zeros(8, 5)),
+        "lane memory in rest.safetensors .* is needed",
+    ),
+    "no pool": (
+        lambda rest: rest.update(opponents=[1]),
+        "opponents in rest.safetensors .* are not what a run goes on with",
+    ),
+    "a rating": (lambda rest: figures(rest, [np.inf, 0, 0, 0]), "opponents 0 in rest.safetensors .* is not finite"),
+    "a high rating": (
+        lambda rest: figures(rest, [1e9, 0, 0, 0]),
+        "opponents in rest.safetensors .* are not what a run goes on",
+    ),
+    "games": (
+        lambda rest: figures(rest, [0, 0, -1, 0]),
+        "opponents in rest.safetensors .* are not what a run goes on with",
+    ),
+    "wins": (
+        lambda rest: figures(rest, [0, 2, 1, 1]),
+        "opponents in rest.safetensors .* are not what a run goes on with",
+    ),
     "fewer games": (
         lambda rest: figures(rest, [0, 1, 2, 1]),
-        "opponents in rest.pt .* are not what a run goes on with",
+        "opponents in rest.safetensors .* are not what a run goes on with",
     ),
-    "a past": (lambda rest: past(rest, 0), "opponents in rest.pt .* are not what a run goes on with"),
+    "a past": (lambda rest: past(rest, 0), "opponents in rest.safetensors .* are not what a run goes on with"),
     "a name of a past": (
         lambda rest: past(rest, 7, name="scripted"),
-        "opponents in rest.pt .* are not what a run goes on with",
+        "opponents in rest.safetensors .* are not what a run goes on with",
     ),
     "a long name": (
         lambda rest: past(rest, 7, name="past@" + "9" * 5000),
-        "opponents in rest.pt .* are not what a run",
+        "opponents in rest.safetensors .* are not what a run",
     ),
     "many pasts": (
         lambda rest: [past(rest, k) for k in range(7, 1007)],
         "is not what a run goes on with: it is too small for 1000 past selves",
     ),
-    "past weights": (lambda rest: past(rest, 7, weights=[{}]), "past@16 in rest.pt .* does not hold the weights"),
+    "a number of a past": (
+        lambda rest: rest["opponents"]["past"].update({"07": {"name": "past@16", "drawn": True, "weights": []}}),
+        "opponents in rest.safetensors .* are not what a run",
+    ),
+    "past weights": (
+        lambda rest: past(rest, 7, weights=[{}]),
+        "past@16 in rest.safetensors .* does not hold the weights",
+    ),
     "size": (
         lambda rest: rest["learners"][0].update(minibatches=torch.zeros(9, dtype=torch.uint8)),
         r"uint8 \(9,\): .*5056",
@@ -280,18 +271,58 @@ def test_a_run_goes_on_with_rewards_at_their_limits(trainer: Trainer, files: Fil
     resume.restore(trainer, files)
 
 
+PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
+    "nowhere": ({"a/b": np.zeros(3)}, "{}", "there is no place for its tensor a/b"),
+    "in a list": ({"a/7/b": np.zeros(3)}, '{"a":[{}]}', "there is no place for its tensor a/7/b"),
+    "of a list": ({"a/0": np.zeros(3)}, '{"a":[0]}', "there is no place for its tensor a/0"),
+    "in a text": ({"a/b": np.zeros(3)}, '{"a":"b"}', "there is no place for its tensor a/b"),
+    "of a number": ({"a": np.zeros(3)}, "3", "there is no place for its tensor a"),
+    "where something is": ({"a": np.zeros(3)}, '{"a":1}', "there is no place for its tensor a"),
+    "in a tensor": ({"a": np.zeros(3), "a/b": np.zeros(3)}, "{}", "there is no place for its tensor a/b"),
+    "no text": ({"a": np.zeros(3)}, "", "Expecting value"),
+    "twice": ({}, '{"a":1,"a":2}', "it has 'a' twice"),
+    "deep": ({}, "[" * 200_000, "recursion|nested"),
+    "a long number": ({}, "9" * 5000, "integer string"),
+}
+
+
+@pytest.mark.parametrize("what", PLACES)
+def test_each_tensor_has_a_place(trainer: Trainer, files: Files, what: str) -> None:
+    tensors, text, reason = PLACES[what]
+    with pytest.raises(TrainingError, match=f"rest.safetensors of the checkpoint is not what a run .*{reason}"):
+        resume.restore(trainer, files | {REST: tensor_file.content(tensors, text)})
+
+
+@pytest.mark.parametrize("name", [WEIGHTS, REST])
+def test_what_is_no_safetensors_is_refused(trainer: Trainer, files: Files, name: str, tmp_path: Path) -> None:
+    for content in (b"", pickle.dumps({"a": 1}), files[name][:-1], files[name] + b"x"):
+        with pytest.raises(TrainingError, match=rf"{name} of the checkpoint is not"):
+            resume.restore(trainer, files | {name: content})
+    checkpoint.write_checkpoint(tmp_path / "a.zip", files | {WEIGHTS: b"x"})
+    with pytest.raises(TrainingError, match=r"a\.zip is not a checkpoint: policy.safetensors in it is not a policy: "):
+        Player(tmp_path / "a.zip")
+
+
 def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -> None:
-    weights = torch.load(io.BytesIO(files["policy.pt"]))
-    for changed, reason in (
+    (weights,) = checkpoint.policies_in(files)
+    first, few = weights["actor.first.weight"], {name: weights[name] for name in [*weights][1:]}
+    for given, reason in (
         ({"x": torch.zeros(3)}, "does not hold the weights of this policy"),
-        ([1], "does not hold the weights of this policy"),
-        (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.pt of the checkpoint is .*\(3,\)"),
-        (weights | {"actor.first.weight": weights["actor.first.weight"] * 1e38}, "beyond 1000, or that are none"),
-        (weights | {"actor.first.weight": weights["actor.first.weight"] * np.nan}, "beyond 1000, or that are none"),
-        (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
+        (few, "does not hold the weights of this policy"),
+        (weights | {"x": torch.zeros(3)}, "does not hold the weights of this policy"),
+        (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.safetensors of .* \(3,\)"),
+        (weights | {"actor.first.weight": first.double()}, "actor.first.weight .* is torch.float64 .* is needed"),
+        (weights | {"actor.first.weight": first.half()}, "actor.first.weight .* is torch.float16 .* is needed"),
+        (weights | {"actor.first.weight": first * 1e38}, "beyond 1000, or that are none"),
+        (weights | {"actor.first.weight": first * np.nan}, "beyond 1000, or that are none"),
     ):
         with pytest.raises(TrainingError, match=reason):
-            resume.restore(trainer, files | {"policy.pt": saved(changed)})
+            resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([given])})
+    with pytest.raises(TrainingError, match="the checkpoint has 2 policies; here are 1"):
+        resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([weights, weights])})
+    for tensors in ({}, {"a": np.zeros(3)}, {"1.a": np.zeros(3)}):
+        with pytest.raises(TrainingError, match=r"its tensors are not called 0\.NAME"):
+            resume.restore(trainer, files | {WEIGHTS: tensor_file.content(tensors)})
     with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
         resume.restore(trainer, files | {"worlds.npz": b"x"})
 
@@ -307,7 +338,7 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "masks": ({"observations": {"own": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
     "many actions": ({"actions": [60_000]}, "what is saved is too small for the observations"),
-    "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
+    "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.safetensors"),
     "no fields": ({"fields": {"own": {}}}, "its fields cannot be"),
     "field": ({"fields": {"own": {"id": 1}}}, "its fields cannot be"),
     "size of a field": ({"fields": {"own": {"id": [-9, 1.0]}}}, "its fields cannot be"),

@@ -17,6 +17,7 @@ from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.curriculum import TrainingProgress  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.run import TrainingRun  # noqa: E402
+from outlast.training.run_header import WEIGHTS  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 from tests.training.test_run import points  # noqa: E402
 
@@ -53,7 +54,7 @@ def anything(progress: TrainingProgress) -> list[Level]:
 
 
 def weights(folder: Path, steps: int) -> bytes:
-    return checkpoint.read_checkpoint(folder / CHECKPOINT.format(steps))["policy.pt"]
+    return checkpoint.read_checkpoint(folder / CHECKPOINT.format(steps))[WEIGHTS]
 
 
 def test_episodes_are_drawn_from_what_is_chosen() -> None:
@@ -185,5 +186,5 @@ def test_levels_in_a_checkpoint_that_are_none_are_refused() -> None:
     trainer = Trainer(config(fixed))
     assert trainer.curriculum is not None
     for given in (None, 3, "nonsense", "[]", "[1]", '[{"numbers": {"melee_damage": 99}, "key": null}]'):
-        with pytest.raises(TrainingError, match=r"levels in rest.pt of the checkpoint"):
+        with pytest.raises(TrainingError, match=r"levels in rest.safetensors of the checkpoint"):
             trainer.curriculum.restore(given)

@@ -71,8 +71,8 @@ def same(files: dict[str, bytes], expected: dict[str, bytes], tolerance: float =
     one, other = (state.read(io.BytesIO(each["worlds.npz"]), "worlds").arrays for each in (files, expected))
     assert one.keys() == other.keys()
     assert all(np.array_equal(one[key], other[key]) for key in one)
-    for name in ("policy.pt", "rest.pt"):
-        pairs = zip(*(flat(checkpoint.load_tensors(each, name)) for each in (files, expected)), strict=True)
+    for read in (checkpoint.policies_in, lambda each: checkpoint.load_tree(each, checkpoint.REST)):
+        pairs = zip(*(flat(read(each)) for each in (files, expected)), strict=True)
         for (key, value), (like, wanted) in pairs:
             assert key == like
             if isinstance(value, torch.Tensor):

@@ -20,6 +20,7 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.envs.rollout.saved import newest
+from outlast.training import policy_file
 from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
 from outlast.training.curves import FILE, Curves, format_curves
@@ -307,7 +308,7 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         )
         run.TrainingRun(config, tmp_path / "runs" / str(seed)).train()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
-    assert files(tmp_path / "kept") == [FILE, "ffa_1-original-1.zip", "ffa_1-original-2.zip"]
+    assert files(tmp_path / "kept") == [FILE, "ffa_1-original-1.safetensors", "ffa_1-original-2.safetensors"]
     unlike = (
         "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, safe_zone_radii = [9.0, 4.0]"
     )
@@ -321,8 +322,6 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
 def test_policies_are_kept_and_play(tmp_path: Path) -> None:
     """What is kept of a checkpoint plays as that does, and cannot be resumed."""
     run = trainer()
-    from outlast.training import checkpoint
-
     folder, kept = tmp_path / "run", tmp_path / "kept"
     scenario = variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=5)
     config = run.TrainingConfig(scenario, steps=4096, worlds=8, rollout=512, threads=1, settings={"n_epochs": 1})
@@ -330,7 +329,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
     for _ in range(2):  # the second time from what was kept
         assert outlast_plot(folder, "--out", tmp_path / "out", "--keep", kept) == 0
         folder = kept
-    (policy,) = kept.glob("*.zip")
+    (policy,) = kept.glob("*.safetensors")
     whole = newest(tmp_path / "run")
     assert policy.stat().st_size < whole.stat().st_size / 3
     players = [outlast.load_policy(path) for path in (policy, whole)]
@@ -338,5 +337,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
         observations = env.reset()[0]
         one, other = (player(observations) for player in players)
     assert (one == other).all()
-    with pytest.raises(TrainingError, match=r"it has no rest\.pt"):
-        checkpoint.read_checkpoint(policy)
+    assert policy_file.read(policy)[0] == policy_file.read(whole)[0]
+    (one,), (other,) = (policy_file.read(path)[1] for path in (policy, whole))
+    assert all(values.tobytes() == other[name].tobytes() for name, values in one.items())
+    assert one.keys() == other.keys()

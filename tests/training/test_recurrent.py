@@ -218,7 +218,7 @@ def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
     last = CHECKPOINT.format(4 * each)
     one, other = (checkpoint.read_checkpoint(tmp_path / name / last) for name in ("whole", "parts"))
     assert one.keys() == other.keys()
-    one, other = (checkpoint.load_tensors(files, "policy.pt") for files in (one, other))
+    one, other = (checkpoint.policies_in(files)[0] for files in (one, other))
     assert all(torch.equal(one[key], other[key]) for key in one)
     with pytest.raises(TrainingError, match="memory = 8, not 0"):
         TrainingRun(config(steps=4 * each, **given, memory=0), tmp_path / "parts", resume=True)

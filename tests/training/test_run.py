@@ -2,7 +2,6 @@
 
 import csv
 import inspect
-import io
 import json
 import shutil
 import signal
@@ -29,6 +28,8 @@ from tests.conftest import call
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from safetensors.torch import load  # noqa: E402
 
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training import run as runs  # noqa: E402
@@ -104,7 +105,7 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     rates = [rate for _, rate in points(tmp_path / "whole")["train/learning_rate"]]
     assert rates == pytest.approx([fast.numbers.learning_rate * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
     files = checkpoint.read_checkpoint(newest(tmp_path / "whole"))
-    assert torch.load(io.BytesIO(files["rest.pt"]))["rewards"]["count"] == 5 * EACH
+    assert checkpoint.load_tree(files, checkpoint.REST)["rewards"]["count"] == 5 * EACH
     with pytest.raises(TrainingError, match=f"begun with steps = {5 * EACH}, not {6 * EACH}: .* --steps {5 * EACH}"):
         TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
     TrainingRun(replace(fast, warm_start=str(tmp_path / "parts")), tmp_path / "on").log.close()  # as it says
@@ -523,14 +524,35 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
 # ---- refusals
 
 
-def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
-    """The files of tensors are those that torch reads with weights_only, its default."""
-    TrainingRun(config(EACH), tmp_path).train()
+def test_the_weights_of_a_checkpoint_are_safetensors(tmp_path: Path) -> None:
+    """To the bit, as other programs read them."""
+    run = TrainingRun(config(EACH), tmp_path)
+    run.train()
     files = checkpoint.read_checkpoint(newest(tmp_path))
-    assert set(files) == {"run.json", "policy.pt", "rest.pt", "worlds.npz"}
-    for name in ("policy.pt", "rest.pt"):
-        assert torch.load(io.BytesIO(files[name]), weights_only=True)
+    assert set(files) == {"run.json", "policy.safetensors", "rest.safetensors", "worlds.npz"}
+    found, own = load(files["policy.safetensors"]), run.trainer.policies[0].state_dict()
+    assert found.keys() == {f"0.{name}" for name in own}
+    assert all(torch.equal(found[f"0.{name}"], values) for name, values in own.items())
+    moments = load(files["rest.safetensors"])["learners/0/optimiser/0/exp_avg"]
+    assert torch.equal(moments, run.trainer.learners[0].optimizer.state_dict()["state"][0]["exp_avg"])
     assert checkpoint.header_of(files)["preset"] == "original"
+
+
+def test_a_checkpoint_of_pickles_is_refused(tmp_path: Path) -> None:
+    """As earlier versions saved them."""
+    TrainingRun(config(EACH), tmp_path).train()
+    place = newest(tmp_path)
+    files = checkpoint.read_checkpoint(place)
+    for new, old in (("policy.safetensors", "policy.pt"), ("rest.safetensors", "rest.pt")):
+        files[old] = files.pop(new)
+    checkpoint.write_checkpoint(place, files)
+    for read in (checkpoint.read_checkpoint, checkpoint.read_policies, outlast.load_policy):
+        with pytest.raises(
+            TrainingError, match=rf"{place.name} is a checkpoint of an earlier .* are pickles, .*: train"
+        ):
+            read(place)
+    with pytest.raises(TrainingError, match="are pickles, which are no longer read"):
+        TrainingRun(config(2 * EACH), tmp_path, resume=True)
 
 
 def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> None:
@@ -573,7 +595,7 @@ def test_a_broken_checkpoint_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_a_checkpoint_of_another_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.zip"
     with zipfile.ZipFile(path, "w") as archive:
-        for name in ("policy.pt", "rest.pt", "worlds.npz"):
+        for name in ("policy.safetensors", "rest.safetensors", "worlds.npz"):
             archive.writestr(name, b"")
         archive.writestr("run.json", '{"version": 99}')
     with pytest.raises(TrainingError, match="has version 99: 1 is needed"):

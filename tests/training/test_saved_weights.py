@@ -38,7 +38,7 @@ def places(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Path]:
         weight.data.copy_(weight.data.half())
     found = {name: tmp_path / f"{name}.safetensors" for name in ("whole", "acting")} | {"zip": tmp_path / "a.zip"}
     checkpoint.write_checkpoint(found["zip"], resume.capture(trainer, trainer.config.header()))
-    header, (weights,), _ = checkpoint.read_policies(found["zip"])
+    header, (weights,) = checkpoint.read_policies(found["zip"])
     own = {name: values.numpy() for name, values in weights.items()}
     policy_file.write(found["whole"], header, [own])
     acting = {name: values for name, values in own.items() if not name.startswith(policy_file.CRITIC)}

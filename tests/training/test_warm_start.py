@@ -44,8 +44,9 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("*.zip"))
 
 
-def weights(path: Path) -> Any:
-    return checkpoint.load_tensors(checkpoint.read_checkpoint(path), "policy.pt")
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    (found,) = checkpoint.read_policies(path)[1]
+    return found
 
 
 def same(one: Any, other: Any) -> bool:

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
-from .. import checkpoint, policy_file, run_header
+from .. import policy_file, run_header
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..player import Player
@@ -55,8 +54,10 @@ class Member:
         if self.file is None:
             return Contender(self.name, self.name)
         header, weights = read_anchors(self.file)[1][self.name]
-        tensors = {name: torch.from_numpy(values) for name, values in weights.items()}
-        content = {run_header.NAME: json.dumps(header).encode(), "policy.pt": checkpoint.tensor_bytes(tensors)}
+        content = {
+            run_header.NAME: json.dumps(header).encode(),
+            run_header.WEIGHTS: policy_file.weights_content([weights]),
+        }
         found = Contender(self.name, Player(content))
         found.text = self.name
         return found

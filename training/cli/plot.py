@@ -49,7 +49,7 @@ def add(commands: Any) -> None:
     text = "compare runs of the paper's variants with the paper: draw a figure for each variant and preset, and check "
     text += "the paper's claims"
     command.add_argument("--paper", action="store_true", help=text)
-    text = "with --paper: also write the runs' curves and newest policies, without the rest, to this folder"
+    text = "with --paper: also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
     command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.arrange(
         {

@@ -1,8 +1,6 @@
 """Results of runs, from their folders or as they are kept, in groups that differ by seeds only. Needs no PyTorch."""
 
-import io
 import logging
-import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -15,7 +13,7 @@ from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
-from .. import log_file, run_header
+from .. import log_file, policy_file, run_header
 from ..curves import FILE, NEEDED, Curves, Described, Logged, curves_of_log, format_curves, read_curves
 from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
@@ -24,7 +22,6 @@ from .curves import PAPER_STEPS, is_kept, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
-POLICY = "policy.pt"
 MISSING, USUAL = "not there", "as usual"
 RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is recognised
 Kind = TypeVar("Kind")
@@ -269,8 +266,10 @@ def _difference(one: RunResult, other: RunResult) -> str:
 
 def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
     """Curves and policies to keep, by path. Raises TrainingError where a run would take the place of another one."""
-    policies = {folder / f"{run.name}.zip": _newest_checkpoint(run.origin) for run in runs}
-    contents = {path: policy_only(source) for path, source in policies.items() if source}
+    policies = {folder / f"{run.name}{policy_file.SUFFIX}": _newest_policy(run.origin) for run in runs}
+    contents = {
+        path: policy_file.content(*policy_file.read(source), exact="") for path, source in policies.items() if source
+    }
     return curves_to_keep(runs, folder) | contents
 
 
@@ -288,16 +287,7 @@ def curves_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]
     return {folder / FILE: format_curves(dict(sorted(kept.items())))}
 
 
-def policy_only(checkpoint: Path) -> bytes:
-    """A checkpoint reduced to its policy: it plays, but cannot be resumed."""
-    kept, file = run_header.read_checkpoint(checkpoint, (POLICY,), ())[1], io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name in (run_header.NAME, POLICY):
-            archive.writestr(zipfile.ZipInfo(name), kept[name])  # without a date, so that bytes are the same
-    return file.getvalue()
-
-
-def _newest_checkpoint(origin: Path) -> Path | None:
+def _newest_policy(origin: Path) -> Path | None:
     """The last checkpoint of a run's folder, or the policy that is kept."""
-    found = checkpoints(origin) if origin.is_dir() else [origin.with_name(f"{origin.name}.zip")]
+    found = checkpoints(origin) if origin.is_dir() else [origin.with_name(f"{origin.name}{policy_file.SUFFIX}")]
     return found[-1] if found and found[-1].exists() else None
