@@ -52,9 +52,9 @@ if TYPE_CHECKING:
     from .envs.web.play.call import play
     from .envs.web.replay import replay_page
     from .training.evaluation.evaluate import evaluate
-    from .training.player import load_policy
     from .training.plots.plot import plot
-    from .training.train import train
+    from .training.policies.player import load_policy
+    from .training.runs.train import train
 
 __version__ = "0.2.0"
 __all__ = [
@@ -126,7 +126,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "healer_policy": "envs.rollout.policies",
     "hoarder_policy": "envs.rollout.policies",
     "hunter_policy": "envs.rollout.policies",
-    "load_policy": "training.player",
+    "load_policy": "training.policies.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",
     "make_sb3": "envs.adapters.sb3",
@@ -140,7 +140,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "replay_page": "envs.web.replay",
     "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
-    "train": "training.train",
+    "train": "training.runs.train",
 }
 
 

@@ -38,7 +38,7 @@ from .envs.errors import (
     UsageError,
 )
 from .systems.box2d.batch import IncompatibleBox2D
-from .training.errors import EmptyRunError, TrainingError
+from .training.base.errors import EmptyRunError, TrainingError
 
 __all__ = [
     "AbsentError",

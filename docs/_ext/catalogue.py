@@ -17,11 +17,11 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import in_words, number_rows
+from outlast.training.base.hyperparameters import RANGES, Hyperparameters
+from outlast.training.base.presets import PRESETS
+from outlast.training.base.quantities import COLUMNS
 from outlast.training.benchmark.suite import suite
 from outlast.training.benchmark.tasks import task_of, tasks
-from outlast.training.columns import COLUMNS
-from outlast.training.hyperparameters import RANGES, Hyperparameters
-from outlast.training.presets import PRESETS
 
 FULL = "teams_4"  # the variant with every mechanic of the paper; {value} knows its numbers
 

@@ -14,13 +14,13 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
+from outlast.training.base.tables import NONE
 from outlast.training.paper.claims import claims_table, findings
 from outlast.training.paper.end_values import markdown
 from outlast.training.paper.report import side_by_side
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from outlast.training.plots.plot import compare
 from outlast.training.reproduction.experiments import Experiment, experiments
-from outlast.training.tables import NONE
 
 DOCS = Path(__file__).resolve().parent.parent
 RESULTS = DOCS.parent / "results"

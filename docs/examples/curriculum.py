@@ -21,7 +21,7 @@ import numpy as np
 import outlast
 from outlast import FloorPlan, Level, integers, levels, uniform
 from outlast.systems import Lidar, Maze
-from outlast.training.curriculum import TrainingProgress
+from outlast.training.ppo.curriculum import TrainingProgress
 
 LIMIT, HEALTH = 160, 150  # ticks of an episode; hit points, one of which is lost in each tick outside of the zone
 SEARCH = (

@@ -20,11 +20,11 @@ from typing import Any
 
 import torch
 
-from outlast.training import learner, minibatches
-from outlast.training.config import TrainingConfig
-from outlast.training.presets import PRESETS
-from outlast.training.rollout import Rollout
-from outlast.training.trainer import Trainer
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.presets import PRESETS
+from outlast.training.ppo import learner, minibatches
+from outlast.training.ppo.rollout import Rollout
+from outlast.training.ppo.trainer import Trainer
 from perf.rows import playable
 from perf.table import Table, options, positive
 

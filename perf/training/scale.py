@@ -23,10 +23,10 @@ from dataclasses import replace
 import torch
 
 from outlast.envs.scenarios.naming import resolve
-from outlast.training.config import TrainingConfig
-from outlast.training.crew import Crew, recruit
-from outlast.training.presets import PRESETS
-from outlast.training.trainer import Trainer
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.presets import PRESETS
+from outlast.training.ppo.crew import Crew, recruit
+from outlast.training.ppo.trainer import Trainer
 from perf.table import Table, options
 
 

@@ -200,7 +200,8 @@ def test_rates_of_training_are_shared_out_among_its_parts(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, one_torch_thread: None
 ) -> None:
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
-    from outlast.training import learner, rows
+    from outlast.training.policies import rows
+    from outlast.training.ppo import learner
     from perf.training import rates
 
     for target in (learner, learner.Samples, rows.Rows, rows.PaddedRows, rates.torch.autograd, rates.torch.nn.utils):

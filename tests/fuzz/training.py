@@ -15,17 +15,19 @@ import outlast
 from outlast.envs.errors import FaultError, StateError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training import checkpoint, resume, tensor_file
-from outlast.training.config import TrainingConfig
-from outlast.training.curves import FILE, format_curves
-from outlast.training.errors import TrainingError
-from outlast.training.files import unpacked
+from outlast.training.base import tensor_file
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.curves import FILE, format_curves
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.files import unpacked
+from outlast.training.base.presets import preset
+from outlast.training.base.run_header import WEIGHTS
 from outlast.training.paper import end_values, figures, results
-from outlast.training.player import Player
-from outlast.training.presets import preset
-from outlast.training.run import TrainingRun
-from outlast.training.run_header import WEIGHTS
-from outlast.training.trainer import Trainer
+from outlast.training.policies import checkpoint
+from outlast.training.policies.player import Player
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs import resume
+from outlast.training.runs.run import TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
 from tests.fuzz.worlds import folder_of
 

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from outlast.training import run_header
-from outlast.training.checkpoint import policies_content, write_checkpoint
-from outlast.training.player import Player
+from outlast.training.base import run_header
+from outlast.training.policies.checkpoint import policies_content, write_checkpoint
+from outlast.training.policies.player import Player
 
 KEPT = Path(__file__).resolve().parents[2] / "results" / "policies"
 

@@ -14,9 +14,9 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from stable_baselines3.common.utils import FloatSchedule
 
-from outlast.training.learner import Learner
-from outlast.training.policy import ActorCritic
-from outlast.training.rollout import Rollout
+from outlast.training.policies.policy import ActorCritic
+from outlast.training.ppo.learner import Learner
+from outlast.training.ppo.rollout import Rollout
 
 
 class PlainPolicy(torch.nn.Module):

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from outlast.training.config import TrainingConfig
-from outlast.training.rollout import Rollout
-from outlast.training.rows import Observed, PaddedRows, Rows
-from outlast.training.trainer import Trainer
+from outlast.training.base.config import TrainingConfig
+from outlast.training.policies.rows import Observed, PaddedRows, Rows
+from outlast.training.ppo.rollout import Rollout
+from outlast.training.ppo.trainer import Trainer
 from tests.helpers.execution_modes import short
 
 WORLDS, STEPS = 6, 40  # steps of each world in a rollout

@@ -27,8 +27,8 @@ class Train(Writer):
         return [*command, "--resume"] if begun else command
 
     def check(self, folder: Path, reference: Path) -> str:
-        from outlast.training import checkpoint
-        from outlast.training.log_file import read_log
+        from outlast.training.base.log_file import read_log
+        from outlast.training.policies import checkpoint
 
         run = folder / "run"
         if not run.is_dir() or not visible(run):
@@ -47,9 +47,9 @@ class Train(Writer):
 
     def check_resumed(self, folder: Path, reference: Path) -> None:
         from outlast.envs.rollout.saved import newest
-        from outlast.training import checkpoint
-        from outlast.training.log_file import read_log
-        from outlast.training.run_header import WEIGHTS
+        from outlast.training.base.log_file import read_log
+        from outlast.training.base.run_header import WEIGHTS
+        from outlast.training.policies import checkpoint
 
         one, other = (untimed(read_log(directory / "run" / "log.csv")) for directory in (folder, reference))
         assert one == other, "the logs differ"
@@ -68,7 +68,7 @@ def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """What TensorBoard shows of a run, with float64 values of log.csv in the place of its float32."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from outlast.training.log_file import read_log
+    from outlast.training.base.log_file import read_log
 
     logging.getLogger("tensorboard").setLevel(logging.ERROR)  # it warns of each restart
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()

@@ -8,12 +8,12 @@ import pytest
 
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training.curves import FILE, format_curves
-from outlast.training.errors import TrainingError
-from outlast.training.files import packed, unpacked
+from outlast.training.base.curves import FILE, format_curves
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.files import packed, unpacked
+from outlast.training.base.presets import preset
 from outlast.training.paper import results
 from outlast.training.plots.plot import plot
-from outlast.training.presets import preset
 
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
 

@@ -16,13 +16,15 @@ from outlast.envs.errors import StateError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint, resume, tensor_file  # noqa: E402
-from outlast.training.checkpoint import REST  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.player import Player  # noqa: E402
-from outlast.training.run_header import WEIGHTS  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base import tensor_file  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.run_header import WEIGHTS  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.checkpoint import REST  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs import resume  # noqa: E402
 from tests.fuzz.mutations import memory_limit, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

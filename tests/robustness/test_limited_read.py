@@ -23,7 +23,7 @@ VARIANT = outlast.variant("ffa_2")
 
 
 def _run_folder(path: Path) -> None:
-    from outlast.training import run_header
+    from outlast.training.base import run_header
 
     path.replace(path.with_name(run_header.NAME))
     run_header.read_run_folder(path.parent)
@@ -85,7 +85,7 @@ def test_a_file_that_never_ends_is_not_read_to_its_end(name: str) -> None:
 
 
 def test_the_log_of_a_run_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = pytest.importorskip("outlast.training.files", reason="needs torch: outlast[train]")
+    files = pytest.importorskip("outlast.training.base.files", reason="needs torch: outlast[train]")
     monkeypatch.setattr(files, "LARGEST", 10)
     (tmp_path / "log.csv").write_text("tag,step,value\n")
     with pytest.raises(ValueError, match=r"log\.csv cannot be read: it has more than 10 bytes"):

@@ -16,10 +16,10 @@ from outlast.envs.recording.container import HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.web.play import messages
-from outlast.training import curves, run_header
+from outlast.training.base import curves, run_header
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.files import packed
 from outlast.training.benchmark import result
-from outlast.training.errors import TrainingError
-from outlast.training.files import packed
 
 DEEP = "{" + '"a":[' * 100_000
 Reader = tuple[Callable[[Path], Any], type[Exception], str]

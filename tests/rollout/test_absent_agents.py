@@ -16,7 +16,7 @@ from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.summary import Summary
 from outlast.systems import Teams
-from outlast.training.metrics import BehaviourMetrics, EpisodeMetrics, means
+from outlast.training.base.metrics import BehaviourMetrics, EpisodeMetrics, means
 from tests.conftest import draw_actions, scaled
 from tests.helpers.execution_modes import short
 from tests.helpers.outputs import rows_of

@@ -102,7 +102,7 @@ def test_the_table_has_a_row_for_each_file() -> None:
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
 def test_the_table_agrees_with_the_headers() -> None:
     pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
-    from outlast.training.policy_file import read_header
+    from outlast.training.base.policy_file import read_header
 
     for model in models().values():
         header = read_header(RESULTS / model.file, ("plan", "steps", "preset"))
@@ -272,8 +272,8 @@ def test_models_play_wherever_policies_do(capsys: Any) -> None:
     pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
     if not RESULTS.is_dir():
         pytest.skip("results are not part of this archive")
-    from outlast.training.config import TrainingConfig, parse_warm_start
-    from outlast.training.trainer import Trainer
+    from outlast.training.base.config import TrainingConfig, parse_warm_start
+    from outlast.training.ppo.trainer import Trainer
 
     player = outlast.load_policy(NAME)
     assert (player.header["steps"], player.critic) == (models()[NAME].steps, True)

@@ -13,7 +13,7 @@ pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import variant
 from outlast.envs.errors import RecordingError
-from outlast.training import policy_file
+from outlast.training.base import policy_file
 from outlast.training.benchmark import games, matches, tasks
 from outlast.training.benchmark.games import Games
 from outlast.training.evaluation.contenders import Contender

@@ -12,9 +12,9 @@ from outlast.envs.storage.kept_results import ADDRESS
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.training.base.errors import TrainingError
 from outlast.training.benchmark.suite import FOLDER, TABLE, suite
 from outlast.training.benchmark.tasks import BUDGETS, GAMES, SEEDS, check_training_seed, task_of, tasks, track_of
-from outlast.training.errors import TrainingError
 from tests.conftest import COMPILED
 from tests.digests import platform_name
 from tests.task_digests import begins, games, goes_on, identity, pinned

@@ -16,12 +16,12 @@ from outlast.envs.rollout.memory import told
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.resume import capture, restore  # noqa: E402
-from outlast.training.rows import Observed  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.rows import Observed  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs.resume import capture, restore  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS, AGENTS = 3, 32, 4

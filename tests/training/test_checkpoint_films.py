@@ -21,10 +21,11 @@ from outlast.envs.scenarios.serialize import classes
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.films import HOLD  # noqa: E402
-from outlast.training import film, policy_file  # noqa: E402
-from outlast.training.episode import episode, recorded_scenario  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.film import film_checkpoint  # noqa: E402
+from outlast.training.base import policy_file  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.runs import film  # noqa: E402
+from outlast.training.runs.episode import episode, recorded_scenario  # noqa: E402
+from outlast.training.runs.film import film_checkpoint  # noqa: E402
 from tests.helpers.checkpoints import KEPT, as_checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

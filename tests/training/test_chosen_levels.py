@@ -12,13 +12,13 @@ from outlast.envs.rollout.saved import CHECKPOINT
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.curriculum import TrainingProgress  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.run import TrainingRun  # noqa: E402
-from outlast.training.run_header import WEIGHTS  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.run_header import WEIGHTS  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.ppo.curriculum import TrainingProgress  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
 from tests.training.test_run import points  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

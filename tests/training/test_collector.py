@@ -11,8 +11,8 @@ from outlast.ecs import Entity
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.rollout import RewardScale  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.ppo.rollout import RewardScale  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
 from tests.helpers.goal import won_at_the_limit  # noqa: E402
 from tests.helpers.trainers import STEPS, WORLDS, make  # noqa: E402
 

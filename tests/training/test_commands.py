@@ -29,10 +29,10 @@ from tests.helpers.outputs import rows_of
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.quantities import COLUMNS, explained  # noqa: E402
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
-from outlast.training.columns import COLUMNS, explained  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

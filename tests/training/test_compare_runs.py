@@ -12,9 +12,9 @@ import pytest
 import outlast
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training.averages import average, interval
-from outlast.training.curves import Curves
-from outlast.training.errors import TrainingError
+from outlast.training.base.averages import average, interval
+from outlast.training.base.curves import Curves
+from outlast.training.base.errors import TrainingError
 from outlast.training.paper import results
 from outlast.training.plots.groups import Group, group_runs
 from outlast.training.plots.panels import chosen, drawn, hours
@@ -24,7 +24,7 @@ from tests.helpers.outputs import rows_of
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
 from outlast.envs.cli.main import main  # noqa: E402
-from outlast.training.image import STYLE  # noqa: E402
+from outlast.training.base.image import STYLE  # noqa: E402
 from outlast.training.plots import figure  # noqa: E402
 from outlast.training.plots.plot import compare, plot  # noqa: E402
 

@@ -22,11 +22,11 @@ from outlast.envs.snapshots import state
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training.crew import Crew, recruit  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.log_file import read_log  # noqa: E402
-from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.log_file import read_log  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.ppo.crew import Crew, recruit  # noqa: E402
+from outlast.training.runs.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("teams_2").replace(

@@ -15,11 +15,11 @@ from outlast.envs.rollout.policies import scripted_policy
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.observation_layout import layout_of  # noqa: E402
-from outlast.training.packer import Packer  # noqa: E402
-from outlast.training.player import Player  # noqa: E402
-from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.observation_layout import layout_of  # noqa: E402
+from outlast.training.policies.packer import Packer  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.runs.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

@@ -13,21 +13,22 @@ from outlast.envs.errors import UsageError
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.training.errors import TrainingError
+from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import checkpoint, resume  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.presets import PRESETS  # noqa: E402
+from outlast.training.base.ratings import anchored, elo  # noqa: E402
 from outlast.training.evaluation.contenders import Contender, contenders, labels  # noqa: E402
 from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
 from outlast.training.evaluation.pairing import ratio  # noqa: E402
-from outlast.training.evaluation.ratings import anchored, elo  # noqa: E402
 from outlast.training.evaluation.showcase import film_players  # noqa: E402
-from outlast.training.player import Player  # noqa: E402
-from outlast.training.presets import PRESETS  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs import resume  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -13,12 +13,12 @@ from tests.conftest import run
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.networks import Extractor  # noqa: E402
-from outlast.training.presets import PRESETS  # noqa: E402
-from outlast.training.resume import capture  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.presets import PRESETS  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.networks import Extractor  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs.resume import capture  # noqa: E402
 from tests.helpers.execution_modes import short  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

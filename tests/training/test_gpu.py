@@ -12,12 +12,12 @@ from outlast import variant
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.rollout.saved import checkpoints  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.cuda_graph import GraphedGradients  # noqa: E402
-from outlast.training.minibatches import Chunks, Samples  # noqa: E402
-from outlast.training.player import Player  # noqa: E402
-from outlast.training.run import TrainingRun  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.ppo.cuda_graph import GraphedGradients  # noqa: E402
+from outlast.training.ppo.minibatches import Chunks, Samples  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
 from tests.helpers.trainers import nearly  # noqa: E402
 
 pytestmark = [

@@ -13,14 +13,15 @@ import pytest
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import variant
-from outlast.training import checkpoint, resume
-from outlast.training.config import TrainingConfig
-from outlast.training.errors import TrainingError
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.errors import TrainingError
 from outlast.training.evaluation import report
 from outlast.training.evaluation.contenders import Contender, contenders
 from outlast.training.evaluation.evaluation import Evaluation
 from outlast.training.evaluation.groups import PolicyGroup, group_policies, rate_groups
-from outlast.training.trainer import Trainer
+from outlast.training.policies import checkpoint
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs import resume
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

@@ -10,13 +10,13 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 import outlast  # noqa: E402
-from outlast.training.annealing import parse_anneal  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.metrics import means_of_sides  # noqa: E402
-from outlast.training.rollout import RewardScale  # noqa: E402
-from outlast.training.run import TrainingRun  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.annealing import parse_anneal  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.metrics import means_of_sides  # noqa: E402
+from outlast.training.ppo.rollout import RewardScale  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
 
 KEPT = str(Path(__file__).resolve().parents[2] / "results/policies/ffa_2/original-0.safetensors")
 

@@ -14,14 +14,14 @@ pytest.importorskip("torch", reason="needs torch: outlast[train]")  # which all 
 
 from outlast.envs.cli.main import main
 from outlast.envs.cli.options import STOPPED
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.processes import results
 from outlast.training.cli import benchmark, paper, train
-from outlast.training.errors import TrainingError
-from outlast.training.processes import results
 
 PARENT = """
 import time
 from functools import partial
-from outlast.training.processes import results
+from outlast.training.base.processes import results
 
 if __name__ == "__main__":
     for _ in results([partial(print, "begun", flush=True), *[partial(time.sleep, 60)] * 4], 2):
@@ -78,7 +78,7 @@ def test_a_process_that_is_killed_is_an_error() -> None:
 UNGUARDED = {
     "jobs": """
 from functools import partial
-from outlast.training.processes import results
+from outlast.training.base.processes import results
 
 print(*results([partial(divmod, 7, 2)] * 2, 2))
 """,

@@ -8,10 +8,10 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from dataclasses import replace  # noqa: E402
 
-from outlast.training.networks import Extractor  # noqa: E402
-from outlast.training.observation_layout import ObservationLayout  # noqa: E402
-from outlast.training.presets import PRESETS  # noqa: E402
-from outlast.training.rows import PaddedRows  # noqa: E402
+from outlast.training.base.observation_layout import ObservationLayout  # noqa: E402
+from outlast.training.base.presets import PRESETS  # noqa: E402
+from outlast.training.policies.networks import Extractor  # noqa: E402
+from outlast.training.policies.rows import PaddedRows  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHAPES = {"own": (8,), "boxes": (5, 7), "box_slot": (1, 3), "heals": (6, 2)}

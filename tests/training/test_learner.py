@@ -11,11 +11,12 @@ from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import hyperparameters, learner  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
-from outlast.training.learner import explained_variance  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base import hyperparameters  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
+from outlast.training.ppo import learner  # noqa: E402
+from outlast.training.ppo.learner import explained_variance  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
 from tests.helpers.trainers import SHORT, in_float64, make, weights  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -10,8 +10,8 @@ import pytest
 from outlast.envs import progress
 from outlast.envs.cli.options import messages_shown
 from outlast.envs.progress import Progress, large
-from outlast.training.headline import GROUPS, Figure, headline
-from outlast.training.live_view import LiveView, fitted
+from outlast.training.base.run_summary import GROUPS, Figure, headline
+from outlast.training.runs.live_view import LiveView, fitted
 
 TAGS = {
     "time/collected_per_second": 90_123.0,

@@ -7,9 +7,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
-from outlast.training.loss import Loss, advantages, normalised, ppo_loss  # noqa: E402
-from outlast.training.policy import MultiCategorical  # noqa: E402
+from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
+from outlast.training.policies.policy import MultiCategorical  # noqa: E402
+from outlast.training.ppo.loss import Loss, advantages, normalised, ppo_loss  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

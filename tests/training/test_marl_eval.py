@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast.training.errors import TrainingError
+from outlast.training.base.errors import TrainingError
 from outlast.training.evaluation.marl_eval import RunMetrics, marl_eval_json
 
 

@@ -14,17 +14,11 @@ from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.observation_layout import (  # noqa: E402
-    MASK,
-    ObservationLayout,
-    field_table,
-    layout_of,
-    scales,
-)
-from outlast.training.packer import Packer  # noqa: E402
-from outlast.training.policy import ActorCritic, MultiCategorical  # noqa: E402
-from outlast.training.presets import PRESETS, preset  # noqa: E402
-from outlast.training.rows import PaddedRows, Rows, concatenated  # noqa: E402
+from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales  # noqa: E402
+from outlast.training.base.presets import PRESETS, preset  # noqa: E402
+from outlast.training.policies.packer import Packer  # noqa: E402
+from outlast.training.policies.policy import ActorCritic, MultiCategorical  # noqa: E402
+from outlast.training.policies.rows import PaddedRows, Rows, concatenated  # noqa: E402
 from tests.helpers.trainers import doubled  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -18,13 +18,13 @@ from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.checkpoint import write_checkpoint  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.lane import NOBODY  # noqa: E402
-from outlast.training.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
-from outlast.training.resume import capture, restore  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.policies.checkpoint import write_checkpoint  # noqa: E402
+from outlast.training.ppo.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
+from outlast.training.runs.resume import capture, restore  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 12, 60

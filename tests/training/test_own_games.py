@@ -14,7 +14,7 @@ from outlast.ecs import Array, Entity, Module, Read, Rows, Statistic, Write, col
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from outlast.envs.cli.main import main, parser
-from outlast.training.curves import FILE, format_curves, read_curves
-from outlast.training.errors import TrainingError
-from outlast.training.files import packed
+from outlast.training.base.curves import FILE, format_curves, read_curves
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.files import packed
 from outlast.training.reproduction import experiments
 from outlast.training.reproduction.experiments import PARTS, expected_seconds, seconds_table
 

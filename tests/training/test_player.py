@@ -13,19 +13,20 @@ import pytest
 
 import outlast
 from outlast import make_vec, variant
-from outlast.training.errors import TrainingError
+from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
-from outlast.training import checkpoint, resume  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.episode import recorded_scenario  # noqa: E402
-from outlast.training.noise import EpisodeNoise  # noqa: E402
-from outlast.training.player import Player  # noqa: E402
-from outlast.training.presets import PRESETS, preset  # noqa: E402
-from outlast.training.run_header import NAME  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.noise import EpisodeNoise  # noqa: E402
+from outlast.training.base.presets import PRESETS, preset  # noqa: E402
+from outlast.training.base.run_header import NAME  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.runs import resume  # noqa: E402
+from outlast.training.runs.episode import recorded_scenario  # noqa: E402
 from tests.helpers.added_fields import Stamina  # noqa: E402
 from tests.helpers.checkpoints import KEPT  # noqa: E402
 

@@ -20,11 +20,11 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.envs.rollout.saved import newest
-from outlast.training import policy_file
-from outlast.training.averages import average, end_value, smooth
+from outlast.training.base import policy_file
+from outlast.training.base.averages import average, end_value, smooth
+from outlast.training.base.curves import FILE, Curves, format_curves
+from outlast.training.base.errors import TrainingError
 from outlast.training.cli import plot
-from outlast.training.curves import FILE, Curves, format_curves
-from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
 from outlast.training.paper.end_values import csv_table, markdown
@@ -38,7 +38,7 @@ matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast
 
 from PIL import Image  # noqa: E402
 
-from outlast.training.image import STYLE  # noqa: E402
+from outlast.training.base.image import STYLE  # noqa: E402
 from outlast.training.paper import figures  # noqa: E402
 
 outlast_plot = partial(call, plot, "--paper")
@@ -292,7 +292,7 @@ def test_the_command_needs_no_torch() -> None:
 def trainer() -> Any:
     for library in ("torch", "stable_baselines3", "tensorboard"):
         pytest.importorskip(library, reason=f"needs {library}: outlast[train]")
-    return importlib.import_module("outlast.training.run")
+    return importlib.import_module("outlast.training.runs.run")
 
 
 @pytest.mark.usefixtures("one_torch_thread")

@@ -12,8 +12,8 @@ from safetensors.numpy import save
 
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training import policy_file
-from outlast.training.errors import TrainingError
+from outlast.training.base import policy_file
+from outlast.training.base.errors import TrainingError
 
 HEADER: dict[str, Any] = {
     "version": 1,

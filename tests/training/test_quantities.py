@@ -14,13 +14,13 @@ from tests.helpers.beasts import Beasts
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.curves import Curves  # noqa: E402
-from outlast.training.headline import headline  # noqa: E402
-from outlast.training.metrics import AgentMetrics  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.curves import Curves  # noqa: E402
+from outlast.training.base.metrics import AgentMetrics  # noqa: E402
+from outlast.training.base.run_summary import headline  # noqa: E402
 from outlast.training.plots.panels import chosen, drawn  # noqa: E402
 from outlast.training.plots.runs import Run  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200

@@ -12,30 +12,30 @@ from outlast import make_vec, variant
 from outlast.envs.cli import main as cli
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.training.config import CHUNK, TrainingConfig
-from outlast.training.errors import TrainingError
+from outlast.training.base.config import CHUNK, TrainingConfig
+from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
-from outlast.training import checkpoint  # noqa: E402
+from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
+from outlast.training.base.observation_layout import ObservationLayout  # noqa: E402
+from outlast.training.base.presets import PRESETS, preset  # noqa: E402
 from outlast.training.evaluation.contenders import contenders  # noqa: E402
 from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
-from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
-from outlast.training.lane import NOBODY  # noqa: E402
-from outlast.training.learner import Learner  # noqa: E402
-from outlast.training.loss import normalised  # noqa: E402
-from outlast.training.minibatches import Chunks  # noqa: E402
-from outlast.training.observation_layout import ObservationLayout  # noqa: E402
-from outlast.training.packer import Packer  # noqa: E402
-from outlast.training.policy import ActorCritic  # noqa: E402
-from outlast.training.presets import PRESETS, preset  # noqa: E402
-from outlast.training.resume import capture  # noqa: E402
-from outlast.training.rollout import Rollout  # noqa: E402
-from outlast.training.rows import Rows, concatenated  # noqa: E402
-from outlast.training.run import TrainingRun  # noqa: E402
-from outlast.training.trainer import Trainer  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.policies.packer import Packer  # noqa: E402
+from outlast.training.policies.policy import ActorCritic  # noqa: E402
+from outlast.training.policies.rows import Rows, concatenated  # noqa: E402
+from outlast.training.ppo.learner import Learner  # noqa: E402
+from outlast.training.ppo.loss import normalised  # noqa: E402
+from outlast.training.ppo.minibatches import Chunks  # noqa: E402
+from outlast.training.ppo.rollout import Rollout  # noqa: E402
+from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
+from outlast.training.runs.resume import capture  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
 from tests.training.test_run import points  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

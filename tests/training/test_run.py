@@ -31,14 +31,14 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from safetensors.torch import load  # noqa: E402
 
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training import run as runs  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.hyperparameters import parse_hyperparameters  # noqa: E402
+from outlast.training.base.log_file import last_step, read_log  # noqa: E402
 from outlast.training.cli import train as command  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.hyperparameters import parse_hyperparameters  # noqa: E402
-from outlast.training.log_file import last_step, read_log  # noqa: E402
-from outlast.training.run import TrainingRun  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.runs import run as runs  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -350,7 +350,7 @@ def test_observations_that_are_no_numbers_are_named(mechanic: Module, preset: st
 
 
 def test_what_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("outlast.training.run_header.MOST", 1)
+    monkeypatch.setattr("outlast.training.base.run_header.MOST", 1)
     with pytest.raises(TrainingError, match="does not describe a run"):
         TrainingRun(config(EACH), tmp_path / "run")
     assert not (tmp_path / "run").exists()

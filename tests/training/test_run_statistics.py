@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast.training import statistics
-from outlast.training.errors import TrainingError
-from outlast.training.statistics import (
+from outlast.training.base import statistics
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.statistics import (
     iqm,
     mean,
     median,

@@ -14,14 +14,16 @@ import torch
 import outlast
 from outlast import load_policy, make_vec, variant
 from outlast.envs.rollout.mixture import parse_mixture
-from outlast.training import checkpoint, policy_file, resume
+from outlast.training.base import policy_file
+from outlast.training.base.config import TrainingConfig, parse_warm_start
+from outlast.training.base.errors import TrainingError
 from outlast.training.benchmark.described import described
 from outlast.training.benchmark.tasks import task_of
-from outlast.training.config import TrainingConfig, parse_warm_start
-from outlast.training.errors import TrainingError
-from outlast.training.film import film_checkpoint
-from outlast.training.player import Player
-from outlast.training.trainer import Trainer
+from outlast.training.policies import checkpoint
+from outlast.training.policies.player import Player
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs import resume
+from outlast.training.runs.film import film_checkpoint
 from tests.conftest import run
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

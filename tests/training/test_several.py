@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 
 from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.training.errors import TrainingError
+from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.envs.cli.main import parser  # noqa: E402
-from outlast.training.children import ChildRun, side_by_side  # noqa: E402
 from outlast.training.cli import train  # noqa: E402
-from outlast.training.live_view import LiveView  # noqa: E402
+from outlast.training.runs.child_runs import ChildRun, side_by_side  # noqa: E402
+from outlast.training.runs.live_view import LiveView  # noqa: E402
 from tests.training.test_crew import children  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 

@@ -11,12 +11,13 @@ from outlast import variant
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import cuda_graph, rows  # noqa: E402
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.learner import Learner  # noqa: E402
-from outlast.training.minibatches import Chunks, Samples  # noqa: E402
-from outlast.training.rows import FILL, Rows  # noqa: E402
-from outlast.training.run import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.policies import rows  # noqa: E402
+from outlast.training.policies.rows import FILL, Rows  # noqa: E402
+from outlast.training.ppo import cuda_graph  # noqa: E402
+from outlast.training.ppo.learner import Learner  # noqa: E402
+from outlast.training.ppo.minibatches import Chunks, Samples  # noqa: E402
+from outlast.training.runs.run import Trainer  # noqa: E402
 from tests.helpers.trainers import nearly  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

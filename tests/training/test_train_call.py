@@ -9,14 +9,14 @@ import outlast
 from outlast.ecs import NumberError
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.training.live_view import LiveView
+from outlast.training.runs.live_view import LiveView
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.workload import Workload  # noqa: E402
+from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.run_size import Workload  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -15,13 +15,13 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
-from outlast.training.annealing import Anneal, parse_anneal  # noqa: E402
-from outlast.training.config import IMITATED, parse_warm_start  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.log_file import read_log  # noqa: E402
-from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
-from outlast.training.trainer import IMITATION, Trainer  # noqa: E402
+from outlast.training.base.annealing import Anneal, parse_anneal  # noqa: E402
+from outlast.training.base.config import IMITATED, parse_warm_start  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.log_file import read_log  # noqa: E402
+from outlast.training.policies import checkpoint  # noqa: E402
+from outlast.training.ppo.trainer import IMITATION, Trainer  # noqa: E402
+from outlast.training.runs.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)

@@ -26,12 +26,12 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.errors import PlayError  # noqa: E402
 from outlast.envs.rollout.saved import CHECKPOINT  # noqa: E402
-from outlast.training import watch  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.base.log_file import HEADER, read_log  # noqa: E402
 from outlast.training.cli import watch as command  # noqa: E402
-from outlast.training.errors import TrainingError  # noqa: E402
-from outlast.training.log_file import HEADER, read_log  # noqa: E402
-from outlast.training.logs import CsvLog  # noqa: E402
-from outlast.training.watch import RunWatcher, figures  # noqa: E402
+from outlast.training.runs import watch  # noqa: E402
+from outlast.training.runs.logs import CsvLog  # noqa: E402
+from outlast.training.runs.watch import RunWatcher, figures  # noqa: E402
 from tests.helpers.checkpoints import as_checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -8,11 +8,11 @@ import numpy as np
 from outlast.envs.rollout.saved import checkpoints, runs_in
 from outlast.envs.scenarios.fingerprint import fingerprint
 
-from .. import policy_file
-from ..errors import TrainingError
+from ..base import policy_file
+from ..base.errors import TrainingError
+from ..base.ratings import elo
 from ..evaluation.contenders import Contender, labels
-from ..evaluation.ratings import elo
-from ..player import weights_of
+from ..policies.player import weights_of
 from .matches import play
 from .result import Content, made, read_json, recording_name, write_json
 from .suite import STYLES, Anchor, digest_of, write_anchors

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from outlast.envs.scenarios.fingerprint import is_word
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
+from ..base.processes import results
 from ..evaluation.contenders import Contender
-from ..processes import results
 from . import kept, result
 from .agents import Agent
 from .matches import digest, play

@@ -6,10 +6,10 @@ from typing import Any
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import is_saved
 
-from .. import policy_file
-from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
-from ..config import SELF as OWN
-from ..presets import preset
+from ..base import policy_file
+from ..base.config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
+from ..base.config import SELF as OWN
+from ..base.presets import preset
 from .matches import digest
 from .result import POLICY, Content
 from .suite import STYLES, suite

@@ -16,15 +16,15 @@ from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.folder_lock import FolderLock
 
-from .. import log_file, policy_file
-from ..config import FAST, OPPONENTS, TrainingConfig
-from ..config import SELF as OWN
-from ..errors import TrainingError
+from ..base import log_file, policy_file
+from ..base.config import FAST, OPPONENTS, TrainingConfig
+from ..base.config import SELF as OWN
+from ..base.errors import TrainingError
+from ..base.files import write_files
+from ..base.run_size import Workload
 from ..evaluation.contenders import Contender
-from ..files import write_files
-from ..player import weights_of
-from ..run import TrainingRun
-from ..workload import Workload
+from ..policies.player import weights_of
+from ..runs.run import TrainingRun
 from . import result
 from .agents import FUNCTION, PRESET, Agent
 from .described import STEPS, described, response_config

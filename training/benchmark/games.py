@@ -23,9 +23,9 @@ from outlast.envs.recording import Recording, record
 from outlast.envs.recording.tick_records import TickRecord
 from outlast.envs.storage import safe_npz
 
+from ..base.files import write_files
 from ..evaluation.contenders import Contender
 from ..evaluation.matches import Act, AgentIndices, Match
-from ..files import write_files
 from . import matches
 from .matches import Array, Asked, Repeated, outcome
 from .tasks import Game

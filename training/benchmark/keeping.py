@@ -6,10 +6,10 @@ policy, the policy and its games against itself, so that these can be verified.
 
 from pathlib import Path
 
-from .. import policy_file
-from ..errors import TrainingError
+from ..base import policy_file
+from ..base.errors import TrainingError
+from ..base.files import write_files
 from ..evaluation.contenders import Contender
-from ..files import write_files
 from . import crossplay, games, kept, scores
 from .kept import KeptResult, place_of
 from .matches import digest

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import TrainingError
-from ..files import packed, write_files
+from ..base.errors import TrainingError
+from ..base.files import packed, write_files
 from . import result
 from .result import BEST, POLICY, SELF, Content, Result, read, read_json, wrong_with_match, wrong_with_result
 from .tasks import PROTOCOL

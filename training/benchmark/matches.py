@@ -21,7 +21,7 @@ from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..evaluation.evaluation import Evaluation
 from ..evaluation.matches import Act, AgentIndices, Match, MatchResults

@@ -6,7 +6,7 @@ import json
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..image import encoded
+from ..base.image import encoded
 from ..plots.figure import look
 from .scores import Scores
 

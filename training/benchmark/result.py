@@ -16,8 +16,8 @@ from outlast.envs.storage import strict_json
 from outlast.envs.storage.limited_read import read_bytes, read_xz
 from outlast.systems import box2d
 
-from ..errors import TrainingError
-from ..files import write_files
+from ..base.errors import TrainingError
+from ..base.files import write_files
 from .tasks import PROTOCOL, Task
 
 NAME, POLICY, RESPONSE = "result.json", "policy.safetensors", "response.safetensors"

@@ -17,10 +17,10 @@ import numpy as np
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
-from .. import policy_file, run_header
-from ..errors import TrainingError
+from ..base import policy_file, run_header
+from ..base.errors import TrainingError
 from ..evaluation.contenders import Contender
-from ..player import Player
+from ..policies.player import Player
 from .result import BEST, SELF, Content, Result, are_finite
 from .tasks import PROTOCOL, Task
 

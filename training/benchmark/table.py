@@ -6,10 +6,10 @@ import logging
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
+from ..base.files import write_files
+from ..base.tables import markdown_table
 from ..evaluation.marl_eval import RunMetrics, marl_eval_json
-from ..files import write_files
-from ..tables import markdown_table
 from . import scores
 from .kept import TRAINED
 

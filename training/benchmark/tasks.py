@@ -16,7 +16,7 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS, variant
 from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
 
 PROTOCOL = 1  # the version of what results hold and how they are made
 BUDGETS = {"10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track

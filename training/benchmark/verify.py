@@ -11,9 +11,9 @@ from typing import Any
 
 from outlast.envs.errors import RecordingError, UsageError
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
+from ..base.processes import results
 from ..evaluation.contenders import Contender
-from ..processes import results
 from . import crossplay, games, scores
 from .described import described, wrong_with_response
 from .kept import SHORT, find

@@ -15,12 +15,12 @@ from outlast.envs.errors import install
 from outlast.envs.progress import Progress, duration
 from outlast.envs.text_table import terminal_width, text_table
 
+from ..base.errors import TrainingError
+from ..base.files import check_out
+from ..base.hyperparameters import parse_hyperparameters
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
-from ..children import ChildRun, side_by_side
-from ..errors import TrainingError
-from ..files import check_out
-from ..hyperparameters import parse_hyperparameters
-from ..live_view import LiveView
+from ..runs.child_runs import ChildRun, side_by_side
+from ..runs.live_view import LiveView
 
 ACTIONS = {
     "tasks": (),
@@ -219,7 +219,7 @@ class ChildEntry(ChildRun):
         self.entry, agent = entry, entry.agent
         source = agent.name if agent.name == agent.source else f"{agent.name}={agent.source}"
         words = ["run", entry.task.name, f"--agent={source}", f"--seed={entry.seed}", *common, "--quiet"]
-        self.words = [sys.executable, "-m", "outlast.training.job", "benchmark", *words]
+        self.words = [sys.executable, "-m", "outlast.training.runs.child_main", "benchmark", *words]
 
     @property
     def name(self) -> str:

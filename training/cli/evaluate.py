@@ -12,9 +12,9 @@ from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.text_table import terminal_width
 
-from ..columns import explained
-from ..errors import TrainingError
-from ..files import check_out
+from ..base.errors import TrainingError
+from ..base.files import check_out
+from ..base.quantities import explained
 
 logger = logging.getLogger("outlast")
 

@@ -13,11 +13,11 @@ from outlast.envs.cli.options import STOPPED, nonnegative, output, positive
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 
-from ..children import ChildRun, side_by_side
-from ..errors import TrainingError
-from ..files import check_out
-from ..live_view import LiveView
+from ..base.errors import TrainingError
+from ..base.files import check_out
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
+from ..runs.child_runs import ChildRun, side_by_side
+from ..runs.live_view import LiveView
 
 Plan = list[tuple[Experiment, int]]  # with a seed
 TIMED_ON = "as timed on one core of an AMD EPYC (Zen 3)"

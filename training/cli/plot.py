@@ -6,8 +6,8 @@ from typing import Any
 
 from outlast.envs.cli.options import output
 
-from ..errors import TrainingError
-from ..files import check_out, write_files
+from ..base.errors import TrainingError
+from ..base.files import check_out, write_files
 from ..paper.report import figures_and_tables, report
 from ..paper.results import files_to_keep, group_runs, load_runs
 from ..plots.comparison import AXES

@@ -17,15 +17,25 @@ from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.saved import SAVED_AS, checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 
-from ..annealing import parse_anneal
-from ..children import RESUME, ChildRun, side_by_side
-from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TEACHERS, TrainingConfig, parse_warm_start
-from ..errors import TrainingError
-from ..files import check_out
-from ..hyperparameters import KINDS, parse_hyperparameters
-from ..live_view import LiveView
-from ..presets import DEAD, PRESETS
-from ..workload import Workload
+from ..base.annealing import parse_anneal
+from ..base.config import (
+    CRITICS,
+    FAST,
+    OPPONENTS,
+    POLICIES,
+    SELF,
+    SNAPSHOTS,
+    TEACHERS,
+    TrainingConfig,
+    parse_warm_start,
+)
+from ..base.errors import TrainingError
+from ..base.files import check_out
+from ..base.hyperparameters import KINDS, parse_hyperparameters
+from ..base.presets import DEAD, PRESETS
+from ..base.run_size import Workload
+from ..runs.child_runs import RESUME, ChildRun, side_by_side
+from ..runs.live_view import LiveView
 
 GROUPS = {
     "what is learned": (
@@ -142,8 +152,8 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     if options.jobs is not None:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
     try:
-        from ..run import TrainingRun
-        from ..train import shown, usual_folder
+        from ..runs.run import TrainingRun
+        from ..runs.train import shown, usual_folder
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: {install('train')}") from error
     config = _config(options, chosen, options.seed[0], settings)

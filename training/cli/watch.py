@@ -9,8 +9,8 @@ from typing import Any
 from outlast.envs.cli.options import add_import, add_page, announce, import_files, printable
 from outlast.envs.errors import install
 
-from .. import run_header
-from ..errors import TrainingError
+from ..base import run_header
+from ..base.errors import TrainingError
 
 LISTED = 5  # runs that a message names
 
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         import torch  # noqa: F401, which policies need, before anything is served
 
-        from ..watch import RunWatcher
+        from ..runs.watch import RunWatcher
     except ModuleNotFoundError as error:
         raise TrainingError(f"watching needs {error.name}: {install('train')}") from error
     from outlast.envs.web.gate import Site

@@ -18,9 +18,9 @@ from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import POLICIES, Policy
 from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in, text_of
 
-from ..errors import TrainingError
-from ..noise import EpisodeNoise
-from ..player import Player
+from ..base.errors import TrainingError
+from ..base.noise import EpisodeNoise
+from ..policies.player import Player
 from .matches import Act, AgentIndices
 
 Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a run or around several, or a function

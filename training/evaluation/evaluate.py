@@ -10,8 +10,8 @@ from outlast.envs.recording import record
 from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 
-from ..errors import TrainingError
-from ..files import check_out
+from ..base.errors import TrainingError
+from ..base.files import check_out
 from . import report
 from .contenders import Given, contenders
 from .evaluation import Evaluation

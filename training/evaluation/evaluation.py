@@ -13,13 +13,13 @@ from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
-from ..errors import TrainingError
-from ..metrics import check_statistics
+from ..base.errors import TrainingError
+from ..base.metrics import check_statistics
+from ..base.ratings import elo, linked
 from .contenders import Contender
 from .groups import Groups, group_policies, rate_groups
 from .matches import Match
 from .pairing import Estimates, Pairing
-from .ratings import elo, linked
 from .report import text
 
 Array = np.ndarray[Any, Any]

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..curves import Curves
+from ..base.curves import Curves
+from ..base.ratings import chained, elo
+from ..base.statistics import Estimate, percentile_interval
 from ..plots.groups import group_runs
 from ..plots.runs import Run, run_of
-from ..statistics import Estimate, percentile_interval
 from .contenders import Contender
-from .ratings import chained, elo
 
 Array = np.ndarray[Any, Any]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TrainingError
+from ..base.errors import TrainingError
 
 COUNT = "step_count"
 Metrics = Mapping[str, float | Sequence[float]]  # by name: a value, or those of all evaluation episodes

@@ -11,7 +11,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import ROLES, role_of, wins
 from outlast.envs.rollout.summary import MOMENTS
 
-from ..metrics import AgentMetrics
+from ..base.metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length

@@ -14,8 +14,8 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage import strict_json
 from outlast.envs.text_table import text_table
 
-from ..errors import TrainingError
-from ..files import check_results, read_text, write_files
+from ..base.errors import TrainingError
+from ..base.files import check_results, read_text, write_files
 from .contenders import Contender
 from .groups import Groups, group_policies
 from .pairing import Array, Estimates, Pairing

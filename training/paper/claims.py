@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..curves import Curves, Quantity
-from ..tables import markdown_table, number, spread
+from ..base.curves import Curves, Quantity
+from ..base.tables import markdown_table, number, spread
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, behaviour, published_curves
 from .measures import Runs, at, curve, end, grows, left, over, part, peak, peak_at, together
 from .results import RunGroup

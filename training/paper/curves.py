@@ -2,7 +2,7 @@
 
 from importlib.resources import as_file, files
 
-from ..curves import FILE, Curves, Quantity, read_curves
+from ..base.curves import FILE, Curves, Quantity, read_curves
 
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
 RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..averages import EndValue, MovingAverage, average, end_value
-from ..curves import Quantity
-from ..tables import decimals, markdown_table, number, spread
+from ..base.averages import EndValue, MovingAverage, average, end_value
+from ..base.curves import Quantity
+from ..base.tables import decimals, markdown_table, number, spread
 from .curves import LENGTH, QUANTITIES, RETURN
 from .results import RunGroup
 

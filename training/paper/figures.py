@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 
 from outlast.envs.rendering import style
 
-from ..averages import average, window_size
-from ..curves import Curves, Quantity
-from ..image import GREY, colour, encoded, literal
+from ..base.averages import average, window_size
+from ..base.curves import Curves, Quantity
+from ..base.image import GREY, colour, encoded, literal
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN
 from .end_values import side_name
 from .results import RunGroup

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..averages import smooth
-from ..curves import Array, Curves, Quantity
+from ..base.averages import smooth
+from ..base.curves import Array, Curves, Quantity
 from .curves import KILLS
 
 Runs = Mapping[str, Curves]  # a run of each variant, by its name

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from outlast.envs.errors import install
 
-from ..errors import TrainingError
-from ..tables import ENDS, markdown_table, number, with_spread
+from ..base.errors import TrainingError
+from ..base.tables import ENDS, markdown_table, number, with_spread
 from .claims import claims_table, findings
 from .curves import KILLS
 from .end_values import csv_table, markdown, rows

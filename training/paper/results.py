@@ -13,11 +13,11 @@ from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
-from .. import log_file, policy_file, run_header
-from ..curves import FILE, NEEDED, Curves, Described, Logged, curves_of_log, format_curves, read_curves
-from ..errors import EmptyRunError, TrainingError
-from ..hyperparameters import Hyperparameters
-from ..presets import ROLLOUT, preset
+from ..base import log_file, policy_file, run_header
+from ..base.curves import FILE, NEEDED, Curves, Described, Logged, curves_of_log, format_curves, read_curves
+from ..base.errors import EmptyRunError, TrainingError
+from ..base.hyperparameters import Hyperparameters
+from ..base.presets import ROLLOUT, preset
 from .curves import PAPER_STEPS, is_kept, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..averages import end_value, interval
-from ..tables import markdown_table, number
+from ..base.averages import end_value, interval
+from ..base.tables import markdown_table, number
 from .groups import Group, common, untold
 from .panels import Panel, drawn
 from .runs import PRESET, SCENARIO, Run

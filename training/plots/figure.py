@@ -11,10 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..averages import average
-from ..curves import Array, Curves
-from ..headline import RATING
-from ..image import GREY, encoded, literal
+from ..base.averages import average
+from ..base.curves import Array, Curves
+from ..base.image import GREY, encoded, literal
+from ..base.run_summary import RATING
 from .comparison import Comparison
 from .groups import Group
 from .panels import drawn, hours

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..errors import TrainingError
-from ..hyperparameters import Hyperparameters
+from ..base.errors import TrainingError
+from ..base.hyperparameters import Hyperparameters
 from .runs import PRESET, SCENARIO, Run, shown
 
 SEED = "seed"

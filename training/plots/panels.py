@@ -9,10 +9,10 @@ import numpy as np
 
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..columns import SUMMED, combinable
-from ..curves import Array, Curves
-from ..errors import TrainingError
-from ..metrics import PAPER_NAMES
+from ..base.curves import Array, Curves
+from ..base.errors import TrainingError
+from ..base.metrics import PAPER_NAMES
+from ..base.quantities import SUMMED, combinable
 from .runs import Run
 
 ROLLOUT = "rollout/"

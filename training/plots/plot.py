@@ -5,9 +5,9 @@ from pathlib import Path
 
 from outlast.envs.errors import install
 
-from ..errors import TrainingError
-from ..files import write_files
-from ..tables import ENDS
+from ..base.errors import TrainingError
+from ..base.files import write_files
+from ..base.tables import ENDS
 from .comparison import AXES, Comparison
 from .groups import group_runs
 from .panels import chosen, hours

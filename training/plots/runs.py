@@ -10,13 +10,13 @@ from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.variants import base, variant
 
-from .. import log_file, run_header
-from ..config import HOW, SELF, TrainingConfig
-from ..curves import Curves, Logged, curves_of_log
-from ..errors import TrainingError
+from ..base import log_file, run_header
+from ..base.config import HOW, SELF, TrainingConfig
+from ..base.curves import Curves, Logged, curves_of_log
+from ..base.errors import TrainingError
+from ..base.presets import preset
 from ..paper import results
 from ..paper.curves import is_known
-from ..presets import preset
 
 HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are no settings
 USUAL = {

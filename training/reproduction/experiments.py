@@ -14,14 +14,14 @@ from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
-from ..errors import TrainingError
-from ..log_file import NAME as LOG
-from ..log_file import last_step
+from ..base.errors import TrainingError
+from ..base.log_file import NAME as LOG
+from ..base.log_file import last_step
+from ..base.policy_file import SUFFIX
 from ..paper.curves import PAPER_STEPS
 from ..paper.results import kept_runs
 from ..plots.panels import hours
 from ..plots.runs import load
-from ..policy_file import SUFFIX
 
 PARTS = {
     "original": "the eight variants, with the authors' networks and numbers",

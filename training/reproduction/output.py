@@ -10,14 +10,14 @@ from outlast.envs.rendering.video.codecs import compress
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 
-from .. import policy_file
-from ..curves import FILE, format_curves, rounded, thinned
-from ..errors import TrainingError
-from ..files import write_files
+from ..base import policy_file
+from ..base.curves import FILE, format_curves, rounded, thinned
+from ..base.errors import TrainingError
+from ..base.files import write_files
 from ..paper.report import figures_and_tables
 from ..paper.results import curves_to_keep, group_runs, kept_runs, load_runs
-from ..player import weights_of
 from ..plots.plot import plot
+from ..policies.player import weights_of
 from . import mended
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
 

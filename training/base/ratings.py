@@ -1,0 +1,137 @@
+"""Elo ratings from a table of results: the Bradley-Terry model, by maximum likelihood."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .errors import TrainingError
+
+Array = np.ndarray[Any, Any]
+
+POINTS = 400 / math.log(10)  # Elo points of one unit of log odds: 400 more are odds of ten to one
+MEAN = 1000.0  # mean of all ratings: it is free, as only differences mean anything
+SURE, MOST = 1e-8, 1000  # Newton's method ends with a step that is shorter, in log odds, or after so many steps
+
+
+def chained(scores: Array) -> Array:
+    """Whether a chain of scores leads from i to j: i has scored against a player who has scored against ... j.
+
+    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows for ever
+    as j is rated higher above i.
+    """
+    count = scores.shape[-1]
+    chain: Array = (scores > 0) | np.eye(count, dtype=bool)
+    for _ in range(count.bit_length()):  # each time, it finds chains that are twice as long
+        chain = chain @ chain
+    return chain
+
+
+def linked(games: Array) -> bool:
+    """Return whether a chain of games links any two players; games: (..., players, players), how many they played."""
+    return bool(chained(games).all())
+
+
+def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
+    """Ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
+
+    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two have met, `added`
+    games that i won and as many that j won are counted, too, so that ratings stay finite where one always wins. Errors
+    are the sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that
+    draws, which scatter less, count as such. Leading axes stand for several tables. Raises ValueError if no chain of
+    games joins all players.
+    """
+    met = (wins + wins.swapaxes(-1, -2) + draws > 0) & ~np.eye(wins.shape[-1], dtype=bool)
+    won, drawn = np.where(met, wins + added, 0.0), np.where(met, draws, 0.0)
+    games, score = won + won.swapaxes(-1, -2) + drawn, won + drawn / 2
+    if not linked(games):
+        raise ValueError("ratings: no chain of games joins all players")
+    odds = _fitted(games, score)
+    scatter = won + drawn / 4 - np.divide(score**2, games, out=np.zeros_like(score), where=met)
+    bread = np.linalg.pinv(_laplacian(games * _slope(odds)), hermitian=True)
+    error = np.sqrt(np.diagonal(bread @ _laplacian(scatter) @ bread, axis1=-2, axis2=-1).clip(0))
+    return MEAN + POINTS * odds, POINTS * error
+
+
+def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
+    """Ratings of players against opponents whose ratings are fixed, and their standard errors.
+
+    A rating is the one under which a player's expected score against all of its opponents is the score that it had. It
+    depends on nothing but these games, so it can be compared with ratings of other players against the same
+    opponents, whenever they play. As in `elo`, half a game won and half a game lost are added for each pair that has
+    met: a player that wins (or loses) everything has a finite rating, a lower (upper) bound, with a large error.
+
+    Args:
+        wins: Games that each player won against each opponent, (players, opponents).
+        draws: Games that were drawn, of the same shape.
+        losses: Games that the player lost, of the same shape.
+        fixed: Elo ratings of the opponents, (opponents,), taken as exact.
+
+    Returns:
+        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate, see `elo`.
+
+    Raises:
+        TrainingError: Shapes do not fit, numbers are negative or not finite, or a player has met no opponent.
+    """
+    wins, draws, losses, fixed = (np.asarray(each, np.float64) for each in (wins, draws, losses, fixed))
+    _check_anchored(wins, draws, losses, fixed)
+    met = wins + draws + losses > 0
+    won, lost = np.where(met, wins + 0.5, 0.0), np.where(met, losses + 0.5, 0.0)
+    games, score = won + draws + lost, won + draws / 2
+    scatter = won + draws / 4 - np.divide(score**2, games, out=np.zeros_like(score), where=met)
+    anchors = (fixed - MEAN) / POINTS
+    odds = np.full(len(wins), anchors.mean())
+    for _ in range(MOST):
+        chance = 1 / (1 + np.exp(anchors - odds[:, None]))
+        curvature = (games * chance * (1 - chance)).sum(1)
+        step = ((score - games * chance).sum(1) / curvature).clip(-1, 1)  # a longer step might overshoot
+        odds = odds + step
+        if np.abs(step).max() < SURE:
+            break
+    return MEAN + POINTS * odds, POINTS * np.sqrt(scatter.sum(1)) / curvature
+
+
+def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> None:
+    shapes = [each.shape for each in (wins, draws, losses)]
+    if wins.ndim != 2 or not wins.size or set(shapes) != {(len(wins), *fixed.shape)}:
+        given = ", ".join(map(str, (*shapes, fixed.shape)))
+        raise TrainingError(f"ratings: expected three tables (players, opponents) and (opponents,), not {given}")
+    if not np.isfinite(fixed).all():
+        raise TrainingError(f"ratings: the fixed ones must be numbers, not {fixed}")
+    if not all((each >= 0).all() and np.isfinite(each).all() for each in (wins, draws, losses)):
+        raise TrainingError("ratings: numbers of games won, drawn and lost must be 0 or more")
+    if alone := np.flatnonzero(~(wins + draws + losses > 0).any(1)).tolist():
+        raise TrainingError(f"ratings: player {alone[0]} (from 0 on) has met no opponent of fixed rating")
+
+
+def _fitted(games: Array, score: Array) -> Array:
+    """The log odds, of mean 0, under which all players' expected scores are those that they had: Newton's method."""
+    odds: Array = np.zeros(games.shape[:-1])
+    for _ in range(MOST):
+        curvature = _laplacian(games * _slope(odds))
+        rest = (score - games * _expected(odds)).sum(-1)
+        step = (np.linalg.pinv(curvature, hermitian=True) @ rest[..., None])[..., 0]
+        step /= np.abs(step).max(-1, keepdims=True).clip(1.0)  # a longer step might overshoot
+        odds = odds + step
+        if np.abs(step).max() < SURE:
+            break
+    mean_zero: Array = odds - odds.mean(-1, keepdims=True)
+    return mean_zero
+
+
+def _expected(odds: Array) -> Array:
+    """The expected score of a game of i against j: (..., players, players)."""
+    expected: Array = 1 / (1 + np.exp(odds[..., None, :] - odds[..., :, None]))
+    return expected
+
+
+def _slope(odds: Array) -> Array:
+    """How much the expected score of a game of i and j grows with the difference: (..., players, players)."""
+    slope: Array = _expected(odds) * _expected(-odds)
+    return slope
+
+
+def _laplacian(weights: Array) -> Array:
+    """The sum over pairs of weight * (e_i - e_j)(e_i - e_j)^T, for symmetric weights."""
+    laplacian: Array = np.eye(weights.shape[-1]) * weights.sum(-1)[..., None] - weights
+    return laplacian

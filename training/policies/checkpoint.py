@@ -1,0 +1,173 @@
+"""Checkpoints: one .zip file with everything that a run needs to go on as if it had never stopped.
+
+It contains policy.safetensors (see policy_file), rest.safetensors (what else a run goes on with: its tensors, with all
+other values as JSON in the metadata), worlds.npz (see envs.snapshots), and run.json (see run_header), which says what
+the policy was trained in, and how. Nothing in it is executed.
+"""
+
+import json
+import zipfile
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.storage import strict_json
+from outlast.envs.storage.atomic_write import atomic_write
+
+from ..base import policy_file, run_header, tensor_file
+from ..base.errors import TrainingError
+from ..base.observation_layout import Array, ObservationLayout, scales
+from ..base.run_header import WEIGHTS
+from .policy import ActorCritic
+
+REST = "rest.safetensors"
+WORLDS = "worlds.npz"
+HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, from which no action can be chosen
+
+
+def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
+    """Write a checkpoint, completely or not at all."""
+    with atomic_write(path) as place, zipfile.ZipFile(place, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+
+
+def read_checkpoint(path: Path, names: Collection[str] = (WEIGHTS, REST, WORLDS)) -> dict[str, bytes]:
+    """Read files of a checkpoint. run.json is checked here, the others when they are used. Raises TrainingError."""
+    return run_header.read_checkpoint(path, names, run_header.NEEDED)[1]
+
+
+def header_of(files: dict[str, bytes]) -> run_header.Header:
+    """Return run.json of a checkpoint, with an empty plan if it was not made by a run."""
+    return {"plan": {}, **run_header.parse_header(Path(run_header.NAME), files[run_header.NAME], ())}
+
+
+def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
+    """Raise TrainingError if observations have other fields here than in training."""
+    for key, fields in header["fields"].items():
+        known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
+        if known != here:
+            raise TrainingError(
+                f"the policy was trained on rows '{key}' of {known}; here they are {here or 'not there'}"
+            )
+
+
+def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tuple[Array, Array]:
+    """Return the scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
+    try:
+        return scales(layout, header["fields"])
+    except ValueError as error:
+        raise TrainingError(f"run.json has observations that no scenario has: {error}") from None
+
+
+def policies_in(files: dict[str, bytes]) -> list[dict[str, Tensor]]:
+    """Return the weights of each policy of a checkpoint by name, unchecked. Raises TrainingError."""
+    return _as_tensors(policy_file.parse_weights(files[WEIGHTS], f"{WEIGHTS} of the checkpoint"))
+
+
+def policies_content(policies: Sequence[Mapping[str, Tensor]]) -> bytes:
+    """Return the content of WEIGHTS, given the weights of each policy by name."""
+    return policy_file.weights_content([{name: _as_array(values) for name, values in own.items()} for own in policies])
+
+
+def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]]]:
+    """Read what a saved policy plays with, from a checkpoint or a file of weights. Raises TrainingError.
+
+    Returns:
+        run.json, and the weights of each policy by name, unchecked.
+    """
+    header, policies = policy_file.read(path)
+    return {"plan": {}, **header}, _as_tensors(policies)
+
+
+def load_weights(policy: ActorCritic, weights: Any, where: str = WEIGHTS) -> None:
+    """Load weights into a policy. Raises TrainingError if they are not those of such a policy."""
+    own = policy.state_dict()
+    if not isinstance(weights, dict) or weights.keys() != own.keys():
+        raise TrainingError(f"{where} of the checkpoint does not hold the weights of this policy")
+    for name, weight in own.items():
+        check_like(weights[name], weight, f"{name} in {where}")
+    if name := wrong_weight(weights):
+        raise TrainingError(f"{name} in {where} of the checkpoint has numbers beyond {HEAVIEST}, or that are none")
+    policy.load_state_dict(weights)
+
+
+def wrong_weight(weights: Mapping[str, Tensor]) -> str:
+    """The name of the first weights that are NaN or beyond HEAVIEST; "" if all are as they should be."""
+    return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
+
+
+def check_like(given: Any, own: Tensor, name: str) -> None:
+    """Raise TrainingError unless `given` is a tensor of the same shape and type."""
+    if not isinstance(given, Tensor) or given.shape != own.shape or given.dtype != own.dtype:
+        found = f"{given.dtype} {tuple(given.shape)}" if isinstance(given, Tensor) else "no tensor"
+        raise TrainingError(f"{name} of the checkpoint is {found}: {own.dtype} {tuple(own.shape)} is needed")
+
+
+def check_state(given: Any, like: Any, name: str) -> None:
+    """Raise TrainingError unless `given` has the same names, with finite tensors of the same shapes and types."""
+    if not isinstance(like, dict):
+        check_like(given, like, f"{name} in {REST}")
+        if not torch.isfinite(given).all():
+            raise TrainingError(f"{name} in {REST} of the checkpoint is not finite")
+    elif not isinstance(given, dict) or given.keys() != like.keys():
+        raise TrainingError(f"{name} in {REST} of the checkpoint is not what a run goes on with")
+    else:
+        for key, value in like.items():
+            check_state(given[key], value, f"{name} {key}")
+
+
+def tree_content(tree: dict[str, Any]) -> bytes:
+    """Return the content of a file with dicts of tensors and plain values, in each other and in lists.
+
+    Tensors are called by their place, "learners/0/minibatches". The text beside them is the tree without them, as JSON.
+    """
+    tensors = dict[str, Array]()
+    return tensor_file.content(tensors, json.dumps(_without_tensors(tree, "", tensors)))
+
+
+def load_tree(files: dict[str, bytes], name: str) -> Any:
+    """Return what `tree_content` made one of the files from, unchecked. Raises TrainingError."""
+    wrong = f"{name} of the checkpoint is not what a run goes on with"
+    try:
+        text, tensors = tensor_file.parse(files[name])
+        tree = strict_json.parse(text)
+    except strict_json.BROKEN as error:
+        raise TrainingError(f"{wrong}: {error}") from error
+    for place, values in tensors.items():
+        *path, last = place.split("/")
+        try:
+            node = tree
+            for key in path:
+                node = node[int(key) if isinstance(node, list) else key]
+            if not isinstance(node, dict) or last in node:
+                raise KeyError(last)
+            node[last] = torch.from_numpy(values)
+        except (LookupError, TypeError, ValueError) as error:
+            raise TrainingError(f"{wrong}: there is no place for its tensor {place:.80}") from error
+    return tree
+
+
+def _without_tensors(node: Any, place: str, tensors: dict[str, Array]) -> Any:
+    """Return a part of a tree without its tensors, and add these by their places."""
+    if isinstance(node, list):
+        return [_without_tensors(each, f"{place}{k}/", tensors) for k, each in enumerate(node)]
+    if not isinstance(node, dict):
+        return node
+    own = {name: each for name, each in node.items() if isinstance(each, Tensor)}
+    tensors |= {f"{place}{name}": _as_array(each) for name, each in own.items()}
+    others = node.keys() - own.keys()
+    return {name: _without_tensors(node[name], f"{place}{name}/", tensors) for name in node if name in others}
+
+
+def _as_array(tensor: Tensor) -> Array:
+    found: Array = tensor.detach().cpu().numpy()
+    return found
+
+
+def _as_tensors(policies: Sequence[Mapping[str, Array]]) -> list[dict[str, Tensor]]:
+    return [{name: torch.from_numpy(values) for name, values in own.items()} for own in policies]

@@ -1,0 +1,130 @@
+"""What a policy thinks of what it observes: probabilities, values, attention.
+
+This is slower than acting, and separate from it.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+from torch.nn.utils.rnn import pad_sequence
+
+from ..base.observation_layout import MASK, OWN, ObservationLayout
+from .networks import Extractor
+from .policy import NEVER, ActorCritic
+from .rows import Observed, Rows
+from .torch_settings import FLOAT, INDEX
+
+Array = np.ndarray[Any, Any]
+Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and its memory afterwards
+Question = Callable[[ActorCritic, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
+
+
+class Explainer:
+    """Explains the policy of a player; made by `Player.explainer`.
+
+    Attributes:
+        entities: (key of the observation, rows) of each kind of entities that agents attend to.
+        reset: As in Player.
+    """
+
+    def __init__(
+        self,
+        ask: Callable[[dict[str, Array], Question], list[Array]],
+        layout: ObservationLayout,
+        actions: Sequence[int],
+        *,
+        leaky: bool,
+        reset: Callable[[Array], None] | None,
+        critic: bool = True,
+    ) -> None:
+        """Make an explainer from a function that asks the policies of a player.
+
+        Args:
+            ask: Asks each policy about its own agents, and returns the joined answers.
+            layout: Layout of the observations.
+            actions: How many values each action has.
+            leaky: Whether hidden rows are attended to, too.
+            reset: As in Player.
+            critic: As in Player.
+        """
+        self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
+        self._critic = critic
+        self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
+
+    def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """Explain what each agent is about to do; memory moves on by a step.
+
+        Args:
+            observations: float32 (..., agents, ...), as the player takes them.
+
+        Returns:
+            Values float32 (..., agents), of the critic, in the units that it was trained in; NaN without a critic, or
+            with one that learned from the state of the world. Probabilities float32 (..., agents, values), of each
+            value of each action, one action after the other. Attention float32 (..., agents, rows), the share that each
+            row of `entities` gets, averaged over heads and over the rows that attend; together at most 1.
+
+        Raises:
+            TrainingError: As in Player.
+        """
+        values, likely, attention = self._ask(observations, self._explain)
+        if not self._leaky:
+            attention = self._spread(attention, observations)
+        leading = observations[OWN].shape[:-1]
+        return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
+
+    def _explain(self, policy: ActorCritic, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
+        if self._critic and policy.overview is None:
+            logs, values, after = policy(seen, memory, begins)
+        else:  # its critic is not there, or needs the state of the world, which is not there in play
+            logs, after = policy.logs(seen, memory, begins)
+            values = torch.full((len(seen),), torch.nan, **FLOAT)
+        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
+        attention = attended(cast(Extractor, policy.extractors[0]), seen)
+        return [values.numpy(), likely.numpy(), attention.numpy()], after
+
+    def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
+        """Attention of all rows, (batch, rows), from that of the visible ones, which come first in `packed`."""
+        kinds = self._layout.kinds
+        masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
+        visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
+        spread = np.zeros(visible.shape, np.float32)
+        spread[visible] = packed[np.arange(visible.shape[1]) < visible.sum(1)[:, None]]
+        return spread
+
+
+def attended(extractor: Extractor, seen: Observed) -> Tensor:
+    """The share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
+
+    With Rows, only what is seen is attended to: the shares of what an agent sees come first, in order, and then zeros.
+    """
+    weight, bias = extractor.weight * extractor.scale, extractor.bias
+    if isinstance(seen, Rows):
+        embedded = extractor._active(seen.entities @ torch.cat([weight, bias]))
+        rows = pad_sequence(list(torch.split(embedded, seen.known.tolist())), batch_first=True)
+        visible = torch.arange(rows.shape[1], **INDEX) < seen.count[:, None]
+        shares = _shares(extractor, rows, visible, (~visible).float() * NEVER)
+        return functional.pad(shares, (0, extractor.layout.rows - rows.shape[1]))
+    matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
+    parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
+    known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
+    padding = torch.zeros(len(seen), 1, weight.shape[1], **FLOAT)  # a row that all rows see, and that attends like them
+    visible = functional.pad(seen.seen, (0, 1), value=1.0)
+    return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
+
+
+def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
+    """How much of the attention of visible rows each row gets: (batch, rows).
+
+    rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: what is added to logits, (batch, rows).
+    """
+    heads, count = extractor.preset.heads, rows.shape[1]
+    if not count:
+        return rows.new_zeros(len(rows), 0)
+    mask = raised[:, None, None].expand(-1, heads, count, -1).reshape(-1, count, count)
+    _, weights = extractor.attention(rows, rows, rows, attn_mask=mask)
+    shares = (weights * visible[:, :, None]).sum(1) / visible.sum(1, keepdim=True).clamp(min=1)
+    return cast(Tensor, shares)

@@ -1,0 +1,170 @@
+"""The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
+
+Only the average of attention's output is needed, so linear maps of the rows are moved behind the average, and only what
+is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. Attention that also
+reaches hidden rows is in authors_attention.py.
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..base.observation_layout import ObservationLayout
+from ..base.presets import Preset
+from . import authors_attention
+from .rows import Observed, Rows
+from .torch_settings import FLOAT
+
+ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
+GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
+
+
+class Extractor(nn.Module):
+    """Turns what agents observe into features (batch, 2 * width): half from their own numbers, half from entities."""
+
+    own_scale: Tensor
+    scale: Tensor
+
+    def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
+        super().__init__()
+        if preset.leaky and not (preset.padded and preset.activation == "tanh"):
+            raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as attend does")
+        self.layout, self.preset, width = layout, preset, preset.width
+        self.own = nn.Linear(layout.own, width, **FLOAT)
+        widths = [kind.features for kind in layout.kinds]
+        self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, one below the other
+        self.bias = nn.Parameter(torch.zeros(len(widths), width, **FLOAT))
+        self.attention = nn.MultiheadAttention(
+            width, preset.heads, batch_first=True, **FLOAT
+        )  # only its parameters are used
+        self._constant("own_scale", torch.ones(layout.own, **FLOAT))
+        self._constant("scale", torch.ones(sum(widths), 1, **FLOAT))
+        self.set_scales(scales)
+        self._initialise(widths)
+
+    def set_scales(self, scales: tuple[Any, Any]) -> None:
+        """Set what inputs are multiplied by, if the preset scales them: see observation_layout.scales."""
+        if self.preset.scaled:
+            own, kinds = (torch.as_tensor(each, **FLOAT) for each in scales)
+            self.own_scale.copy_(own)
+            self.scale.copy_(kinds[:, None])
+
+    def forward(self, seen: Observed) -> Tensor:
+        """Turn what a batch of agents observes into features, float32 (batch, 2 * width)."""
+        own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
+        if isinstance(seen, Rows):
+            entities = self._attend_seen(seen)
+        else:
+            entities = authors_attention.attend(seen, self.weight * self.scale, self.bias, self.attention)
+        return torch.cat([self._active(own), entities], 1)
+
+    def _attend_seen(self, seen: Rows) -> Tensor:
+        """The average of the outputs of attention among the rows of each agent, 0 where it sees none: (batch, width).
+
+        Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
+        """
+        width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
+        embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
+        query, key = seen.pairs
+        into = self.attention
+        queries, keys, values = functional.linear(embedded, into.in_proj_weight, into.in_proj_bias).chunk(3, 1)
+        logits = queries.index_select(0, query) * keys.index_select(0, key)
+        logits = logits.view(len(query), heads, width // heads).sum(2) * (width // heads) ** -0.5
+        with torch.no_grad():  # so that exp cannot overflow
+            highest = torch.segment_reduce(logits, "max", lengths=seen.each, unsafe=True)
+        weights = (logits - highest.index_select(0, query)).exp()
+        total = weights.new_zeros(rows, heads).index_add(0, query, weights)
+        weights = weights / total.index_select(0, query)
+        weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
+        values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
+        sums = values.new_zeros(seen.owners, width).index_add(0, seen.agent, values)[:batch]
+        mean = sums / seen.count.clamp(min=1)[:, None]
+        out = self.attention.out_proj
+        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
+
+    def _active(self, values: Tensor) -> Tensor:
+        return ACTIVATIONS[self.preset.activation](values)
+
+    def _constant(self, name: str, values: Tensor) -> None:
+        self.register_buffer(name, values, persistent=False)
+
+    def _initialise(self, widths: list[int]) -> None:
+        for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
+            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
+        for layer in (self.own, self.attention.out_proj):
+            orthogonal(layer.weight, GAIN)
+            nn.init.zeros_(layer.bias)
+
+
+class Memory(nn.GRUCell):
+    """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
+
+    def __init__(self, features: int, width: int) -> None:
+        """features: How many there are in a step. width: How many numbers the memory has."""
+        super().__init__(features, width, **FLOAT)
+        for weight in (self.weight_ih, self.weight_hh):
+            for gate in weight.data.chunk(3):
+                orthogonal(gate, 1.0)
+        for bias in (self.bias_ih, self.bias_hh):
+            nn.init.zeros_(bias)
+
+    def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Process steps, one after the other.
+
+        Args:
+            features: float32 (steps * agents, features), step after step.
+            memory: float32 (agents, width), before the first step.
+            begins: bool (steps, agents), whether an agent's memory is 0 before the step, whatever it was.
+
+        Returns:
+            The memory after each step (steps * agents, width), and after the last one (agents, width).
+        """
+        after, kept = [], (~begins).to(features.dtype)[:, :, None]
+        for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
+            memory = self(now, memory * goes_on)
+            after.append(memory)
+        return torch.cat(after), memory
+
+
+class Tower(nn.Module):
+    """Two dense layers and a linear one: (batch, inputs) to (batch, outputs)."""
+
+    def __init__(self, preset: Preset, inputs: int, outputs: int, gain: float) -> None:
+        super().__init__()
+        self.activation = ACTIVATIONS[preset.activation]
+        self.first = nn.Linear(inputs, preset.hidden, **FLOAT)
+        self.second = nn.Linear(preset.hidden, preset.hidden, **FLOAT)
+        self.last = nn.Linear(preset.hidden, outputs, **FLOAT)
+        for layer, own in ((self.first, GAIN), (self.second, GAIN), (self.last, gain)):
+            orthogonal(layer.weight, own)
+            nn.init.zeros_(layer.bias)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map (batch, inputs) to (batch, outputs)."""
+        out: Tensor = self.last(self.inner(features))
+        return out
+
+    def inner(self, features: Tensor) -> Tensor:
+        """The input of the last layer: (batch, hidden)."""
+        return self.behind_first(self.activation(self.first(features)))
+
+    def behind_first(self, first: Tensor) -> Tensor:
+        """The input of the last layer, from the output of the first: both (batch, hidden)."""
+        return self.activation(self.second(first))
+
+
+def dense(inputs: int, outputs: int) -> nn.Linear:
+    """Make a dense layer with orthogonal weights and a bias of 0."""
+    layer = nn.Linear(inputs, outputs, **FLOAT)
+    orthogonal(layer.weight, GAIN)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def orthogonal(weight: Tensor, gain: float) -> Tensor:
+    """Fill a weight (outputs, inputs) with an orthogonal matrix and return it."""
+    filled: Tensor = nn.init.orthogonal_(weight, gain)
+    return filled

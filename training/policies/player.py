@@ -1,0 +1,330 @@
+"""Trained policies as functions (observations) -> actions, which every adapter accepts as opponents."""
+
+import contextlib
+import copy
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.envs.core.validation import check_count
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import install
+from outlast.envs.rollout.saved import REVEALED, cameras_mode, located
+from outlast.envs.scenarios.scenario import Scenario
+
+try:
+    import torch
+
+    from ..base import policy_file, run_header
+    from . import checkpoint
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
+
+from ..base.errors import TrainingError
+from ..base.noise import EpisodeNoise
+from ..base.observation_layout import OWN, ObservationLayout
+from ..base.presets import preset
+from .explainer import Answer, Explainer, Question
+from .packer import Packer
+from .policy import ActorCritic
+from .rows import Observed
+from .torch_settings import FLOAT, playing
+
+Array = np.ndarray[Any, Any]
+
+
+class Player:
+    """The policy of a checkpoint: a function of observations, float32 (..., agents, ...), to actions.
+
+    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations that it was trained with
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
+
+    Actions are int64 (..., agents, actions), sampled by a generator of its own, or the likeliest ones without a seed.
+    They are computed on one thread, whatever number PyTorch is set to, and that setting stays as it is.
+
+    A policy with a memory keeps what each agent remembers, and `reset` tells it where episodes begin; environments call
+    that, and in loops of your own `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
+
+    Attributes:
+        memory: Numbers that each agent remembers; 0: none.
+        state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
+        critic: Whether its file has the critic, without which it plays, but values are not known.
+        reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
+            a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
+            must be told of all worlds.
+    """
+
+    def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
+        """Read a policy. Only tensors and numbers are read; nothing in the file is executed. Raises TrainingError.
+
+        path: A model's name, a file, or the content of the files in a checkpoint. seed: See `load_policy`.
+        """
+        if isinstance(path, dict):
+            self._origin, self.header, weights = "", checkpoint.header_of(path), checkpoint.policies_in(path)
+        else:
+            self._origin = f"{path}: "
+            self.header, weights = checkpoint.read_policies(located(path))
+        self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
+        self.layout = ObservationLayout(self.shapes, self.header["fields"])
+        self.preset = preset(self.header["preset"])
+        self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
+        self.memory: int = self.header["memory"]
+        self.state: int = self.header["state"]
+        self.reset = self._reset if self.memory else None
+        self._begins: Array | None = None  # bool, in which worlds episodes begin
+        self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
+        self.critic = any(_is_of_critic(name) for own in weights for name in own)
+        try:
+            with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
+                self.policies = self._make_policies(weights)
+        except TrainingError as error:
+            raise TrainingError(f"{path} is broken: {error}") from None
+        self.generator = None if seed is None else torch.Generator().manual_seed(seed)
+        self._noise: Callable[[], Array] | None = None  # see `key_by`
+        self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
+
+    def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[ActorCritic]:
+        """Make the policies; sizes in run.json are checked against those of their weights first."""
+        layout, actions = self.layout, self.header["actions"]
+        self.team = np.array(self.header["team"])
+        self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
+        if not 0 <= self.team.min() <= self.team.max() < len(weights):
+            raise TrainingError(f"run.json has a team of other policies than the {len(weights)} that are saved")
+        inputs = layout.own + sum(kind.features for kind in layout.kinds)
+        state = self.state if self.critic else 0
+        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
+        if least * len(weights) > sum(values.numel() for own in weights for values in own.values()):
+            raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
+        sizes, policies = checkpoint.recorded_scales(self.header, layout), []
+        for own in weights:
+            policy = ActorCritic(
+                actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
+            )
+            if not self.critic:
+                blank = {name: torch.zeros_like(each) for name, each in policy.state_dict().items()}
+                own = {name: each for name, each in blank.items() if _is_of_critic(name)} | own
+            checkpoint.load_weights(policy, own)
+            policies.append(policy)
+        return policies
+
+    def scenario(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with the observations that this policy was trained with."""
+        return self.preset.scenario(scenario)
+
+    def check(self, env: SurvivalVectorEnv) -> None:
+        """Check that the policy can play in these worlds. Raises TrainingError."""
+        with self._named():
+            self._check(env._reader.views)  # whatever form a learner gets them in
+            checkpoint.check_fields(self.header, env)
+            known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
+            if known != asked:
+                raise TrainingError(
+                    f"the policy was trained where actions have {known} values, and here they have {asked}: take the "
+                    "mechanics that it was trained with, as by --with 'FineMotors()'"
+                )
+            trained, here = self.preset.cameras, cameras_mode(env.scenario)
+            if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+                raise TrainingError(
+                    f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
+                    f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
+                )
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        """Put the name of the file into errors about the policy, as other policies may play, too."""
+        try:
+            yield
+        except TrainingError as error:
+            raise TrainingError(f"{self._origin}{error}") from None
+
+    def __call__(self, observations: dict[str, Array]) -> Array:
+        """Choose the actions for these observations.
+
+        Raises:
+            TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
+                that episodes begin there.
+        """
+        (logs,) = self._ask(observations, _logs)
+        with playing():
+            batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), self._uniform(len(logs), logs.shape[2])
+            numbers = [uniform if uniform is None else uniform + shift for shift in self._shifts]
+            actions: Array = torch.cat([self.policies[0].choose(batch_last, each) for each in numbers], 1).numpy()
+        return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
+
+    def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
+        """Sample actions by the keys of worlds from now on, instead of by a running generator; see EpisodeNoise.
+
+        agents: The indices of the agents that it plays in each world, integers (agents,).
+        """
+        self._noise = EpisodeNoise(env, agents)
+
+    def doubted(self, slack: float) -> None:
+        """Return three choices from now on: by numbers that are smaller by `slack`, as drawn, and larger by it.
+
+        Where the cumulative probabilities of another machine differ by less, its choice lies between the first and the
+        last. Actions become int64 (..., agents, 3 * actions).
+        """
+        self._shifts = (-slack, 0.0, slack)
+
+    def _uniform(self, *shape: int) -> torch.Tensor | None:
+        """Uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
+        if self._noise is not None:
+            return torch.from_numpy(self._noise())
+        return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
+
+    def explainer(self) -> Explainer:
+        """Make an explainer of how the policy acts, with a memory of its own; for outlast.record(policy=player)."""
+        own = copy.copy(self)
+        own._begins = own._remembered = None
+        own.reset = own._reset if self.memory else None
+        leaky, actions = self.packer.leaky, self.header["actions"]
+        return Explainer(own._ask, self.layout, actions, leaky=leaky, reset=own.reset, critic=self.critic)
+
+    def _reset(self, where: Array) -> None:
+        """See `reset`."""
+        where = np.asarray(where, bool)
+        if where.all():
+            self._begins, self._remembered = where.copy(), None
+        elif self._begins is not None and self._begins.shape == where.shape:
+            self._begins |= where
+        else:
+            known = None if self._begins is None else self._begins.shape
+            with self._named():
+                raise TrainingError(
+                    f"episodes begin in some of {where.shape} worlds, and the policy has a memory of {known}: "
+                    "tell it of all worlds first, by player.reset(numpy.ones(worlds, bool))"
+                )
+
+    def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """What agents remember, and where their memory begins anew, as policies take both. Raises TrainingError."""
+        known = None if self._begins is None else self._begins.shape
+        if self._begins is None or known != worlds:
+            raise TrainingError(
+                f"the policy has a memory of {known} worlds, and observes {worlds}: tell it where episodes begin, by "
+                "player.reset(numpy.ones(worlds, bool)) before the first call, or let "
+                "outlast.envs.rollout.memory.told(player, env) do it"
+            )
+        begins = torch.from_numpy(np.repeat(self._begins.ravel(), agents))
+        self._begins[...] = False
+        if self._remembered is None:
+            self._remembered = torch.zeros(len(begins), self.memory, **FLOAT)
+        if len(self._remembered) != len(begins):
+            raise TrainingError(
+                f"the policy has a memory of {len(self._remembered)} agents, and observes {len(begins)}: "
+                "make another one of the same file for these"
+            )
+        return self._remembered, begins
+
+    def _ask(self, observations: dict[str, Array], question: Question) -> list[Array]:
+        """Ask the policy, or each of several about its own agents; returns the arrays (batch, ...) of the answers.
+
+        Memory moves on by a step. Raises TrainingError.
+        """
+        memory, begins = None, None
+        with self._named():
+            self._check(observations)
+            if self.memory:
+                leading = observations[OWN].shape[:-1]
+                memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
+        with playing():
+            return self._answers(self.packer(observations), memory, begins, question)
+
+    def _answers(
+        self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None, question: Question
+    ) -> list[Array]:
+        if len(self.policies) == 1:
+            answers, self._remembered = question(self.policies[0], seen, memory, begins)
+            return answers
+        joined: list[Array] = []
+        number = self.team[seen.own[:, self.id].numpy().astype(int)]
+        for k in np.unique(number):
+            where = torch.from_numpy(np.flatnonzero(number == k))
+            own = (None, None) if memory is None or begins is None else (memory[where], begins[where])
+            answers, after = question(self.policies[k], seen.select(where), *own)
+            if memory is not None and after is not None:
+                memory[where] = after
+            joined = joined or [np.zeros((len(seen), *answer.shape[1:]), answer.dtype) for answer in answers]
+            for whole, answer in zip(joined, answers, strict=True):
+                whole[number == k] = answer
+        return joined
+
+    def _check(self, observations: dict[str, Array]) -> None:
+        given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
+        if given != self.shapes:
+            raise TrainingError(
+                f"the policy was trained on {self.header['scenario']['name']} and does not fit here: "
+                f"{_differences(self.shapes, given)}; give it a scenario with the same mechanics and counts"
+            )
+
+
+def _is_of_critic(name: str) -> bool:
+    return name.startswith(policy_file.CRITIC)
+
+
+def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
+    """The log probabilities of actions, float32 (batch, values, actions)."""
+    logs, after = policy.logs(seen, memory, begins)
+    return [logs.permute(2, 0, 1).numpy()], after
+
+
+def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:
+    """What differs between the shapes of an agent's observations, in words; masks only if nothing else does."""
+    own = [{key: shape for key, shape in shapes.items() if not key.endswith("_mask")} for shapes in (trained, here)]
+    if own[0] == own[1]:  # as in made-up observations: the masks alone differ
+        own = [trained, here]
+    known, found = own
+    more, gone = sorted(found.keys() - known.keys()), sorted(known.keys() - found.keys())
+    parts = [f"it knows no {', '.join(more)}"] if more else []
+    parts += [f"it needs {', '.join(gone)}"] if gone else []
+    for key in sorted(known.keys() & found.keys()):
+        if known[key] != found[key]:
+            sizes = (" x ".join(map(str, shape)) or "one number" for shape in (known[key], found[key]))
+            parts.append("{} is {} in training and {} here".format(key, *sizes))
+    return "; ".join(parts)
+
+
+def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list[dict[str, Array]]]:
+    """Return run.json of a saved policy, and its weights by name, float32; several if teams have policies of their own.
+
+    Args:
+        path: The file.
+        critic: Whether the weights that only values need are among them, if the file has them.
+
+    Raises:
+        TrainingError: The file cannot be read, or is damaged.
+    """
+    player = Player(path)
+    left_out = () if critic and player.critic else policy_file.CRITIC
+    return player.header, [
+        {name: values.numpy() for name, values in policy.state_dict().items() if not name.startswith(left_out)}
+        for policy in player.policies
+    ]
+
+
+def load_policy(path: str | Path, seed: int | None = 0) -> Player:
+    """Load a saved policy, to play with or against: a model by its name, or what `outlast train` has saved.
+
+    >>> env = gymnasium.make("outlast/Teams3-v1", others=outlast.load_policy("teams_3/fast-0"))
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
+
+    Args:
+        path: The name of a model, of which `outlast models` prints a list; the file, `steps_0001000000.zip` or
+            FILE.safetensors; or the folder of a run, for its newest checkpoint. A text that is a model's name is never
+            taken for a path: name the folder "./teams_3/fast-0", or as a pathlib.Path.
+        seed: Seed of the generator that samples actions; None: the likeliest actions.
+
+    Returns:
+        A function of observations, float32 (..., agents, ...) by key, to actions, int64 (..., agents, actions); see
+        Player.
+
+    Raises:
+        TrainingError: The file cannot be read, or is damaged.
+        UsageError: A folder is not that of a single run, or a model cannot be had.
+        ValueError: The seed is not valid.
+    """
+    if seed is not None:
+        check_count("seed", seed, 0, 2**64 - 1)
+    return Player(path, seed)

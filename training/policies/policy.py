@@ -1,0 +1,200 @@
+"""Policy and value networks with several independent actions."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..base.observation_layout import ObservationLayout
+from ..base.presets import Preset
+from .networks import Extractor, Memory, Tower, dense
+from .rows import Observed
+from .torch_settings import FLOAT, INDEX
+
+NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
+GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
+
+
+class MultiCategorical(nn.Module):
+    """Independent categorical distributions, given the logits of all of them in one row.
+
+    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Actions with fewer values than others are padded with values of probability 0.
+    """
+
+    where: Tensor
+    never: Tensor
+    beyond: Tensor
+
+    def __init__(self, sizes: Sequence[int]) -> None:
+        """sizes: how many values each action has."""
+        super().__init__()
+        self.shape, start = (max(sizes), len(sizes)), 0
+        where, never = torch.zeros(self.shape, **INDEX), torch.full(self.shape, NEVER, **FLOAT)
+        for k, size in enumerate(sizes):
+            where[:size, k] = torch.arange(start, start + size, **INDEX)
+            never[:size, k] = 0
+            start += size
+        self.register_buffer("where", where.flatten(), persistent=False)
+        self.register_buffer("never", never.flatten(), persistent=False)
+        beyond = torch.arange(1, max(sizes), **INDEX)[:, None, None] >= torch.tensor(sizes, **INDEX)[:, None]
+        self.register_buffer("beyond", beyond, persistent=False)
+
+    def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
+        """Log probabilities of all values, (values, actions, batch), of features that the head turns into logits."""
+        weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
+        logits = torch.addmm(bias[:, None], weight, features.T)
+        return logits.view(*self.shape, len(features)).log_softmax(0)
+
+    @staticmethod
+    def of(actions: Tensor, logs: Tensor) -> Tensor:
+        """Return the log probabilities of joint actions (batch, actions): (batch,)."""
+        return logs.gather(0, actions.T[None]).sum((0, 1))
+
+    @staticmethod
+    def entropy(logs: Tensor) -> Tensor:
+        """The entropy of the joint actions: (batch,)."""
+        return -(logs.exp() * logs).sum((0, 1))
+
+    @staticmethod
+    def likeliest(logs: Tensor) -> Tensor:
+        """The likeliest joint actions, int64 (batch, actions)."""
+        return logs.argmax(0).T
+
+    def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
+        """Sample joint actions, int64 (batch, actions), by one uniform number for each action, (batch, actions)."""
+        below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all probabilities below 1
+        return (below <= uniform.T).sum(0).T
+
+
+class ActorCritic(nn.Module):
+    """Policy and value networks of a preset. Actions are int64 (batch, actions).
+
+    Attributes:
+        memory: How many numbers each agent keeps from step to step; 0: none.
+        apart: Whether values have networks of their own, so that nothing is computed twice if they are asked for later.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        *,
+        layout: ObservationLayout,
+        preset: Preset,
+        scales: tuple[Any, Any],
+        memory: int = 0,
+        state: int = 0,
+    ) -> None:
+        """Make networks with random weights.
+
+        Args:
+            sizes: How many values each action has.
+            layout: Layout of the observations.
+            preset: What the networks are like.
+            scales: Factors of inputs, see observation_layout.scales.
+            memory: Numbers that each agent keeps from step to step; 0: none.
+            state: Numbers of the state of a world that the critic learns from; 0: none.
+        """
+        super().__init__()
+        self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
+        self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
+        self.apart = not (preset.shared or memory)
+        self.recurrent = Memory(inputs, memory) if memory else None
+        self.overview = dense(state, preset.hidden) if state else None
+        self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
+        self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
+        self.choices = MultiCategorical(sizes)
+
+    def forward(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Go through one step of a batch of agents or, with a memory, through several.
+
+        Args:
+            seen: What is observed: in several steps, what the same agents observe, step after step. It includes the
+                state of worlds if the critic learns from that.
+            memory: float32 (agents, width), before the first step; None for a policy without a memory.
+            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
+
+        Returns:
+            Log probabilities of all values of all actions (values, actions, batch), values (batch,), and the memory
+            after the last step.
+        """
+        features = [extractor(seen) for extractor in self.extractors]
+        if self.recurrent is not None:
+            after, memory = self._remember(features[0], memory, begins)
+            features = [torch.cat([each, after], 1) for each in features]
+        if self.overview is None and len(features) == 1:
+            return *self._both(features[0]), memory
+        return self._logs(self.actor.inner(features[0])), self._valued(features[-1], seen), memory
+
+    def logs(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """Return the log probabilities and the memory only, for callers that need no values; see `forward`."""
+        features = self.extractors[0](seen)
+        if self.recurrent is not None:
+            after, memory = self._remember(features, memory, begins)
+            features = torch.cat([features, after], 1)
+        return self._logs(self.actor.inner(features)), memory
+
+    def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
+        """Return the values only, for callers that choose no actions; see `forward`."""
+        if self.apart:
+            return self._valued(self.extractors[-1](seen), seen)
+        values: Tensor = self(seen, memory, begins)[1]
+        return values
+
+    def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
+        """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
+        return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
+
+    def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
+        """The memory after each step, and after the last one; see Memory.through."""
+        if self.recurrent is None or memory is None or begins is None:
+            raise ValueError("a policy with a memory needs `memory` and `begins`")
+        return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
+
+    def _valued(self, features: Tensor, seen: Observed) -> Tensor:
+        """Values by the features of the critic and, if it learns from that, the state of the worlds."""
+        if self.overview is not None:
+            features = torch.cat([features, self.critic.activation(self.overview(seen.state))], 1)
+        values: Tensor = self.critic(features).flatten()
+        return values
+
+    def _both(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Log probabilities and values of the same features: the first layers of both towers are one product."""
+        actor, critic = self.actor, self.critic
+        weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
+        both = actor.activation(functional.linear(features, weight, bias)).chunk(2, 1)
+        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
+
+    def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
+        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
+
+        Raises RuntimeError, as load_state_dict does, if its networks differ.
+
+        Args:
+            other: The policy to take the weights from.
+            scale: What numbers of the state are divided by here, over what they are divided by there: float32
+                (numbers,).
+        """
+        self.load_state_dict(other.state_dict())
+        with torch.no_grad():
+            for one, two in zip(self.extractors, other.extractors, strict=True):
+                own, its = cast(Extractor, one), cast(Extractor, two)
+                own.own.weight.mul_(its.own_scale / own.own_scale)
+                own.weight.mul_(its.scale / own.scale)
+            if self.overview is not None:
+                weight = self.overview.weight
+                weight.mul_(torch.as_tensor(scale, dtype=weight.dtype, device=weight.device))
+
+    def rescale(self, scales: tuple[Any, Any]) -> None:
+        """Set other scales of inputs: those that the weights were trained with."""
+        for extractor in self.extractors:
+            cast(Extractor, extractor).set_scales(scales)
+
+    def _logs(self, inner: Tensor) -> Tensor:
+        return self.choices.log_probabilities(inner, self.actor.last)

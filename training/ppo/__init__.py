@@ -1,0 +1,4 @@
+"""The learner: a rollout from many worlds, the loss of PPO, minibatches and updates, on one or several processes.
+
+It imports nothing of runs, pages or the paper; `trainer.Trainer` collects and updates, and writes no file.
+"""

@@ -1,0 +1,74 @@
+"""Processes that train together on a Ray cluster: one is this process, the others are tasks of the cluster."""
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import ray
+from ray.exceptions import GetTimeoutError, RayError
+
+import outlast
+from outlast.envs.errors import ClusterError
+from outlast.envs.rollout.ray import connected
+
+from ..base.errors import TrainingError
+from .crew import GRACE, POLL, WRONG, Crew, Member, join, joined, listening
+
+
+def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
+    """Do as `crew.recruit`, on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
+    with contextlib.ExitStack() as opened:
+        opened.enter_context(connected(address))
+        cores = int(ray.cluster_resources().get("CPU", 0))
+        if cores < size - 1:
+            raise ClusterError(f"the cluster has {cores} cores: {size} processes need {size - 1}, and one here")
+        here = ray.util.get_node_ip_address()
+        store = listening(here)
+        run = ray.remote(num_cpus=1, max_retries=0)(_join_from_worker)
+        given = (outlast.__version__, here, store.port, work, *arguments)
+        tasks = [run.remote(rank, size, *given) for rank in range(1, size)]
+        return Member(0, size, here, store, Tasks(tasks, store, opened.pop_all()))
+
+
+class Tasks:
+    """The other processes of the crew, as tasks that run on the cluster."""
+
+    def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
+        """tasks: Ray's references to their results. opened: What is closed when they are stopped."""
+        self.tasks, self.store, self.opened = tasks, store, opened
+
+    def wait(self) -> None:
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
+        while not joined(self.store, len(self.tasks) + 1):
+            if ray.wait(self.tasks, timeout=0)[0]:
+                raise TrainingError(self.reason(), lost=True)
+            time.sleep(POLL)
+
+    def reason(self) -> str:
+        """What one of them reports as wrong, or how it ended; "" if none has failed."""
+        ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
+        for rank in range(1, len(self.tasks) + 1):
+            if self.store.check([WRONG.format(rank)]):
+                wrong = self.store.get(WRONG.format(rank)).decode()
+                return f"process {rank + 1} of {len(self.tasks) + 1}: {wrong}"
+        for rank, task in enumerate(self.tasks, 1):
+            try:
+                ray.get(task, timeout=0)
+            except GetTimeoutError:  # it still runs
+                continue
+            except RayError as error:
+                wrong = f"was lost ({type(error).__name__})"
+                return f"process {rank + 1} of {len(self.tasks) + 1} {wrong}; go on with --resume"
+        return ""
+
+    def stop(self) -> None:
+        """Let them end, which they do when they lose this process, and close the connection."""
+        with self.opened:
+            ray.wait(self.tasks, num_returns=len(self.tasks), timeout=GRACE)
+
+
+def _join_from_worker(rank: int, size: int, version: str, first: str, port: int, work: Any, *arguments: Any) -> None:
+    if version != outlast.__version__:
+        raise ClusterError(f"a worker has outlast {outlast.__version__}, the first process {version}: install the same")
+    join(rank, size, ray.util.get_node_ip_address(), first, port, work, *arguments)

@@ -1,0 +1,256 @@
+"""Processes that train together: each plays in a share of the worlds, and their results are summed up."""
+
+import contextlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from datetime import timedelta
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch import distributed as dist
+
+from outlast.envs.storage.interrupts import ignored
+
+from ..base.errors import TrainingError
+from ..base.processes import GUARD, spawning
+
+Array = np.ndarray[Any, Any]
+HOST = "127.0.0.1"
+TIMEOUT = timedelta(minutes=30)  # how long others wait for a process that is busy alone: compiling, writing files
+POLL, GRACE = 0.02, 5.0  # seconds: between checks of processes that begin; that a failed process has for ending
+BEGUN, JOINS, WRONG = "begun {}", "joins {}", "wrong {}"  # what process {} sets in the store; WRONG: what failed
+LOST = 75  # exit status of a process whose only fault is that it lost another one
+
+
+class Crew:
+    """The processes that train together; here only one, so sums stay as they are and nothing is sent.
+
+    Attributes:
+        rank: The number of this process; the first, 0, is the one that logs and writes files.
+        size: How many processes there are.
+    """
+
+    def __init__(self, rank: int = 0, size: int = 1) -> None:
+        self.rank, self.size = rank, size
+
+    def share(self, count: int) -> range:
+        """Which of `count` worlds belong to this process."""
+        return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
+
+    def sum(self, tensors: Sequence[Tensor]) -> None:
+        """Replace tensors, of one type, by their sums over all processes."""
+
+    def gather(self, array: Array, axis: int = 0) -> Array:
+        """The arrays of all processes, joined along an axis in order of rank."""
+        return array
+
+    def gather_values(self, own: Any) -> list[Any]:
+        """The values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
+        return [own]
+
+    @contextlib.contextmanager
+    def first_ahead(self) -> Iterator[None]:
+        """A context that the first process goes through before all others: it compiles, they load."""
+        yield
+
+    def close(self) -> None:
+        """Leave the others; the first process stops them."""
+
+
+class Member(Crew):
+    """One of several processes."""
+
+    def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
+        """Make a member; it joins the others when it first sends something.
+
+        Args:
+            rank: The number of this process.
+            size: How many processes there are.
+            host: The address at which the others reach this process.
+            store: Where the processes find each other.
+            others: The processes that this one has started.
+        """
+        super().__init__(rank, size)
+        self._host, self._store, self._others, self._joined = host, store, others, None
+
+    def sum(self, tensors: Sequence[Tensor]) -> None:
+        """Send them as one tensor, so that one message goes each way; tensors of a GPU go by way of the CPU."""
+        flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
+        self._run(lambda group: group.allreduce([flat]))
+        for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
+            tensor.copy_(total.view_as(tensor))
+
+    def gather(self, array: Array, axis: int = 0) -> Array:
+        """Send them as bytes, filled up to the length of the longest."""
+        rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
+        lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
+        each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
+        padded = np.zeros(max(lengths) * each, np.uint8)
+        padded[: rows.nbytes] = rows.reshape(-1).view(np.uint8)
+        parts = [part[: length * each] for part, length in zip(self._gather(padded), lengths, strict=True)]
+        joined = np.concatenate(parts).view(rows.dtype).reshape(sum(lengths), *rows.shape[1:])
+        return np.moveaxis(joined, 0, axis)
+
+    def gather_values(self, own: Any) -> list[Any]:
+        """Send them as JSON, so that nothing which is received is executed."""
+        lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
+        return [json.loads(line) for line in lines]
+
+    @contextlib.contextmanager
+    def first_ahead(self) -> Iterator[None]:
+        """Let the others wait for a message from the first."""
+        if self.rank:
+            self._gather(np.zeros(1, np.uint8))
+        yield
+        if not self.rank:
+            self._gather(np.zeros(1, np.uint8))
+
+    def close(self) -> None:
+        """Leave the others, and stop those that this process has started."""
+        self._joined = None
+        if self._others is not None:
+            self._others.stop()
+
+    def _gather(self, own: Array) -> Array:
+        """The bytes of all processes, equally many from each: uint8 (processes, bytes)."""
+        found = torch.zeros((self.size, len(own)), dtype=torch.uint8, device="cpu")
+        self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
+        gathered: Array = found.numpy()
+        return gathered
+
+    def _run(self, begin: Callable[[Any], Any]) -> None:
+        """Do something together with all processes. Raises TrainingError if one is lost."""
+        try:
+            if self._joined is None:
+                if self._others is not None:
+                    self._others.wait()
+                else:
+                    self._store.set(JOINS.format(self.rank), "")
+                self._joined = _group(self._store, self.rank, self.size, self._host)
+            begin(self._joined).wait()
+        except RuntimeError as error:
+            reason = self._others.reason() if self._others is not None else ""
+            text = reason or f"the processes that train together lost each other: {error}"
+            raise TrainingError(text, lost=True) from error
+
+
+class Others(Protocol):
+    """The processes that the first one has started."""
+
+    def wait(self) -> None:
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
+
+    def reason(self) -> str:
+        """Why one of them ended; "" if none did."""
+
+    def stop(self) -> None:
+        """End them."""
+
+
+class Children:
+    """Processes on the same machine, which end with this one."""
+
+    def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: Any) -> None:
+        self.size, self.store = size, store
+        context = spawning()
+        self.processes = [
+            context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
+            for rank in range(1, size)
+        ]
+        with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
+            for process in self.processes:
+                process.start()
+
+    def wait(self) -> None:
+        """Wait until all are about to join. Raises TrainingError if one ended instead."""
+        while not joined(self.store, self.size):
+            if any(not process.is_alive() for process in self.processes):
+                raise TrainingError(self.reason(), lost=True)
+            time.sleep(POLL)
+
+    def reason(self) -> str:
+        """What one of them reports as wrong, or how it ended; waits up to GRACE seconds for that."""
+        end = time.monotonic() + GRACE
+        while time.monotonic() < end:
+            for rank, process in enumerate(self.processes, 1):
+                if self.store.check([WRONG.format(rank)]):
+                    return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
+                if not process.is_alive() and (code := process.exitcode or 0) != LOST:
+                    how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
+                    imported = code < 0 or self.store.check([BEGUN.format(rank)])
+                    cure = "; go on with --resume" if imported else f" before it began to train: {GUARD}"
+                    return f"process {rank + 1} of {self.size} {how}{cure}"
+            time.sleep(POLL)
+        return ""
+
+    def stop(self) -> None:
+        """Kill them: they own no files, and may be waiting for each other."""
+        for process in self.processes:
+            process.kill()
+        for process in self.processes:
+            process.join()
+
+
+def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
+    """Make a crew of processes: this one, and others that are started.
+
+    Args:
+        size: How many processes; 1 starts none.
+        work: What the others do, called with their crew; a function of a module.
+        arguments: Further arguments of `work`; picklable.
+    """
+    if size == 1:
+        return Crew()
+    store = listening(HOST)
+    return Member(0, size, HOST, store, Children(size, work, arguments, store))
+
+
+def joined(store: Any, size: int) -> bool:
+    """Whether all of `size` processes, except the first, are about to join."""
+    return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
+
+
+def listening(host: str) -> Any:
+    """Open the store where the processes of a crew find each other: a server in this process, at a free port."""
+    if not dist.is_available():
+        raise TrainingError("this PyTorch was built without torch.distributed, which several processes need")
+    return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)  # type: ignore[attr-defined]
+
+
+def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
+    """Join the crew and do the work, in a process that was started for it.
+
+    Args:
+        rank: The number of the process.
+        size: How many processes there are.
+        host: The address at which this process is reached.
+        first: The address of the first process.
+        port: The port of its store.
+        work: See `recruit`.
+        arguments: See `recruit`.
+    """
+    store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
+    store.set(BEGUN.format(rank), "")
+    crew = Member(rank, size, host, store)
+    try:
+        work(crew, *arguments)
+    except Exception as error:
+        if isinstance(error, TrainingError) and error.lost:
+            raise SystemExit(LOST) from None
+        with contextlib.suppress(RuntimeError):  # if the first process has ended
+            store.set(WRONG.format(rank), f"{error}" or type(error).__name__)
+        raise SystemExit(1) from None
+    finally:
+        crew.close()
+
+
+def _group(store: Any, rank: int, size: int, host: str) -> Any:
+    """The group that messages are sent in: PyTorch's gloo over TCP, among the processes of the store."""
+    options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
+    options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
+    options._timeout = TIMEOUT
+    return dist.ProcessGroupGloo(store, rank, size, options)

@@ -1,0 +1,143 @@
+"""Levels that a function chooses while agents train: what the function is told, and which world plays which level."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import NumberError
+from outlast.envs.core.spaces import statistics
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.levels import Level, check_all, check_free, decoded, encoded
+from outlast.envs.rollout.policies import hashed
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage import strict_json
+
+from ..base.config import Choose
+from ..base.errors import TrainingError
+from ..policies.checkpoint import REST
+from ..policies.player import Player
+
+Array = np.ndarray[Any, Any]
+Ended = tuple[int, int, Level, dict[str, Array]]  # step of the rollout, world, its level, statistics (...) by name
+STREAM = np.uint64(0x6C6576656C)  # "level": keeps these draws apart from others of the same world and episode
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """How far a run is, for the function that chooses its levels.
+
+    Attributes:
+        scenario: What is trained, with the observations that the policy needs.
+        steps: Agent-steps that were collected so far.
+        seed: The seed of the run.
+        rng: A generator for this call alone, the same whenever the run is at this step.
+        policy: The policy that has played up to now, as outlast.load_policy returns it.
+        levels: What the function returned last; at first one level in which everything is drawn.
+        played: The levels of the episodes that have ended since the last call, with their keys and all their numbers,
+            rounded to float32. So recognise a level that you gave by its key: the levels themselves are not equal.
+        statistics: What these episodes came to, (episodes, ...) by name, as in info["statistics"] of SurvivalVectorEnv.
+    """
+
+    scenario: Scenario
+    steps: int
+    seed: int
+    rng: np.random.Generator
+    policy: Player
+    levels: Sequence[Level]
+    played: Sequence[Level]
+    statistics: Mapping[str, Array]
+
+
+class Curriculum:
+    """The levels that episodes of a run are drawn from.
+
+    Attributes:
+        levels: What the function returned last; at first one in which everything is drawn.
+    """
+
+    def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
+        """Make a curriculum.
+
+        Args:
+            choose: The function that chooses; it is called before the first rollout, and after each one.
+            env: Worlds like those that are played in.
+
+        Raises:
+            TrainingError: The scenario has no levels, as it draws no numbers, walls or roles.
+        """
+        self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
+        self.levels: Sequence[Level] = (Level(),)
+        try:
+            env.set_levels(self.levels)
+        except NumberError:
+            raise TrainingError(
+                f"{env.scenario.name} has no levels to choose, as it draws no numbers, walls or roles: vary some, as "
+                "by scenario.vary(melee_damage=outlast.integers(5, 20)), or leave out levels"
+            ) from None
+
+    def ask(self, progress: TrainingProgress) -> None:
+        """Let the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""
+        self.take(self.choose(progress))
+
+    def take(self, levels: Any) -> None:
+        """Draw from these levels from now on. Raises TrainingError if they are no levels."""
+        try:
+            check_all(levels, self.varied)
+            check_free(levels, self.layout)
+        except NumberError as error:
+            raise TrainingError(f"what was chosen are no levels: {error}") from None
+        if not levels:
+            raise TrainingError("what was chosen are no levels: there is none; return [Level()] to have all drawn")
+        self.levels = tuple(levels)
+
+    def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
+        """Give levels to worlds whose next episode is about to begin.
+
+        Args:
+            env: The worlds.
+            where: Which of them, bool (worlds,).
+            keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key is
+                played with the key of its world, also when a resumed run plays in new worlds.
+        """
+        words = hashed(STREAM, *keys.T)
+        drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
+        dealt = zip((self.levels[k] for k in drawn), keys.tolist(), strict=True)
+        env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
+
+    def state(self) -> str:
+        """The levels as text, with which a run can be resumed."""
+        return json.dumps(encoded(self.levels))
+
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        try:
+            self.take(decoded(json.loads(given)))
+        except strict_json.BROKEN as error:
+            raise TrainingError(f"levels in {REST} of the checkpoint are none: {error}") from None
+
+
+def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
+    """Levels and statistics of episodes, in the order in which they ended, whichever lanes they were played in.
+
+    Args:
+        ended: The episodes, in any order.
+        env: Worlds like theirs; they tell which statistics there are, even if no episode ended.
+    """
+    ordered = sorted(ended, key=lambda each: each[:2])
+    none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
+    rows = {name: [own[name] for *_, own in ordered] for name in none}
+    found = {name: np.stack(rows[name]) if ordered else values[:0] for name, values in none.items()}
+    return [level for _, _, level, _ in ordered], found
+
+
+def just_ended(env: SurvivalVectorEnv, t: int, done: Array, measured: Mapping[str, Array]) -> list[Ended]:
+    """Return the episodes that ended in step t of a rollout, before their worlds are reset."""
+    rows = np.flatnonzero(done).tolist()
+    levels = env.levels(done)
+    return [
+        (t, env.first_world + w, level, {name: values[w].copy() for name, values in measured.items()})
+        for w, level in zip(rows, levels, strict=True)
+    ]

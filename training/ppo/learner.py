@@ -1,0 +1,210 @@
+"""A learner: a policy, its optimiser, and updates from rollouts."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ..base.hyperparameters import Hyperparameters
+from ..policies.policy import ActorCritic
+from ..policies.rows import Rows
+from ..policies.torch_settings import INDEX
+from .crew import Crew
+from .cuda_graph import GraphedGradients
+from .loss import Loss, imitation_loss, ppo_loss
+from .minibatches import Chunks, Minibatch, Samples
+from .rollout import Rollout
+
+Array = np.ndarray[Any, Any]
+Shared = Callable[[Callable[[int], list[Tensor]], Iterable[int]], Iterable[list[Tensor]]]
+CPU = torch.device("cpu")
+SHARE = 2048  # samples of a minibatch that are computed at once; of fewer, calls cost more than sums
+KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
+DIVERGENCE = Loss.TAGS.index("train/approx_kl")
+
+
+class Learner:
+    """Trains a policy with PPO.
+
+    Attributes:
+        policy: The policy that plays and is saved, on the CPU.
+        trained: The policy that gradients are computed for: the same one or, on another device, a copy. `policy` is
+            copied to it when an update begins, and it is copied back when the update ends.
+        optimizer: Adam, for `trained`.
+        epochs: Epochs begun so far, in all updates.
+    """
+
+    def __init__(
+        self,
+        policy: ActorCritic,
+        numbers: Hyperparameters,
+        generator: torch.Generator,
+        number: int = 0,
+        crew: Crew | None = None,
+        device: torch.device = CPU,
+    ) -> None:
+        """Make an optimiser for a policy.
+
+        Args:
+            policy: The policy to be trained.
+            numbers: The numbers of PPO.
+            generator: Shuffles samples; on the CPU.
+            number: Which samples are this learner's, see Rollout.learner.
+            crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
+                each computes gradients of the samples that are its own.
+            device: Where the policy is trained.
+        """
+        self.crew = crew or Crew()
+        self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
+        self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
+        self.parameters = list(self.trained.parameters())
+        graphed = device.type == "cuda" and self.crew.size == 1  # shares of a minibatch seldom have the same size
+        self.graphs = GraphedGradients(device) if graphed else None
+        self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
+        self.epochs = 0
+
+    def update(
+        self,
+        rollout: Rollout,
+        left: float = 1.0,
+        on_epoch: Callable[[int], None] = lambda epoch: None,
+        shared: Shared = map,
+    ) -> dict[str, float]:
+        """Train on a rollout.
+
+        Args:
+            rollout: A rollout; some of its samples are this learner's.
+            left: Share of the run that is left, for a learning rate that is annealed.
+            on_epoch: Called with the number of each epoch of this update as it begins.
+            shared: Calls a function for each share of a minibatch, as `map` does, maybe on several threads. Shares do
+                not depend on the number of threads, so neither do the sums of their gradients.
+
+        Returns:
+            What is logged, by tag; nothing if fewer than two samples are this learner's.
+        """
+        chosen = np.flatnonzero(rollout.learner == self.number)
+        if len(chosen) < 2:
+            return {}
+        rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        self._copy(self.policy, self.trained)
+        samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
+        units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
+        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread to normalise by
+        figures, steps, going = list[Tensor](), 0, True
+        for epoch in range(1, self.numbers.n_epochs + 1):
+            on_epoch(epoch)
+            self.epochs += 1
+            shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
+            for part in shuffled.tensor_split(batches):
+                figures.append(self._differentiate(samples, part, shared))
+                going = not self._diverged(figures[-1])
+                if not going:
+                    break
+                nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
+                self.optimizer.step()
+                steps += 1
+            if not going:
+                break
+        self._copy(self.trained, self.policy)
+        means = dict(zip(Loss.TAGS, torch.stack(figures).mean(0).tolist(), strict=True))
+        return means | {
+            "train/epochs": steps / batches,
+            "train/learning_rate": rate,
+            "train/explained_variance": explained_variance(rollout, chosen),
+        }
+
+    def _copy(self, source: ActorCritic, target: ActorCritic) -> None:
+        """Copy one of the two policies to the other, including the scales of inputs."""
+        if source is not target:
+            with torch.no_grad():
+                for values, kept in zip(_tensors(source), _tensors(target), strict=True):
+                    kept.copy_(values)
+
+    def _differentiate(self, samples: Samples, part: Tensor, shared: Shared) -> Tensor:
+        """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
+        shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
+        found, *others = shared(lambda share: self._share(samples, part, share, shares), range(shares))
+        for other in others:
+            for total, more in zip(found, other, strict=True):
+                total += more
+        self.crew.sum(found)
+        figures, *gradients = found
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
+            parameter.grad = gradient
+        return figures
+
+    def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor]:
+        """The figures of the loss of a share of the units, and the gradients of all parameters."""
+        batch = samples.select(part, share, shares)
+        if batch is None:  # all of its samples are other processes'
+            figures = torch.zeros(len(Loss.TAGS), dtype=torch.float32, device=self.device)
+            return [figures, *(torch.zeros_like(parameter) for parameter in self.parameters)]
+        if self.graphs is not None and isinstance(batch.seen, Rows):
+            figures, gradients = self.graphs(self._gradients, batch)
+        else:
+            figures, gradients = self._gradients(batch)
+        return [figures, *gradients]
+
+    def _gradients(self, batch: Minibatch) -> tuple[Tensor, Sequence[Tensor]]:
+        """The figures of the loss of a minibatch, and the gradients of all parameters."""
+        loss = self._loss(batch)
+        return loss.figures(), torch.autograd.grad(loss.total, self.parameters)
+
+    def _loss(self, batch: Minibatch) -> Loss:
+        """This process's share of the loss of a minibatch."""
+        choices, numbers = self.trained.choices, self.numbers
+        logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
+        with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
+            entropy = choices.entropy(logs)
+        return ppo_loss(
+            choices.of(batch.actions, logs),
+            values,
+            entropy,
+            old_log_probs=batch.log_probs,
+            advantages=batch.advantages,
+            returns=batch.returns,
+            weights=batch.weights,
+            numbers=numbers,
+        )
+
+    def _diverged(self, figures: Tensor) -> bool:
+        limit = self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
+        return bool(limit and figures[DIVERGENCE] > KL_STOP * limit)
+
+
+class Imitator(Learner):
+    """Trains a policy to take the actions in a rollout, which are a teacher's, and its critic as in PPO."""
+
+    def _loss(self, batch: Minibatch) -> Loss:
+        choices = self.trained.choices
+        logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
+        with torch.no_grad():
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
+        chosen = choices.of(batch.actions, logs)
+        return imitation_loss(
+            chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
+        )
+
+
+def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
+    yield from policy.parameters()
+    yield from policy.buffers()
+
+
+def explained_variance(rollout: Rollout, chosen: Array) -> float:
+    """The share of the variance of returns that values explain: 1 is all of it; NaN if returns do not vary.
+
+    Returns are sums of advantages and values, rounded to float32: a variation within that rounding counts as none.
+    """
+    returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
+    rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))
+    with np.errstate(over="ignore", invalid="ignore"):  # if losses are infinite, check_learned says so
+        variance = returns.var()
+        if variance <= rounding**2:
+            return float("nan")
+        return float(1 - rollout.advantages.ravel()[chosen].var() / variance)

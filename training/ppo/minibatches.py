@@ -1,0 +1,122 @@
+"""The minibatches of an update: samples or, for a policy with a memory, chunks of several steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..base.config import CHUNK
+from ..policies.rows import Observed, moved
+from ..policies.torch_settings import INDEX
+from .loss import normalised
+from .rollout import Rollout
+
+
+@dataclass(frozen=True)
+class Minibatch:
+    """Some samples: tensors (batch,), and `actions` (batch, actions).
+
+    Attributes:
+        seen: What was observed.
+        actions: int64.
+        log_probs: float32, log-probabilities of the actions when they were chosen.
+        advantages: float32, normalised.
+        returns: float32.
+        weights: float32, how much each sample counts, see loss.ppo_loss.
+        memory: float32 (agents, width), before the first step; None for policies without a memory.
+        begins: bool (steps, agents), where episodes begin; None for policies without a memory.
+    """
+
+    seen: Observed
+    actions: Tensor
+    log_probs: Tensor
+    advantages: Tensor
+    returns: Tensor
+    weights: Tensor
+    memory: Tensor | None = None
+    begins: Tensor | None = None
+
+
+class Samples:
+    """A learner's samples of a rollout, on a device; on the CPU, these are views of the rollout's arrays.
+
+    Attributes:
+        units: int64, what is shuffled and shared out among minibatches: indices of samples, those of all processes. On
+            the CPU.
+    """
+
+    LENGTH = 1  # samples of a unit
+
+    def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
+        """number: The number of the learner. device: Where it is trained."""
+        self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
+        returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
+        self.advantages, *self.own = (
+            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device)
+            for each in (rollout.advantages, rollout.actions, rollout.log_probs, returns)
+        )
+        self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
+
+    def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
+        """This process's share of the minibatch of some units, or a share of that; None if it has none of them."""
+        weights = torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu")
+        return self._select(part, weights, share, shares)
+
+    def _select(self, index: Tensor, weights: Tensor, share: int, shares: int) -> Minibatch | None:
+        """The same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
+        where, own = self.rollout.here(index)
+        if shares > 1:
+            some = torch.arange(len(own), **INDEX).view(self.LENGTH, -1).tensor_split(shares, 1)[share].flatten()
+            where, own = some if where is None else where[some], own[some]
+        if not len(own):
+            return None
+        weights = moved(weights.to(self.advantages.dtype), self.device)
+        advantages = normalised(self.advantages.index_select(0, moved(index, self.device)), weights)
+        if where is not None:
+            there = moved(where, self.device)
+            advantages, weights = advantages.index_select(0, there), weights.index_select(0, there)
+        there = moved(own, self.device)
+        actions, log_probs, returns = (each.index_select(0, there) for each in self.own)
+        memory, begins = self._remembered(own)
+        return Minibatch(
+            self.seen.select(own), actions, log_probs, advantages, returns, weights, memory=memory, begins=begins
+        )
+
+    def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """What policies remember before some samples of this process, and where their memory begins anew."""
+        return None, None
+
+
+class Chunks(Samples):
+    """A learner's samples in chunks of CHUNK steps of one agent, through which gradients flow back.
+
+    Attributes:
+        units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
+    """
+
+    LENGTH = CHUNK
+
+    def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
+        """rollout: Has a multiple of CHUNK steps. number: The number of the learner. device: Where it is trained."""
+        super().__init__(rollout, number, device)
+        mine = rollout.learner == number
+        self.agents = mine.shape[1]
+        self.units = torch.from_numpy(np.flatnonzero(mine.reshape(-1, CHUNK, self.agents).any(1)))
+        self.mine = torch.from_numpy(mine.ravel())
+        self.begins = moved(torch.from_numpy(rollout.begins.ravel()), device)
+        self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
+
+    def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
+        """This process's share of the minibatch of some units, or a share of that: step after step of all units."""
+        first = part // self.agents * (CHUNK * self.agents) + part % self.agents
+        index = (first + torch.arange(CHUNK, **INDEX)[:, None] * self.agents).flatten()
+        weights = self.mine.index_select(0, index).double()
+        return self._select(index, weights / weights.sum(), share, shares)
+
+    def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        agents = self.rollout.actions.shape[1]
+        first = own.view(CHUNK, -1)[0]
+        chunks = first // (agents * CHUNK) * agents + first % agents
+        begins = self.begins.index_select(0, moved(own, self.device)).view(CHUNK, -1)
+        return self.memory.index_select(0, moved(chunks, self.device)), begins

@@ -1,0 +1,303 @@
+"""Opponents of the learners, with ratings: their present and past selves, policies by name, and saved files."""
+
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import POLICIES
+
+from ..base.config import PAST, SELF
+from ..base.errors import TrainingError
+from ..base.ratings import MEAN
+from ..policies.checkpoint import REST, check_state, load_weights
+from ..policies.packer import Packer
+from ..policies.player import Player
+from ..policies.policy import ActorCritic
+
+Array = np.ndarray[Any, Any]
+Plain = Callable[[dict[str, Array], Array], Array]
+PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
+STEP = 4.0  # Elo's K-factor: half of it is gained by winning a game that should have been drawn
+SCALE = 400.0  # Elo points of odds of ten to one
+FORGET = 0.9  # factor by which earlier games count less with each update, as learners change
+WRONG = f"opponents in {REST} of the checkpoint are not what a run goes on with"
+HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # limits in a checkpoint: of ratings, games, digits of agent-steps
+LEAST = 0.02  # is added to every priority, so that an opponent that always loses is still drawn
+
+
+@dataclass
+class Opponent:
+    """An opponent that can be drawn.
+
+    Attributes:
+        name: One of OPPONENTS, a path, or past@STEPS for a past self that was trained for so many agent-steps.
+        weight: How often it is drawn, unless opponents are prioritised.
+        policies: Those of a past self, one for each learner, or those of a file.
+        packer: Packs observations for these policies; None: the learners' packer does.
+        team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
+        plain: Instead of policies, a function from the observations of some agents and uniform numbers
+            (agents, actions) to actions.
+        rating: Elo points.
+        won: How many games the learners won against it, in the shares of `record_all`; earlier ones count less.
+        games: How many games they played against it; earlier ones count less.
+        total: How many games in all, each counted as one.
+    """
+
+    name: str
+    weight: float
+    policies: Sequence[ActorCritic] = ()
+    packer: Packer | None = None
+    team: Array | None = None
+    plain: Plain | None = None
+    rating: float = MEAN
+    won: float = 0.0
+    games: float = 0.0
+    total: int = 0
+
+    @property
+    def kind(self) -> str:
+        """The name; that of a past self without the steps."""
+        return PAST if self.past else self.name
+
+    @property
+    def past(self) -> bool:
+        """Whether it is a past self."""
+        return is_past(self.name)
+
+    @property
+    def weights(self) -> str:
+        """A hash of the weights of its policies."""
+        tensors = (each for policy in self.policies for each in policy.state_dict().values())
+        return hashlib.sha256(b"".join(each.cpu().numpy().tobytes() for each in tensors)).hexdigest()
+
+    @property
+    def wins(self) -> float:
+        """The share of games that the learners won, smoothed: 1/2 if there was none."""
+        return (self.won + 0.5) / (self.games + 1)
+
+
+class Opponents:
+    """The pool that opponents are drawn from, by index, and the ratings of all in it.
+
+    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
+    as long as they play in some world.
+
+    Attributes:
+        dropped: Games against past selves that are no longer in the pool.
+        memory: Width of the widest memory among all policies that play.
+    """
+
+    def __init__(
+        self,
+        weights: Mapping[str, float],
+        players: Mapping[str, Player],
+        env: SurvivalVectorEnv,
+        *,
+        prioritised: bool,
+        memory: int = 0,
+    ) -> None:
+        """Make a pool without past selves.
+
+        Args:
+            weights: Weights by path or name of OPPONENTS, see envs.rollout.mixture.parse_mixture.
+            players: The players of the paths.
+            env: Worlds like those that are played in.
+            prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals
+                et al., 2019). The present self keeps its weight.
+            memory: Width of the memory of the learners' policies.
+        """
+        self.weights, self.prioritised = dict(weights), prioritised
+        self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
+        for name in weights:  # the order decides the indices, which are in checkpoints and equal in all processes
+            if name not in players and name not in (SELF, PAST):
+                self._add(Opponent(name, weights[name], plain=plain(name, env)))
+        for name, player in players.items():
+            player.check(env)
+            team = player.team if len(player.policies) > 1 else np.zeros(env.num_agents, int)
+            self._add(Opponent(name, weights[name], player.policies, player.packer, team))
+        self.past: list[int] = []
+        self.dropped = 0
+        self.memory = max([memory, *(player.memory for player in players.values())])
+
+    def _add(self, one: Opponent) -> int:
+        number = max(self.all) + 1
+        self.all[number] = one
+        return number
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is only the present self."""
+        return self.weights.keys() <= {SELF}
+
+    def chances(self) -> tuple[Array, Array]:
+        """Indices that can be drawn, int, and their weights, float64 of the same length."""
+        shares = {k: one.weight for k, one in self.all.items() if not one.past}
+        for k in self.past:
+            shares[k] = self.weights[PAST] / len(self.past)
+        if not self.past:
+            shares[0] += self.weights.get(PAST, 0.0)
+        if self.prioritised:
+            priority = {k: shares[k] * ((1 - self.all[k].wins) ** 2 + LEAST) for k in shares if k}
+            factor = sum(shares[k] for k in priority) / (sum(priority.values()) or 1)
+            shares |= {k: value * factor for k, value in priority.items()}
+        return np.array(list(shares)), np.array(list(shares.values()))
+
+    def remember(self, policies: Sequence[ActorCritic], steps: int, playing: set[int]) -> None:
+        """Add the learners as they are now to the past selves.
+
+        Args:
+            policies: The policies of the learners.
+            steps: Agent-steps that they were trained for.
+            playing: Indices of the opponents that play in some world.
+        """
+        if PAST not in self.weights:
+            return
+        past = Opponent(f"{PAST}@{steps}", 0.0, [frozen(policy) for policy in policies], rating=self.all[0].rating)
+        self.past.append(self._add(past))
+        if len(self.past) > PAST_SELVES:
+            at = [int(self.all[k].name.partition("@")[2]) for k in self.past]
+            gaps = [at[k + 1] - at[k - 1] for k in range(1, len(at) - 1)]
+            del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly
+        for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
+            self.dropped += self.all.pop(k).total
+
+    def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
+        """Record the games of a rollout, in any order: the step in which each ended, the opponent, how far it was won.
+
+        How far is the share of the other sides that the learners' side outlived. Between equals it is 1/2 on average,
+        however many sides there are, and ratings and priorities take 1/2 for even.
+        """
+        ended: dict[tuple[int, int], list[float]] = {}
+        for step, index, won in games:
+            ended.setdefault((step, index), []).append(won)
+        for step, index in sorted(ended):
+            each = ended[step, index]
+            self.record(index, math.fsum(each), len(each))  # an exact sum: it is the same in any order
+
+    def record(self, index: int, won: float, games: int) -> None:
+        """Record games against an opponent. won: The sum of how far each was won."""
+        one, own = self.all[index], self.all[0]
+        expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
+        change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))
+        own.rating += change
+        if not one.past:  # a past self keeps the rating that it had as the present self
+            one.rating -= change
+        one.won, one.games, one.total = one.won + won, one.games + games, one.total + games
+
+    def report(self) -> dict[str, float]:
+        """Return what is logged, by tag, and let the games so far count less from now on."""
+        tags = {}
+        if not self.alone:
+            tags["rating/self"] = self.all[0].rating
+        met = [one for k, one in self.all.items() if k and one.games > 0]
+        for name in dict.fromkeys(one.kind for one in met):
+            those = [one for one in met if one.kind == name]
+            games = sum(one.games for one in those)
+            tags[f"wins/{name}"] = sum(one.won for one in those) / games
+            tags[f"rating/{name}"] = sum(one.rating * one.games for one in those) / games
+            total = sum(one.total for one in self.all.values() if one.kind == name)
+            tags[f"games/{name}"] = float(total + (self.dropped if name == PAST else 0))
+        for one in met:
+            one.won, one.games = one.won * FORGET, one.games * FORGET
+        return tags
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
+        figures = {
+            str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
+            for k, one in self.all.items()
+        }
+        past = {
+            str(k): {
+                "name": one.name,
+                "drawn": k in self.past,
+                "weights": [policy.state_dict() for policy in one.policies],
+            }
+            for k, one in self.all.items()
+            if one.past
+        }
+        saved = {str(k): one.weights for k, one in self.all.items() if one.policies and not one.past}
+        return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
+
+    def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str) -> None:
+        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for anything else.
+
+        begun: The opponents with their weights at the beginning of the run.
+        """
+        if not isinstance(given, dict) or given.keys() != {"figures", "past", "dropped", "saved"}:
+            raise TrainingError(WRONG)
+        figures, past, saved = (_by_index(given[name]) for name in ("figures", "past", "saved"))
+        pool = {number: one for number, one in self.all.items() if not one.past}
+        if not saved.keys() <= pool.keys():
+            raise TrainingError(WRONG)
+        for number, weights in saved.items():
+            if pool[number].weights != weights:
+                raise TrainingError(
+                    f"{pool[number].name} is another policy than the one that the run has played against, as it was "
+                    f"begun with {begun}: name that file, or put it there, to go on, or begin another run"
+                )
+        for number, kept in past.items():
+            if number in pool or not isinstance(kept, dict) or kept.keys() != {"name", "drawn", "weights"}:
+                raise TrainingError(WRONG)
+            weights, name = kept["weights"], kept["name"]
+            if (
+                not isinstance(weights, list)
+                or len(weights) != len(policies)
+                or not isinstance(name, str)
+                or not is_past(name)
+            ):
+                raise TrainingError(WRONG)
+            pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
+            for policy, own in zip(pool[number].policies, weights, strict=True):
+                load_weights(policy, own, f"{name} in {REST}")
+        check_state(
+            figures, {number: torch.zeros(4, dtype=torch.float64, device="cpu") for number in pool}, "opponents"
+        )
+        for rating, won, games, total in (kept.tolist() for kept in figures.values()):
+            if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
+                raise TrainingError(WRONG)
+        dropped = given["dropped"]
+        if type(dropped) is not int or not 0 <= dropped <= MOST:
+            raise TrainingError(WRONG)
+        self.dropped = dropped
+        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept["drawn"])
+        for number, one in pool.items():
+            one.rating, one.won, one.games, total = figures[number].tolist()
+            one.total = int(total)
+
+
+def _by_index(given: Any) -> dict[int, Any]:
+    """Return the values by the indices that are their names. Raises TrainingError if they have other names."""
+    if not isinstance(given, dict):
+        raise TrainingError(WRONG)
+    if not all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given):
+        raise TrainingError(WRONG)
+    return {int(name): value for name, value in given.items()}
+
+
+def is_past(name: str) -> bool:
+    """Return whether it is the name of a past self."""
+    steps = name.removeprefix(f"{PAST}@")
+    return steps != name and steps.isdecimal() and len(steps) < LONGEST
+
+
+def frozen(policy: ActorCritic) -> ActorCritic:
+    """A copy of a policy that is not trained any further."""
+    return deepcopy(policy).requires_grad_(False)
+
+
+def plain(name: str, env: SurvivalVectorEnv) -> Plain:
+    """The policy of a name, as a function of some agents' observations and uniform numbers, see Opponent.plain."""
+    if name == "random":
+        return lambda observations, uniform: (uniform * env.action_sizes).astype(np.int64)
+    if name == "noop":
+        return lambda observations, uniform: np.broadcast_to(env.noop, uniform.shape)
+    decide = POLICIES[name](env, 0)
+    return lambda observations, uniform: np.asarray(decide(observations))

@@ -1,0 +1,124 @@
+"""A rollout: what the agents of all worlds observed, did and received in a number of steps."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..base.errors import TrainingError
+from ..policies.checkpoint import REST, check_state
+from ..policies.rows import Observed
+
+Array = np.ndarray[Any, Any]
+DEAREST = 1e30  # the largest reward or sum of rewards: float32 holds it, and float64 its square
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Samples (steps, agents, ...) of the agents of this process or, where it says so, of the agents of all processes.
+
+    Attributes:
+        seen: What was observed before each step, steps * agents.
+        actions: int64 (steps, agents, actions).
+        log_probs: float32, log-probabilities of the actions when they were chosen.
+        values: float32, the critic's values of what was observed; of all processes.
+        advantages: float32; of all processes.
+        learner: int16, which of the learners is trained on the sample, or NOBODY; of all processes.
+        alive: bool, whether the agent lived when it observed.
+        begins: bool, whether the agent's memory begins anew with the step.
+        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        first: The index of this process's first agent among those of all processes.
+    """
+
+    seen: Observed
+    actions: Array
+    log_probs: Array
+    values: Array
+    advantages: Array
+    learner: Array
+    alive: Array
+    begins: Array
+    memory: Array
+    first: int = 0
+
+    @property
+    def returns(self) -> Array:
+        """float32, what the values should become."""
+        return self.advantages + self.values
+
+    def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
+        """Find those that belong to this process, among some samples of all processes.
+
+        Args:
+            samples: Indices of the samples, int64 (some,).
+
+        Returns:
+            Where in `samples` those of this process are, None if all are; and their indices among its own samples.
+        """
+        agents, own = self.learner.shape[1], self.actions.shape[1]
+        if own == agents:
+            return None, samples
+        step, agent = samples // agents, samples % agents - self.first
+        where = torch.nonzero((agent >= 0) & (agent < own)).flatten()
+        return where, (step * own + agent)[where]
+
+
+class RewardScale:
+    """The running standard deviation of discounted sums of rewards, which rewards are divided by.
+
+    So values and advantages are of about the same size whatever a scenario pays. After enough rollouts it moves slowly:
+    all older rollouts count as much as MEMORY times the newest one, at most.
+    """
+
+    MEMORY = 50.0
+    LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
+
+    def __init__(self, agents: int, gamma: float) -> None:
+        """agents: How many there are in all worlds. gamma: Discount of a step."""
+        self.gamma, self.sums = gamma, np.zeros(agents)
+        self.count, self.mean, self.variance = 0.0, 0.0, 1.0
+
+    def update(self, rewards: Array, ends: Array) -> float:
+        """Take in the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
+
+        Args:
+            rewards: float32 (steps, agents).
+            ends: bool (steps, agents), whether the sum begins anew after the step.
+        """
+        sums = np.empty(rewards.shape)
+        for t, reward in enumerate(rewards):
+            self.sums = sums[t] = self.sums * self.gamma + reward
+            self.sums = np.where(ends[t], 0, self.sums)
+        kept = min(self.count, self.MEMORY * sums.size)
+        share, apart = sums.size / (kept + sums.size), sums.mean() - self.mean
+        self.variance += share * (sums.var() - self.variance + (1 - share) * apart**2)
+        self.mean += share * apart
+        self.count = kept + sums.size
+        spread = math.sqrt(self.variance)
+        return spread if spread >= self.LEAST else 1.0
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """What a checkpoint keeps: float64 tensors by name."""
+        numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
+        return {name: torch.tensor(value, dtype=torch.float64, device="cpu") for name, value in numbers.items()}
+
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        check_state(given, self.state(), "rewards")
+        self.sums = given["sums"].numpy().copy()
+        self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))
+        if wrong := self.wrong(f" in {REST} of the checkpoint"):
+            raise TrainingError(f"rewards {wrong}")
+
+    def wrong(self, where: str = "") -> str:
+        """Say which number is out of the bounds in which a run can go on, and what these are; "": none is.
+
+        where: What is said after the name of the number.
+        """
+        for name, value in self.state().items():
+            low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
+            if not ((value >= low) & (value <= high)).all():
+                return f"{name}{where} is beyond {low:g} to {high:g}"
+        return ""

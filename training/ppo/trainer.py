@@ -1,0 +1,386 @@
+"""Training: learners, the worlds that they play in, and their opponents."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+import outlast
+from outlast.components import Sides
+from outlast.envs.core.agents import side
+from outlast.envs.core.global_state import GlobalState
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.levels import Level
+from outlast.envs.rollout.memory import told
+from outlast.envs.rollout.saved import common_scenario, is_saved
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.snapshots.state import State
+
+from ..base import run_header
+from ..base.config import IMITATED, TrainingConfig
+from ..base.errors import TrainingError
+from ..base.metrics import check_statistics, means
+from ..base.observation_layout import field_table, layout_of, scales
+from ..base.presets import preset
+from ..policies.checkpoint import policies_content
+from ..policies.packer import Packer
+from ..policies.player import Player
+from ..policies.policy import ActorCritic
+from .collector import Collector
+from .crew import Crew
+from .curriculum import Curriculum, TrainingProgress, joined
+from .learner import Imitator, Learner
+from .opponents import Opponents, Plain, plain
+from .rollout import Rollout
+from .world_slice import Lane
+
+Array = np.ndarray[Any, Any]
+WORLD_THREADS = 4  # more do not pay for as few worlds as a rollout has
+IMITATION: dict[str, Any] = {
+    "learning_rate": 2e-3,
+    "anneal_lr": True,
+    "batch_size": 1024,
+    "n_epochs": 1,
+    "target_kl": 0.0,
+}
+IMITATION_TAGS = {
+    "imitation/cross_entropy": "train/policy_loss",
+    "imitation/value_loss": "train/value_loss",
+    "imitation/entropy": "train/entropy",
+    "imitation/differs": "train/clip_fraction",  # share of the teacher's actions that are not the policy's likeliest
+}
+
+
+class Trainer:
+    """Learners, and the worlds that they play in.
+
+    Attributes:
+        config: What is trained, and how.
+        env: The worlds.
+        team: int (agents of a world,), the number of the learner that plays each agent.
+        learners: One for all agents, or one for each side or agent.
+        opponents: The pool that they play against.
+        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
+        state_scale: What these are divided by, float32 (state,).
+        collector: What plays in all worlds.
+        curriculum: What levels are drawn from, if a function chooses them; else None.
+        steps: Agent-steps collected so far, by all processes.
+        played: The value of `steps` when the newest rollout began, from which its annealed numbers follow.
+        threads: Threads of this process; PyTorch itself runs on one, as its own threads slow networks this small down.
+        crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
+    """
+
+    def __init__(self, config: TrainingConfig, threads: int = 1, crew: Crew | None = None) -> None:
+        """Make worlds and networks.
+
+        Args:
+            config: What to train, and how.
+            threads: How many threads share the worlds, up to WORLD_THREADS, and then the minibatches.
+            crew: As many processes as the config has; each of them makes a trainer of the same config, and calls the
+                same methods in the same order.
+
+        Raises:
+            ScenarioError: The scenario cannot be played.
+            TrainingError: There is no such device, an opponent cannot play, or there are no lengths or no actions.
+        """
+        self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
+        self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0
+        self.worlds, rollout = config.size
+        self.rollout_steps = rollout // self.worlds
+        players = {name: Player(name) for name in config.opponents if is_saved(name)}
+        name, imitated = config.teacher
+        self.teacher = Player(name, config.seed) if imitated and is_saved(name) else None
+        seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
+        scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
+        own, halves = self.crew.share(self.worlds), 2 if config.halves else 1
+        parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
+        with self.crew.first_ahead():
+            self.envs = [self._env(scenario, part) for part in parts if part]
+        self.env = self.envs[0]
+        check_statistics(self.env, "length")
+        if not len(self.env.action_sizes):
+            raise TrainingError("agents have no actions here: add a mechanic with some, such as Motors")
+        if self.teacher is not None:
+            self.teacher.check(self.env)
+        for done in (config.steps, 0):  # raises an error if a number cannot change
+            self._set_numbers(done)
+        self.layout, numbers = layout_of(self.env), config.numbers
+        self.team = teams(self.env, config.policies)
+        self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
+        self.state = len(self.state_scale)
+        with torch.random.fork_rng(devices=[]):
+            torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
+            first = [self._policy() for _ in range(self.team.max() + 1)]
+        self.learners = [
+            Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
+            for number, policy in enumerate(first)
+        ]
+        self.opponents = Opponents(
+            config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
+        )
+        if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
+            raise TrainingError("opponents need a side of their own, and here is one side only: leave them out")
+        self.curriculum = config.levels and Curriculum(config.levels, self.env)
+        packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
+        lanes = [
+            Lane(
+                env,
+                packer,
+                self.team,
+                self.opponents,
+                seed=config.seed,
+                dead=config.dead,
+                state=self.state > 0,
+                curriculum=self.curriculum,
+            )
+            for env in self.envs
+        ]
+        self.collector = Collector(lanes, numbers, self.crew)
+
+    @property
+    def policies(self) -> list[ActorCritic]:
+        """The policies of the learners."""
+        return [learner.policy for learner in self.learners]
+
+    @property
+    def lane(self) -> Lane:
+        """The first lane; with one process and without halves, it has all worlds."""
+        return self.collector.lanes[0]
+
+    def collect(self) -> Rollout:
+        """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
+        self.played = self.steps  # the agent-steps for which this rollout's numbers are set
+        self._set_numbers(self.steps)
+        if self.curriculum is not None and not self.steps:
+            self._ask(self.curriculum)
+            if any(level != Level() for level in self.curriculum.levels):
+                self.collector.restart()
+        begun = self.steps // (self.worlds * self.env.num_agents)
+        rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
+        self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
+        self.steps += rollout.learner.size
+        if self.curriculum is not None:
+            self._ask(self.curriculum)
+        return rollout
+
+    def _ask(self, curriculum: Curriculum) -> None:
+        """Let the function choose the levels of which episodes are drawn from now on."""
+        seeds = self.config.seed, self.steps
+        own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
+        played, statistics = joined((each for lane in self.collector.lanes for each in lane.played), self.env)
+        progress = TrainingProgress(
+            scenario=self.env.scenario,
+            steps=self.steps,
+            seed=self.config.seed,
+            rng=np.random.default_rng(seeds),
+            policy=Player(self.policy_files(self.config.header()), own),
+            levels=curriculum.levels,
+            played=played,
+            statistics=statistics,
+        )
+        curriculum.ask(progress)
+
+    def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
+        """The files of a checkpoint that a Player needs. header: Further entries of run.json, see TrainingConfig."""
+        first = {"version": run_header.VERSION, "steps": self.steps, "preset": self.preset.name}
+        last = {
+            "scenario": fingerprint(self.env.scenario),
+            "observations": self.layout.shapes,
+            "fields": field_table(self.env.fields),
+            "actions": [int(size) for size in self.env.action_sizes],
+            "team": self.team.tolist(),
+            "memory": self.config.memory,
+            "state": self.state,
+            "state_scale": self.state_scale.tolist(),
+        }
+        return {
+            run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
+            run_header.WEIGHTS: policies_content([policy.state_dict() for policy in self.policies]),
+        }
+
+    def update(
+        self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
+    ) -> dict[str, float]:
+        """Train all learners on a rollout, and add them to the past selves every config.snapshots updates.
+
+        Args:
+            rollout: The newest rollout.
+            left: Share of the run that is left, for a learning rate that is annealed.
+            on_epoch: Called with the number of each epoch as it begins.
+
+        Returns:
+            What is logged, by tag; with several learners, the mean of theirs.
+        """
+        with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+            shared = pool.map if self.threads > 1 else map
+            logged = [learner.update(rollout, left, on_epoch, shared) for learner in self.learners]
+        self.updates += 1
+        if self.updates % self.config.snapshots == 0:
+            playing = set(self._everyones(lambda lane: np.unique(lane.opponent).tolist()))
+            self.opponents.remember(self.policies, self.steps, playing)
+        return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
+
+    def report(self) -> dict[str, float]:
+        """What is logged about the newest rollout, by tag: episodes, what agents did, and who won against whom."""
+        numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
+        return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
+
+    def take_weights(self) -> None:
+        """Give the policies the weights of the checkpoint that the config names, if it names one.
+
+        Raises:
+            TrainingError: There is no such checkpoint, or its networks differ.
+        """
+        name, imitated = self.config.teacher
+        if imitated or not name:
+            return
+        player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
+        player.check(self.env)
+        found, here = (
+            f"of preset '{chosen}' with memory {memory} and state {state}"
+            for chosen, memory, state in (
+                (player.preset.name, player.memory, player.state),
+                (self.preset.name, self.config.memory, self.state),
+            )
+        )
+        if found != here or len(player.policies) not in (1, len(self.learners)):
+            found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
+            raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+        if not player.critic:
+            raise TrainingError(f"{name} has no critic, which a run needs to go on from weights; {cure}")
+        its = np.array(player.header.get("state_scale", []), np.float32)
+        if len(its) != self.state:
+            raise TrainingError(f"{name} does not say how the state that its critic learned from was scaled; {cure}")
+        for k, policy in enumerate(self.policies):
+            policy.take(player.policies[k % len(player.policies)], self.state_scale / its)
+
+    def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
+        """Let the policies learn to imitate the teacher, if the config names one, while they play as in the run.
+
+        So they learn what the teacher would do in the situations that they get into, which are not the teacher's own
+        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
+        optimisers are as they were; learners and worlds have moved on. Games against opponents do not count.
+
+        Args:
+            on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag.
+
+        Returns:
+            What was measured last, by tag; nothing without a teacher.
+        """
+        _, steps = self.config.teacher
+        if not steps:
+            return {}
+        numbers = replace(self.config.numbers, **IMITATION)
+        imitators = [
+            Imitator(own.policy, numbers, own.generator, own.number, self.crew, self.device) for own in self.learners
+        ]
+        tags = dict[str, float]()
+        for k, lane in enumerate(self.collector.lanes):
+            lane.teacher = self._teacher(k, lane.env)
+        each = self.rollout_steps * self.worlds * self.env.num_agents
+        for done in range(0, steps, each):
+            rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
+            logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
+            found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
+            tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
+            on_rollout(done + each, tags | self.report())
+        for lane in self.collector.lanes:
+            lane.teacher, lane.played = None, []  # as a resumed run would not know these episodes
+        return tags | {"imitation/agent_steps": float(done + each)}
+
+    def _teacher(self, k: int, env: SurvivalVectorEnv) -> Plain:
+        """Who is imitated in lane number k, as a function of what its agents observe and of uniform numbers."""
+        name, _ = self.config.teacher
+        if self.teacher is None:
+            return plain(name, env)
+        play = told(Player(name, self.config.seed + k), env)  # it plays all agents at once, as it may have a memory
+        return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
+
+    def _set_numbers(self, done: int) -> None:
+        """Give annealed numbers their values after so many agent-steps."""
+        if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
+            for env in self.envs:
+                env.set_numbers(**numbers)
+
+    def captured(self) -> tuple[State, dict[str, Array]]:
+        """The worlds of all processes, and the states of their lanes."""
+        states = [env.get_state() for env in self.envs]
+        return State(states[0].scenario, self._joined([state.arrays for state in states])), self.captured_lanes()
+
+    def captured_lanes(self) -> dict[str, Array]:
+        """The states of the lanes of all processes, (worlds, ...) by name."""
+        return self._joined([lane.state() for lane in self.collector.lanes])
+
+    def restore_worlds(self, worlds: State) -> None:
+        """Go on from the worlds that `captured` returned. Raises StateError."""
+        for lane in self.collector.lanes:
+            lane.env.set_state(worlds[lane.rows] if len(worlds) == self.worlds else worlds)
+
+    def restore_lanes(self, lanes: dict[str, Array]) -> None:
+        """Go on from the lanes that `captured` returned. Raises TrainingError."""
+        for lane in self.collector.lanes:
+            lane.restore({name: values[lane.rows] for name, values in lanes.items()})
+
+    def _joined(self, parts: Sequence[dict[str, Array]]) -> dict[str, Array]:
+        """Arrays of all lanes of all processes, by name, in order of the worlds."""
+        return {name: self.crew.gather(np.concatenate([part[name] for part in parts])) for name in parts[0]}
+
+    def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
+        """What `get` finds in each lane of all processes, in one list."""
+        own = [each for lane in self.collector.lanes for each in get(lane)]
+        return [each for part in self.crew.gather_values(own) for each in part]
+
+    def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
+        env = outlast.make_vec(
+            scenario,
+            len(worlds),
+            seed=self.config.seed,
+            threads=min(WORLD_THREADS, self.threads),
+            autoreset_mode="Disabled",
+            copy=False,
+            check_actions=False,
+            first_world=worlds.start,
+        )
+        env.reset(seed=self.config.seed)
+        return env
+
+    def _policy(self) -> ActorCritic:
+        sizes = [int(size) for size in self.env.action_sizes]
+        known = scales(self.layout, field_table(self.env.fields))
+        policy = ActorCritic(
+            sizes,
+            layout=self.layout,
+            preset=self.preset,
+            scales=known,
+            memory=self.config.memory,
+            state=self.state,
+        )
+        return policy
+
+
+def teams(env: SurvivalVectorEnv, policies: str) -> Array:
+    """Return the number of the learner that plays each agent of a world, int (agents,).
+
+    Args:
+        env: The worlds.
+        policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one
+            for each agent.
+    """
+    if policies == "side" and env.worlds[Sides].teams[0, 0]:
+        return side(env.worlds, 0)
+    return np.zeros(env.num_agents, int) if policies == "shared" else np.arange(env.num_agents)
+
+
+def _device(name: Any) -> torch.device:
+    """The device of that name. Raises TrainingError if there is none."""
+    try:
+        device = torch.device(name)
+        torch.empty(0, dtype=torch.float32, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise TrainingError(f"there is no {name} here; take cpu") from error
+    return device

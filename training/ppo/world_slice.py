@@ -1,0 +1,354 @@
+"""A lane of a rollout: some of the worlds, who plays in them, and the resulting samples."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from outlast.ecs import Clock
+from outlast.envs.core.agents import alive, counts_vary, side
+from outlast.envs.core.global_state import GlobalState
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.mixture import draw, key_of
+from outlast.envs.rollout.sides import living_sides, own_side, shares_outlived
+
+from ..base.config import CHUNK
+from ..base.errors import TrainingError
+from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
+from ..base.noise import ActionNoise
+from ..policies.checkpoint import REST
+from ..policies.packer import Packer
+from ..policies.policy import ActorCritic
+from ..policies.rows import Observed
+from ..policies.torch_settings import FLOAT, playing
+from .curriculum import Curriculum, Ended, just_ended
+from .opponents import Opponents, Plain
+
+Array = np.ndarray[Any, Any]
+NOBODY = -1  # the learner of a sample on which nobody is trained
+
+
+@dataclass
+class Samples:
+    """What a lane collects: arrays (steps, agents), and `actions` (steps, agents, actions).
+
+    Attributes:
+        seen: What was observed, step after step.
+        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
+        actions: int64.
+        log_probs: float32, log-probabilities of the actions when they were chosen.
+        values: float32, the critic's values of what was observed; 0 where the policy has them apart, see Collector.
+        rewards: float32.
+        later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
+        ends: bool, whether the agent's next step does not count for this one, as its episode ends.
+        begins: bool, whether the agent's memory begins anew with the step.
+        alive: bool, whether the agent lived when it observed.
+        learner: int16, who is trained on the sample, or NOBODY.
+        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        last: float32 (agents,), values of what was observed at the end.
+        games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
+            sides that the learners outlived.
+    """
+
+    seen: list[Observed]
+    own: Array
+    actions: Array
+    log_probs: Tensor
+    values: Tensor
+    rewards: Array
+    later: Tensor
+    ends: Array
+    begins: Array
+    alive: Array
+    learner: Array
+    memory: Tensor
+    last: Tensor
+    games: list[tuple[int, int, float]]
+
+
+class Group(NamedTuple):
+    """Agents that one network plays: their indices (a slice if these are all agents), and the same as a tensor."""
+
+    where: Any
+    members: Tensor  # int64
+
+
+class Lane:
+    """Some of the worlds, and who plays in them.
+
+    `team` says which learner plays each agent. In worlds for which an opponent is drawn, learners play one side and the
+    opponent all others. Opponents are drawn when an episode begins, by (seed, world, episode).
+
+    Attributes:
+        env: The worlds, with autoreset DISABLED.
+        opponent: int (worlds,), the index of the opponent in each world, see Opponents.
+        own: int (worlds,), the side that learners play where `opponent` is not 0.
+        teacher: If not None, learners play, but the actions that this policy chooses are kept, to be imitated.
+        keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
+            same keys, except where levels bring keys of their own.
+        played: The episodes that have ended since `open`, if there is a curriculum.
+    """
+
+    def __init__(
+        self,
+        env: SurvivalVectorEnv,
+        packer: Packer,
+        team: Array,
+        opponents: Opponents,
+        *,
+        seed: int,
+        dead: str,
+        state: bool = False,
+        curriculum: Curriculum | None = None,
+    ) -> None:
+        """Make a lane in which the present selves play everywhere.
+
+        Args:
+            env: The worlds, which have been reset.
+            packer: Packs observations for the learners' networks.
+            team: int (agents of a world,), the number of the learner that plays each agent.
+            opponents: The pool; shared by all lanes.
+            seed: The seed of the run.
+            dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death.
+            state: Whether critics learn from the state of the worlds.
+            curriculum: What levels are drawn from; None: worlds draw their own.
+        """
+        self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
+        self.played: list[Ended] = []
+        self.overview = GlobalState(env.worlds) if state else None
+        self.env, self.packer, self.team, self.pool, self.dead = env, packer, team, opponents, dead
+        self.teacher: Plain | None = None
+        self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
+        self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
+        self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
+        self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
+        self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
+        self.memory = torch.zeros((self.agents, opponents.memory), **FLOAT)
+        self.begins = np.ones(self.agents, bool)
+        self.assign()
+        self._draw(np.ones(env.num_worlds, bool))
+
+    def open(self, steps: int, memory: int) -> None:
+        """Make room for the samples of `steps` steps. memory: Width of the memory of the learners' policies."""
+        self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
+        self.samples = Samples(
+            seen=[],
+            own=np.zeros((*shape, self.packer.layout.own), np.float32),
+            actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
+            rewards=np.zeros(shape, np.float32),
+            log_probs=torch.zeros(shape, **FLOAT),
+            values=torch.zeros(shape, **FLOAT),
+            later=torch.zeros(shape, **FLOAT),
+            ends=np.zeros(shape, bool),
+            begins=np.zeros(shape, bool),
+            alive=np.zeros(shape, bool),
+            learner=np.zeros(shape, np.int16),
+            memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
+            last=torch.zeros(self.agents, **FLOAT),
+            games=[],
+        )
+
+    @playing()
+    def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
+        """Choose the actions of a step, and keep what they were chosen from.
+
+        Args:
+            t: The number of the step in the rollout.
+            step: The number of the step in the run.
+            policies: The policies of the learners.
+
+        Returns:
+            int64 (worlds, agents, actions).
+        """
+        env, samples, observations = self.env, self.samples, self.env.observe()
+        seen, uniform = self._seen(observations), self.noise(step)
+        numbers = torch.from_numpy(uniform)
+        samples.seen.append(seen)
+        samples.own[t] = self.packer.own(observations)
+        samples.alive[t] = alive(env.worlds).ravel()
+        samples.begins[t] = self.begins
+        samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
+        if t % CHUNK == 0:
+            samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
+        for (index, number), group in self.groups.items():
+            one = self.pool.all[index]
+            if one.plain is not None:
+                where = group.where
+                samples.actions[t, where] = one.plain(self._batch(observations, where), uniform[where])
+                continue
+            policy = one.policies[number] if index else policies[number]
+            if one.packer is not None:
+                part = one.packer(self._batch(observations, group.where))
+            else:
+                part = self._part(seen, group)
+            memory, begins = self._remembered(policy, group)
+            if index or policy.apart:
+                logs, memory = policy.logs(part, memory, begins)
+            else:
+                logs, samples.values[t, group.where], memory = policy(part, memory, begins)
+            if memory is not None:
+                self.memory[group.where, : policy.memory] = memory
+            chosen = policy.choices.draw(logs, numbers[group.where])
+            samples.actions[t, group.where] = chosen
+            if not index:
+                samples.log_probs[t, group.where] = policy.choices.of(chosen, logs)
+        self.begins[:] = False
+        found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
+        if self.teacher is not None:
+            found = found.copy()
+            samples.actions[t] = self.teacher(self._batch(observations, slice(None)), uniform)
+        return found
+
+    def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
+        """Keep the result of a step, and begin the next episode in worlds whose episode has ended.
+
+        Args:
+            t: The number of the step in the rollout.
+            result: What env.step returned.
+            policies: The policies of the learners.
+        """
+        _, rewards, terminated, truncated, info = result
+        env, samples, done = self.env, self.samples, terminated | truncated
+        samples.rewards[t], samples.ends[t] = rewards.ravel(), np.repeat(done, env.num_agents)
+        living = info["alive"].ravel()
+        if self.dead == "drop":
+            samples.ends[t] |= ~living
+        self.behaviour.after_step()
+        if not self.pool.alone:
+            self.life += living_sides(env.worlds)
+        if done.any():
+            goes_on = np.repeat(truncated & ~terminated, env.num_agents) & (living | (self.dead == "keep"))
+            if goes_on.any():
+                samples.later[t] = self._values(policies) * torch.from_numpy(goes_on)
+            learns = self.learner.reshape(-1, env.num_agents) != NOBODY
+            self.episodes.add(info["statistics"], learns)
+            self._record(t, done)
+            self.keys[done, 2] += np.uint64(1)
+            if self.curriculum is not None:
+                self.played += just_ended(env, t, done, info["statistics"])
+            self._begin(done)
+
+    def restart(self) -> None:
+        """Restart the episodes that are going on, in levels that were chosen; levels without a key keep the world's."""
+        self._begin(np.ones(self.env.num_worlds, bool))
+
+    def _begin(self, where: Array) -> None:
+        """Begin the episodes of `keys` in the worlds `where`, bool (worlds,)."""
+        if self.curriculum is not None:
+            self.curriculum.deal(self.env, where, self.keys[where])
+        self.env.reset(options={"reset_mask": where})
+        self._draw(where)
+
+    def close(self, policies: Sequence[ActorCritic]) -> Samples:
+        """Return the samples, completed by the values of what is observed now."""
+        self.samples.last[:] = self._values(policies)
+        return self.samples
+
+    def tallies(self) -> Tallies:
+        """What was measured in the rollout that was closed last, by tag."""
+        layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
+        own = self.samples.own.reshape(*shape, layout.own)
+        actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
+        living = self.samples.alive.reshape(own.shape[:3])
+        learns = self.samples.learner.reshape(own.shape[:3]) != NOBODY
+        return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living, learns)
+
+    @property
+    def rows(self) -> slice:
+        """The positions of its worlds among those of all lanes of all processes."""
+        return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
+
+    def state(self) -> dict[str, Array]:
+        """Return who plays, and what they remember, by name, (worlds, ...), without the worlds themselves."""
+        each = self.env.num_worlds, self.env.num_agents
+        memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
+        found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
+
+    def restore(self, given: dict[str, Array]) -> None:
+        """Go on from what `state` returned. Raises TrainingError if it names players that do not exist."""
+        opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
+        if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
+            raise TrainingError(f"lane in {REST} of the checkpoint names players that there are not")
+        self.opponent, self.own, self.life = opponent, own, life
+        self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
+        self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).clone()
+        self.begins = given["begins"].ravel() > 0
+        self._sides = side(self.env.worlds)
+        self.assign()
+
+    def _remembered(self, policy: ActorCritic, group: Group) -> tuple[Tensor | None, Tensor | None]:
+        """What some agents remember, and where their memory begins anew, as their policy takes both."""
+        if not policy.memory:
+            return None, None
+        return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
+
+    @playing()
+    def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
+        """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
+        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, **FLOAT)
+        for (index, number), group in self.groups.items():
+            if not index:
+                policy, part = policies[number], self._part(seen, group)
+                values[group.where] = policy.values(part, *self._remembered(policy, group))
+        return values
+
+    def _seen(self, observations: dict[str, Array]) -> Observed:
+        """What all agents observe, with the state of their worlds if critics learn from it."""
+        seen = self.packer(observations)
+        if self.overview is not None:
+            state = self.overview(slice(None)) / self.overview.scale
+            seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
+        return seen
+
+    def _part(self, seen: Observed, group: Group) -> Observed:
+        """What some of the agents observe."""
+        return seen if len(group.members) == self.agents else seen.select(group.members)
+
+    def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
+        """The observations of some agents, (some, ...) by key."""
+        return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
+
+    def _record(self, t: int, done: Array) -> None:
+        """Note who won, for worlds that are done and have an opponent and more than one side.
+
+        The pool is told after the rollout: until then, draws must not depend on which worlds this process has.
+        """
+        sides = self._sides.max(1) + 1
+        worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
+        won = shares_outlived(self.life[worlds], self.own[worlds], sides[worlds])
+        self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
+
+    def _draw(self, where: Array) -> None:
+        """Draw who plays in the worlds `where`, bool (worlds,), in which episodes begin."""
+        self.life[where] = 0
+        self.begins[np.repeat(where, self.env.num_agents)] = True
+        self._sides[where] = side(self.env.worlds, where)
+        if self.pool.alone:
+            if counts_vary(self.env.worlds):
+                self.assign()
+            return
+        seeds, worlds, episodes = self.keys[where].T
+        indices, weights = self.pool.chances()
+        self.opponent[where] = indices[draw(weights, seeds, worlds, episodes)]
+        self.own[where] = own_side(worlds, episodes, self._sides[where].max(1) + 1)
+        self.assign()
+
+    def assign(self) -> None:
+        """Assign each agent to the network that plays it."""
+        theirs = (self.opponent > 0)[:, None] & (self._sides != self.own[:, None])
+        index = np.where(theirs, self.opponent[:, None], 0).ravel()
+        teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}
+        number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
+        self.learner = np.where((index > 0) | (self._sides < 0).ravel(), NOBODY, number).astype(np.int16)
+        pairs = np.unique(np.stack([index, number], 1), axis=0)
+        self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
+
+    def _group(self, members: Array) -> Group:
+        index = torch.from_numpy(np.flatnonzero(members))
+        if members.all():
+            return Group(slice(None), index)
+        return Group(index.numpy(), index)

@@ -1,0 +1,1 @@
+"""Runs: training with logs, checkpoints and films in a folder, and runs beside each other."""

@@ -1,0 +1,134 @@
+"""Runs of `outlast train` in processes of their own, a few at a time. Needs no PyTorch."""
+
+import logging
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from outlast.envs.cli.options import SIGNALLED, STOPPED
+from outlast.envs.progress import above_bars
+from outlast.envs.storage.interrupts import ignored, save_requests
+
+from ..base import log_file
+from .live_view import LiveView
+
+POLL = 0.5  # seconds
+MAIN = "outlast.training.runs.child_main"
+RESUME = "stopped: go on with --resume"
+logger = logging.getLogger("outlast")
+
+
+class ChildRun:
+    """A run in a process and a process group of its own, so that Ctrl-C reaches it only once, from this process.
+
+    If this process ends without stopping it, as by kill -9, the run saves and stops, too: see child_main.
+
+    Attributes:
+        folder: The folder of the run, which also names it.
+        words: The words of the command line that trains it.
+    """
+
+    def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
+        """Prepare the run without starting it.
+
+        Args:
+            folder: The folder of the run.
+            words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
+            resume: Whether to continue the run that is in the folder; without a folder, the run begins.
+        """
+        self.folder = folder
+        self.words = [sys.executable, "-m", MAIN, "train", *words, "--out", str(folder), "--quiet"]
+        self.words += ["--resume"] * (resume and folder.exists())
+
+    @property
+    def name(self) -> str:
+        """The name of the run in messages."""
+        return self.folder.name
+
+    def start(self) -> None:
+        """Start the process, which begins or continues the run."""
+        pipe, out = subprocess.PIPE, subprocess.STDOUT
+        with ignored("SIGUSR1"):  # until the run can save when it is asked to
+            self.process = subprocess.Popen(
+                self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
+            )
+        self._last = deque[str](maxlen=1)
+        self._reader = threading.Thread(target=self._read, daemon=True)  # a full pipe would stop the run
+        self._reader.start()
+
+    def _read(self) -> None:
+        """Read all that the run prints, and keep the last line."""
+        self._last.extend(text for line in self.process.stdout or () if (text := line.strip()))
+
+    def stop(self) -> None:
+        """Interrupt the run, so that it saves and ends."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+
+    def save(self) -> None:
+        """Let the run write a checkpoint and go on."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGUSR1)
+
+    def steps(self) -> int:
+        """Agent-steps done, according to the run's log."""
+        return log_file.last_step(self.folder / log_file.NAME)
+
+    def report(self) -> int:
+        """Print the run's last line of output. Returns its exit status as shells do: 128 + N if signal N ended it."""
+        with self.process as process:  # `communicate` would first close the run's input, which interrupts the run
+            self._reader.join()
+            code = process.wait()
+        last = (self._last or ["ended without a word"])[-1]
+        with above_bars(sys.stdout):
+            print(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
+        return code if code >= 0 else SIGNALLED - code
+
+
+def side_by_side(
+    runs: Sequence[ChildRun], at_once: int, view: LiveView, done: Callable[[], int], cure: str = RESUME
+) -> int:
+    """Train all runs. A run that fails is reported, and the others go on. On Ctrl-C, all that have begun save and stop.
+
+    SIGUSR1 is passed on to those that have begun, which save and go on.
+
+    Args:
+        runs: The runs, in the order in which they begin.
+        at_once: How many run at a time.
+        view: Shows the progress, every POLL seconds; it is closed at the end.
+        done: Returns how much of the view's total is done.
+        cure: What is logged after Ctrl-C, as how to continue.
+
+    Returns:
+        The exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
+    """
+    waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
+    try:
+        with save_requests() as asked:
+            while waiting or running:
+                while waiting and len(running) < at_once:
+                    running.append(waiting.pop(0))
+                    running[-1].start()
+                time.sleep(POLL)
+                for run in [run for run in running if run.process.poll() is not None]:
+                    running.remove(run)
+                    statuses.append(run.report())
+                if asked:
+                    asked.clear()
+                    for run in running:
+                        run.save()
+                view.update(done(), view.total, {})
+                view.now(f"{len(running)} running, {len(waiting)} waiting")
+    except KeyboardInterrupt:
+        for run in running:
+            run.stop()
+        statuses += [STOPPED, *(run.report() for run in running)]
+        logger.warning(cure)
+    finally:
+        view.close()
+    return STOPPED if STOPPED in statuses else max(statuses, default=0)

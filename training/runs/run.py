@@ -1,0 +1,356 @@
+"""A training run: collect, update, log, save, and go on from where it was stopped."""
+
+import contextlib
+import errno
+import json
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from outlast.ecs.kernels.available import available_cores
+from outlast.envs.errors import install
+from outlast.envs.rollout.models import models
+from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.storage.atomic_write import atomic_write, is_temporary
+from outlast.envs.storage.folder_lock import FolderLock, is_lock
+from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
+
+from ..base import log_file, run_header
+from ..base.config import TrainingConfig, parse_warm_start
+from ..base.errors import TrainingError
+from ..base.hyperparameters import Hyperparameters
+from ..base.presets import preset
+from ..policies import checkpoint
+from ..policies.torch_settings import learning
+from ..ppo.crew import Crew, recruit
+from ..ppo.divergence import check_learned
+from ..ppo.trainer import Trainer
+from .film import film_checkpoint
+from .logs import RunLog
+from .resume import capture, restore
+
+WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
+FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
+logger = logging.getLogger(__name__)
+Progress = Callable[["TrainingRun"], None]
+
+
+def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
+    """Make the trainer of a process of a run, and let each of its threads run PyTorch on one.
+
+    files: Those of the checkpoint that the run goes on from, if there is one.
+    """
+    threads = config.threads or max(1, min(torch.get_num_threads(), available_cores()) // crew.size)
+    torch.set_num_threads(1)
+    trainer = Trainer(config, threads, crew)
+    if files is not None:
+        restore(trainer, files)
+    else:
+        trainer.take_weights()
+    return trainer
+
+
+def remaining(trainer: Trainer) -> float:
+    """Return the share of a run that is left."""
+    return 1 - trainer.steps / trainer.config.steps
+
+
+def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
+    """Do what every process of a run except the first does: the same as the first, without logs and files."""
+    trainer = prepared(config, files, crew)
+    if files is None and config.warm_start:
+        trainer.imitate(lambda done, tags: None)
+        trainer.captured()
+    if not trainer.steps:
+        trainer.captured()
+    while trainer.steps < config.steps:
+        left, rollout = remaining(trainer), trainer.collect()
+        trainer.report()
+        trainer.update(rollout, left)
+        trainer.captured()
+
+
+class TrainingRun:
+    """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
+
+    A process that is killed at any moment leaves a run that can be resumed. If several processes share the work, this
+    one starts the others, and they end with it.
+
+    Attributes:
+        anew: Whether the run begins at 0 although it was to be resumed, as it has no checkpoint yet.
+        done: Agent-steps in updates that are complete.
+        saved: Agent-steps in the newest checkpoint.
+        tags: The numbers that were logged last.
+        now: What the run is doing, in a word or two.
+    """
+
+    @learning()
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: Path,
+        *,
+        resume: bool = False,
+        film: bool = False,
+        cluster: str | None = None,
+    ) -> None:
+        """Make the worlds and networks, and write run.json.
+
+        Args:
+            config: What to train, and how.
+            folder: The folder of the run; made if it is not there.
+            resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
+            film: Whether to make a short film of each checkpoint, beside it.
+            cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
+                None: all run on this machine.
+
+        Raises:
+            ClusterError: There is no such cluster, or it is too small.
+            TrainingError: The run cannot begin or go on there; nothing is written.
+        """
+        self.config, self.folder, self.film = config, folder, film
+        there = self._there()
+        files = self._find_checkpoint(there, resume)
+        if files is None:
+            config.check_teacher()
+        else:
+            self._check_plan(checkpoint.header_of(files))
+        if cluster is None:
+            self.crew = recruit(config.processes, follow, config, files)
+        else:
+            try:
+                from ..ppo.cluster import recruit_on_cluster  # imported here, as Ray takes seconds to load
+            except ModuleNotFoundError as error:
+                raise TrainingError(f"a Ray cluster needs Ray: {install('ray')}") from error
+            if config.processes == 1:
+                raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
+            self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
+        self.fresh, self.lock, self._threads = (
+            files is None,
+            FolderLock(folder, "trains this run", WRITTEN),
+            torch.get_num_threads(),
+        )
+        try:
+            self.trainer = prepared(config, files, self.crew)
+            with self._disk_errors():
+                self._prepare(there)
+                self.log = RunLog(folder, self.trainer.steps)
+        except BaseException:
+            self.lock.release()
+            self.crew.close()
+            torch.set_num_threads(self._threads)
+            raise
+        self.anew = resume and self.fresh
+        self.saved = self.done = self.trainer.steps
+        self.tags: dict[str, float] = {}
+        self.now = "collecting"
+        self.kept: tuple[int, dict[str, bytes]] | None = None  # where the last update ended: steps, checkpoint
+        self.asked: list[int] = []  # signals that ask for a checkpoint
+
+    @one_interrupt()
+    @learning()
+    def train(self, progress: Progress = lambda run: None) -> None:
+        """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
+
+        SIGUSR1 saves that, too, at the end of the rollout or epoch, and the run goes on.
+
+        Args:
+            progress: Called after each update, and when each of its epochs begins, as the first updates take minutes.
+
+        Raises:
+            TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
+        """
+        with save_requests() as self.asked:
+            try:
+                self._train(progress)
+            finally:
+                with interrupts_held(), self._disk_errors():  # a cluster may signal twice: this process, and its parent
+                    self.crew.close()
+                    try:
+                        if self.kept is not None:
+                            self._save(self.kept)
+                    finally:
+                        self.log.close()
+                        self.lock.release()
+                        torch.set_num_threads(self._threads)
+
+    def _train(self, progress: Progress) -> None:
+        """Collect and update, and save now and then."""
+        if self.fresh and self.config.warm_start:
+            self._warm_start(progress)
+        if not self.saved:
+            self.kept = self._capture()
+        while self.trainer.steps < self.config.steps:
+            self._iterate(progress)
+            self.done, self.now = self.trainer.steps, "collecting"
+            self.kept = self._capture()
+            last = self.done >= self.config.steps
+            if last or self.done // self.config.every > self.saved // self.config.every:
+                self._save(self.kept)
+                if self.film:
+                    latest = self.folder / CHECKPOINT.format(self.saved)
+                    film_checkpoint(latest, self.folder, self.config.scenario)
+            self._save_if_asked()
+            progress(self)
+
+    def _save_if_asked(self) -> None:
+        """Save where the last update ended, if SIGUSR1 has come and that is not saved already."""
+        if self.asked and self.kept is not None:
+            self.asked.clear()
+            path = self.folder / CHECKPOINT.format(self.kept[0])
+            if not path.exists():
+                self._save(self.kept)
+                logger.info("saved %s, as SIGUSR1 asks for", path)
+
+    def _warm_start(self, progress: Progress) -> None:
+        """Imitate the teacher, and save. If this is interrupted, a resumed run imitates from the beginning."""
+
+        def on_rollout(done: int, tags: dict[str, float]) -> None:
+            what = f"the imitation that the run begins with diverged: after {done} agent-steps"
+            check_learned(self.trainer, tags, what, "in units of smaller rewards, or without --warm-start")
+            self.now, self.tags = f"imitated {done / 1e6:.1f} M agent-steps", tags
+            progress(self)
+
+        start = time.perf_counter()
+        tags = self.trainer.imitate(on_rollout)
+        self._save(self._capture())
+        if tags:
+            with self._disk_errors():  # after the checkpoint, so that no log has it twice
+                self.log.write(tags | {"time/imitation": time.perf_counter() - start}, 0)
+
+    def _iterate(self, progress: Progress) -> None:
+        """Collect a rollout, update from it, and log both."""
+
+        def on_epoch(epoch: int) -> None:
+            self.now = f"epoch {epoch}"
+            self._save_if_asked()
+            progress(self)
+
+        trainer, times = self.trainer, [time.perf_counter()]
+        left = remaining(trainer)
+        rollout = trainer.collect()
+        times.append(time.perf_counter())
+        tags = trainer.report() | trainer.update(rollout, left, on_epoch)
+        what = f"training diverged: after {trainer.steps} agent-steps"
+        check_learned(trainer, tags, what, "with a lower learning rate, or in units of smaller rewards")
+        times.append(time.perf_counter())
+        samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[2] - times[1]
+        tags |= {
+            "time/env_steps": trainer.steps / trainer.env.num_agents,
+            "time/fps": samples / (collecting + updating),
+            "time/collected_per_second": samples / collecting,
+            "time/updated_per_second": samples * tags.get("train/epochs", 0) / updating,
+        }
+        self.tags = tags
+        with self._disk_errors():
+            self.log.write(tags, trainer.steps)
+
+    def _capture(self) -> tuple[int, dict[str, bytes]]:
+        with self._disk_errors():  # the worlds go through a temporary file
+            return self.trainer.steps, capture(self.trainer, self.config.header())
+
+    def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
+        steps, files = kept
+        with self._disk_errors():
+            checkpoint.write_checkpoint(self.folder / CHECKPOINT.format(steps), files)
+        self.saved = steps
+
+    def _there(self) -> set[str]:
+        """Names of what is in the folder, without temporary files and that of the lock."""
+        paths = self.folder.iterdir() if self.folder.is_dir() else ()
+        return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
+
+    def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
+        """The checkpoint to go on from, if there is one. there: What is in the folder."""
+        if there and not resume:
+            raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
+        if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
+            return None
+        found = checkpoints(self.folder)
+        if run_header.NAME in there and not found:
+            self._check_begun()
+            return None
+        if not found:
+            raise TrainingError(f"there is nothing to resume in {self.folder}")
+        return checkpoint.read_checkpoint(found[-1])
+
+    def _check_begun(self) -> None:
+        """Refuse another config than the one with which a run that has no checkpoint was begun."""
+        header = run_header.read_run_folder(self.folder)
+        self._check_plan(header)
+        if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
+            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
+
+    def _prepare(self, there: set[str]) -> None:
+        """Make the folder and lock it, and say in run.json what is asked.
+
+        there: What was in it when the checkpoint was read.
+        """
+        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it could not be read again
+        try:
+            self.lock.acquire()
+        except BlockingIOError as error:
+            raise TrainingError(str(error)) from None
+        if self._there() != there:
+            raise TrainingError(
+                f"{self.folder}: another process has trained this run in the meantime; go on from there with --resume"
+            )
+        if (self.folder / run_header.NAME).exists():
+            header = run_header.read_run_folder(self.folder)
+        else:
+            header = self.config.header() | {"scenario": fingerprint(self.trainer.env.scenario)}
+        if header.get(run_header.ASKED) != self.config.steps:
+            with atomic_write(self.folder / run_header.NAME) as place:
+                text = json.dumps(header | {run_header.ASKED: self.config.steps}, indent=1)
+                place.write_text(text + "\n", encoding="utf-8")
+
+    @contextlib.contextmanager
+    def _disk_errors(self) -> Iterator[None]:
+        """Turn errors of the disk into a TrainingError that names the cure."""
+        try:
+            yield
+        except OSError as error:
+            wrong = f"{error.filename or self.folder}: {error.strerror or error}"
+            cure = "choose a folder that can be written to, --out"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                cure = "make room there, and go on with --resume"
+            raise TrainingError(f"{wrong}; {cure}") from error
+
+    def _check_plan(self, header: run_header.Header) -> None:
+        """Refuse to go on with another plan: it would not be the same run. Files of policies may have moved."""
+        plans = header["plan"], self.config.header()["plan"]
+        then, now = (json.loads(json.dumps(plan)) for plan in plans)
+        free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
+        differ = [key for key in now if now[key] != then.get(key) and key not in free]
+        if "settings" in differ and "preset" not in differ and self.config.numbers == self._numbers(then["settings"]):
+            differ.remove("settings")  # other ones are named, but their values are the preset's
+        if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
+            differ.remove("warm_start")
+        if FILES.sub("FILE", str(then.get("opponents"))) == FILES.sub("FILE", now["opponents"]):
+            differ = [key for key in differ if key != "opponents"]
+        if differ:
+            others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
+            cure = "go on with the same, or choose another folder with --out"
+            if differ == ["steps"]:
+                cure = f"its learning rate falls along them; go on with --steps {then['steps']}, or take another --out"
+                cure += f", which may begin with --warm-start {self.folder}" * bool(checkpoints(self.folder))
+            raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
+
+    def _numbers(self, settings: Any) -> Hyperparameters | None:
+        """The preset's hyperparameters with these settings; None if they are no settings."""
+        with contextlib.suppress(TrainingError, TypeError):
+            return preset(self.config.preset).numbers.changed(settings)
+        return None
+
+
+def _same_teacher(then: str, now: str) -> bool:
+    """Whether two warm starts name one file that was moved, or files of one run: it is over, so either will do."""
+    (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
+    moved = is_saved(one) and is_saved(other) and not {one, other} & models().keys() and steps == others
+    return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

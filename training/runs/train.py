@@ -1,0 +1,218 @@
+"""Training in one call: `outlast train`, and outlast.train."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.rollout.saved import newest, text_of
+from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
+from outlast.envs.scenarios.scenario import Number, Scenario
+from outlast.envs.storage.interrupts import children_awaited
+
+from ..base.annealing import Anneal, parse_anneal
+from ..base.config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig
+from ..base.errors import TrainingError
+from ..base.hyperparameters import KINDS
+from ..base.log_file import NAME, read_log
+from ..base.run_size import Workload
+from .live_view import LiveView
+from .run import TrainingRun
+
+
+@dataclass(frozen=True)
+class TrainedRun:
+    """A run that is complete.
+
+    Attributes:
+        folder: Holds run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`
+            take it.
+        policy: The newest checkpoint, for `outlast.load_policy`.
+        steps: Agent-steps that the newest checkpoint was trained for.
+        logged: The numbers that were logged last, by tag.
+    """
+
+    folder: Path
+    policy: Path
+    steps: int
+    logged: dict[str, float]
+
+
+@checks_keywords
+def train(
+    scenario: str | Scenario,
+    folder: str | Path | None = None,
+    *,
+    steps: int = 10_000_000,
+    preset: str = FAST,
+    seed: int = 0,
+    resume: bool = False,
+    worlds: int = 0,
+    rollout: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    policies: str = "shared",
+    opponents: str | Mapping[str | os.PathLike[str], float] = SELF,
+    prioritised: bool = False,
+    snapshots: int = SNAPSHOTS,
+    memory: int = 0,
+    critic: str = "own",
+    warm_start: str | os.PathLike[str] = "",
+    anneal: str | Sequence[str] = (),
+    levels: Choose | None = None,
+    dead: str = "keep",
+    device: str = "cpu",
+    threads: int = 0,
+    processes: int = 1,
+    cluster: str | None = None,
+    halves: bool = False,
+    every: int = 1_000_000,
+    film: bool = False,
+    quiet: bool = False,
+    **numbers: Number,
+) -> TrainedRun:
+    """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
+
+    >>> run = outlast.train("ffa_2", steps=2_000_000, opponents="self:0.8,scripted:0.2", melee_damage=20)
+    >>> print(outlast.evaluate("ffa_2", [run.folder, "scripted"], melee_damage=20))
+
+    Args:
+        scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
+        folder: The run's folder; a new one, or that of the run to resume. None: runs/SCENARIO-PRESET-SEED.
+        steps: Agent-steps to train for. As whole rollouts are collected, there may be a few more.
+        preset: Networks, numbers of PPO and the size of a rollout: "fast", "original", "paper", "scaled".
+        seed: The same seed gives the same numbers.
+        resume: Whether to go on from the newest checkpoint in the folder.
+        worlds: How many worlds collect a rollout; 0: as in the preset.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as in the preset.
+        settings: Numbers of PPO that differ from the preset's: {"gamma": 0.995}.
+        policies: "shared": one policy for all agents. "side" or "agent": a policy for each side or agent.
+        opponents: Who the learners play against, with weights: "self:0.5,scripted:0.5" or {"self": 0.5, ...}.
+        prioritised: Whether opponents that win more often are drawn more often.
+        snapshots: How many updates lie between past selves.
+        memory: How many numbers each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes; "state", the whole world as well.
+        warm_start: What policies start from before PPO begins: "scripted", "FILE.zip"; "": random weights.
+        anneal: Numbers of the scenario that change during training: ``"rewards_kill=10:0@5e6"``, or several.
+        levels: A function that chooses the levels to train in, called before each rollout; see
+            outlast.training.ppo.curriculum.TrainingProgress. None: worlds draw their own.
+        dead: What happens to the samples of dead agents: "keep" or "drop".
+        device: PyTorch device on which policies are updated; they play on the CPU.
+        threads: Threads for the networks and the worlds, with the same results; 0: one for each available core.
+        processes: How many processes share the worlds.
+        cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine.
+        halves: Whether to step half of the worlds while the networks are busy with the other half.
+        every: Agent-steps between checkpoints.
+        film: Whether to make a short film of each checkpoint.
+        quiet: Whether to show no progress.
+        **numbers: Numbers of the scenario to change, as in melee_damage=20.
+
+    Returns:
+        The run: its folder, its newest checkpoint, and what it logged last.
+
+    Raises:
+        ScenarioError: There is no such scenario or preset.
+        NumberError: The scenario has no such number (perhaps one of the arguments was meant).
+        TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
+    """
+    for name in numbers.keys() & KINDS.keys():
+        raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
+    config = TrainingConfig(
+        resolve(scenario, numbers, options_of(train)),
+        preset,
+        steps,
+        seed,
+        worlds=worlds,
+        rollout=rollout,
+        dead=dead,
+        device=device,
+        threads=threads,
+        every=every,
+        settings=_settings(settings),
+        policies=policies,
+        opponents=_weights(opponents),
+        prioritised=prioritised,
+        snapshots=snapshots,
+        processes=processes,
+        halves=halves,
+        memory=memory,
+        critic=critic,
+        warm_start=_start(warm_start),
+        anneal=_annealed(anneal),
+        levels=levels,
+    )
+    place = Path(folder) if folder is not None else usual_folder(config)
+    with children_awaited():
+        run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
+        shown(run, quiet=quiet)
+    return TrainedRun(place, newest(place), run.saved, run.tags or _logged_last(place))
+
+
+def _logged_last(folder: Path) -> dict[str, float]:
+    """What a run that was already complete logged last, by tag."""
+    points = read_log(folder / NAME)
+    last = max((steps for own in points.values() for steps, _ in own), default=0)
+    return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
+
+
+def usual_folder(config: TrainingConfig) -> Path:
+    """The folder of a run for which none is named."""
+    return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
+
+
+def shown(run: TrainingRun, *, quiet: bool) -> None:
+    """Train, and show what the run consists of, how far it is, and how long it takes; see LiveView."""
+    config, work = run.config, Workload.of(run.config)
+    about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
+    if run.anew:
+        about += f"\nno checkpoint in {run.folder} yet: begins at 0"
+    view = LiveView(run.done, work.total, quiet=quiet, about=about)
+
+    def progress(run: TrainingRun) -> None:
+        ended = run.done >= config.steps
+        view.update(run.done, run.done if ended else work.total, run.tags)
+        view.now(run.now)
+
+    try:
+        run.train(progress)
+    finally:
+        view.close()
+
+
+def _settings(settings: Any) -> dict[str, Any]:
+    try:
+        return dict(settings or {})
+    except (TypeError, ValueError):
+        raise TrainingError(
+            f"settings = {settings!r:.200}: numbers of PPO by name are needed, as in {{'gamma': 0.995}}"
+        ) from None
+
+
+def _annealed(anneal: Any) -> tuple[Anneal, ...]:
+    texts = [anneal] if isinstance(anneal, str) else anneal
+    if not isinstance(texts, Sequence) or not all(isinstance(text, str) for text in texts):
+        raise TrainingError(
+            f"anneal = {anneal!r:.200}: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'; () for none"
+        )
+    return parse_anneal(texts)
+
+
+def _start(warm_start: Any) -> str:
+    start = text_of(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
+    if not isinstance(start, str):
+        needed = f"a name, such as '{TEACHERS[0]}', or the path of a saved policy is needed; '' for none"
+        raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
+    return start
+
+
+def _weights(opponents: Any) -> dict[str, float]:
+    if isinstance(opponents, str):
+        return parse_mixture(opponents, OPPONENTS)
+    needed = "names or paths of saved policies are needed, with weights, as in {'self': 1, 'runs/a': 1}"
+    if not isinstance(opponents, Mapping):
+        raise TrainingError(f"opponents = {opponents!r:.200}: {needed}")
+    for name in opponents:
+        if not isinstance(name, str | os.PathLike):
+            raise TrainingError(f"opponents: {name!r:.200} is no opponent of training: {needed}")
+    return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}

@@ -1,0 +1,194 @@
+"""Watching a run while it goes on: episodes of its newest checkpoint, and the numbers of its log."""
+
+import base64
+import contextlib
+import itertools
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.rollout.saved import checkpoints
+from outlast.envs.web.replay.pack import Room, pack
+from outlast.envs.web.replay.write import Recorded, record_ticks
+
+from ..base import log_file
+from ..base.errors import TrainingError
+from ..base.run_summary import headline
+from .episode import episode
+
+MOST = 5000  # ticks of an episode that are shown, at most
+CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures that have a chart; its points, at most
+POLL, AWAY = 0.5, 15.0  # seconds: between looks at the folder; without a request, after which nobody is watching
+logger = logging.getLogger(__name__)
+Json = dict[str, Any]
+
+
+class RunWatcher:
+    """A run in a folder, for a page: a Feed of outlast.envs.web.replay.server.
+
+    Nothing is computed unless it is requested. A checkpoint that cannot be played is reported, and the newest one that
+    can is played instead. The first episode is there from its first tick on, and grows; later ones are there as wholes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.asked = 0.0  # when a page last asked, of time.monotonic()
+        self.recorded: Json | None = None  # the newest episode, see Feed
+        self.source: tuple[Path, int] | None = None  # its checkpoint, and when that was written
+        self.taken = False  # whether a page has fetched it
+        self.differs = ""  # how what is played differs from what was trained in
+        self.broken: dict[tuple[Path, int], str] = {}  # checkpoints that cannot be played, and why
+        self.log: tuple[Any, list[Json], str] = None, [], ""  # the file's state, figures, what is wrong with it
+        self.lock = threading.Lock()  # protects `log`
+
+    def status(self) -> Json:
+        """The state of the run: a message, the newest checkpoint, the newest episode's checkpoint, and figures."""
+        self.asked = time.monotonic()
+        found = self._checkpoints()
+        with self.lock:
+            figures, wrong = self._figures()
+        made = self.recorded
+        newest, messages = None, [self._waiting(found)]
+        if found:
+            path, written = found[0]
+            newest = {"steps": _steps(path), "age": max(0.0, time.time() - written / 1e9)}
+            messages.append(self.broken.get(found[0], self.differs))
+        return {
+            "message": " ".join(filter(None, (*messages, wrong))),
+            "newest": newest,
+            "episode": made and {"number": made["number"], "steps": made["steps"]},
+            "figures": figures,
+        }
+
+    def episode(self) -> Json | None:
+        """The newest episode. Once it has been fetched, another one is recorded."""
+        self.asked, found = time.monotonic(), self.recorded
+        self.taken = True
+        return found
+
+    def record(self, stop: threading.Event) -> None:
+        """Record episodes whenever there is something new to see, until `stop`."""
+        number = 0
+        while not stop.is_set():
+            if (source := self._wanted()) is None:
+                stop.wait(POLL)
+            else:
+                number += 1
+                self._record(source, number, stop)
+
+    def _wanted(self) -> tuple[Path, int] | None:
+        """The checkpoint to record an episode of now, if any."""
+        if time.monotonic() - self.asked > AWAY:
+            return None
+        source = next((found for found in self._checkpoints() if found not in self.broken), None)
+        return source if source != self.source or self.taken else None
+
+    def _record(self, source: tuple[Path, int], number: int, stop: threading.Event) -> None:
+        path, _ = source
+        try:
+            with episode(path, seed=number, most=MOST) as played:
+                game, differs = played.scenario.name, played.differs
+                known = {"number": number, "steps": _steps(path), "game": game}
+                self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
+
+                def grown(recorded: Recorded) -> None:
+                    """Publish the beginning of an episode at ticks 0, 1, 3, 7 and so on, if there is nothing else."""
+                    ticks = _ticks(recorded)
+                    if not ticks & (ticks - 1) and not (self.recorded and self.recorded["whole"]):
+                        self.recorded = _published(known, recorded, whole=False)
+
+                found = record_ticks(played.worlds, _until(stop, played.ticks), [0], after=grown)
+                made = _published(known, found, whole=True)
+        except Exception as error:  # of the file, of the world: an older checkpoint may still play
+            why = (str(error) or type(error).__name__).replace(str(path), "it")
+            self.broken[source] = f"{path.name} cannot be played: {why}."
+            logger.warning("%s cannot be played: %s", path, why)
+            return
+        if stop.is_set():
+            return
+        self.recorded, self.source, self.taken = made, source, False
+
+    def _checkpoints(self) -> list[tuple[Path, int]]:
+        """The checkpoints and when they were written (nanoseconds since 1970), the newest first."""
+        found = []
+        with contextlib.suppress(OSError):  # the folder cannot be read now
+            for path in reversed(checkpoints(self.folder)):
+                with contextlib.suppress(OSError):  # it was removed a moment ago
+                    found.append((path, path.stat().st_mtime_ns))
+        return found
+
+    def _waiting(self, found: list[tuple[Path, int]]) -> str:
+        if not self.folder.is_dir():
+            return f"There is no folder {self.folder} any more."
+        if not found:
+            return f"There is no checkpoint in {self.folder} yet: the first one will be played."
+        return "" if self.recorded or self.broken.keys() >= {*found} else "The first episode is being played."
+
+    def _figures(self) -> tuple[list[Json], str]:
+        """What the log says, read again when it has changed; and what is wrong with it."""
+        path = self.folder / log_file.NAME
+        try:
+            status = path.stat()
+        except OSError:  # it is not there yet
+            return [], ""
+        if not status.st_size:  # its first line is not there yet
+            return [], ""
+        state = status.st_mtime_ns, status.st_size
+        if self.log[0] != state:
+            try:
+                self.log = state, figures(log_file.read_log(path)), ""
+            except TrainingError as error:
+                self.log = state, self.log[1], f"{error}."
+        return self.log[1:]
+
+
+def figures(points: log_file.Points) -> list[Json]:
+    """Return the figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
+    by_step: dict[int, dict[str, float]] = {}
+    for tag, rows in points.items():
+        for step, value in rows:
+            by_step.setdefault(step, {})[tag] = value
+    series: dict[tuple[str, str], list[tuple[int, float]]] = {}
+    for step, tags in sorted(by_step.items()):
+        for figure in headline(tags):
+            series.setdefault((figure.group, figure.name), []).append((step, figure.value))
+    return [
+        {
+            "group": figure.group,
+            "name": figure.name,
+            "text": figure.text,
+            "points": _thinned(series.get((figure.group, figure.name), [])) if figure.group in CHARTED else None,
+        }
+        for figure in headline({tag: rows[-1][1] for tag, rows in points.items()})
+    ]
+
+
+def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
+    """Reduce points to at most POINTS, each the mean of some neighbours, at the agent-steps of the last of these."""
+    size = max(1, -(-len(points) // POINTS))
+    parts = [points[k : k + size] for k in range(0, len(points), size)]
+    return [(part[-1][0], sum(value for _, value in part) / len(part)) for part in parts]
+
+
+def _ticks(recorded: Recorded) -> int:
+    """How many ticks the only world has, with that of the reset."""
+    return sum(len(episode.rows) for episodes in recorded.values() for episode in episodes)
+
+
+def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
+    """An episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
+    data = base64.b64encode(pack([Room(known["game"], recorded)])).decode()
+    return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
+
+
+def _steps(path: Path) -> int:
+    """Agent-steps in the name of a checkpoint; 0 if it was given another name."""
+    number = path.stem.rpartition("_")[2]
+    return int(number) if number.isdecimal() else 0
+
+
+def _until(stop: threading.Event, ticks: Iterator[int]) -> Iterator[int]:
+    return itertools.takewhile(lambda _: not stop.is_set(), ticks)
