@@ -265,12 +265,12 @@ def test_another_recording_is_found(first: Result) -> None:
 class Altered(Contender):
     """A policy whose choices are changed: a function of those of a call and the number of the call."""
 
-    def __init__(self, policy: str, change: Callable[[Any, int], Any], slack: float = 0.0, keyed: bool = True) -> None:
+    def __init__(self, policy: str, change: Callable[[Any, int], Any], slack: float = 0.0) -> None:
         super().__init__(Path(policy).stem, policy)
-        self.change, self.slack, self.keyed = change, slack, keyed
+        self.change, self.slack = change, slack
 
     def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
-        act, calls = super().act(env, seed, keyed=self.keyed, slack=self.slack), itertools.count()
+        act, calls = super().act(env, seed, keyed=keyed, slack=self.slack), itertools.count()
         return lambda seen, indices: self.change(act(seen, indices), next(calls))
 
 
@@ -299,12 +299,11 @@ def test_one_altered_action_is_found(first: Result, side: str) -> None:
     assert re.search(rf"{side} did not play it: in world 0, tick 1, agent [01] it chooses \[.*\], not \[", found)
 
 
-@pytest.mark.parametrize("keyed", [True, False])
 @pytest.mark.parametrize("rounded", [1, 1000])
 def test_of_networks_what_is_within_rounding_is_counted(
-    first: Result, monkeypatch: pytest.MonkeyPatch, rounded: int, keyed: bool
+    first: Result, monkeypatch: pytest.MonkeyPatch, rounded: int
 ) -> None:
-    """A few actions, as on another machine: but not more, nor where one action changes all games that follow."""
+    """A few actions, as on another machine, but not more."""
     differ = [0]
 
     def change(choices: Any, call: int) -> Any:
@@ -315,15 +314,14 @@ def test_of_networks_what_is_within_rounding_is_counted(
         differ[0] += int((choice != last).any(1).sum())
         return last
 
-    altered = Altered(str(first.folder / "policy.safetensors"), change, 2**-8, keyed)
+    altered = Altered(str(first.folder / "policy.safetensors"), change, 2**-8)
     entry = with_match(first, altered, Contender("scripted", "scripted"))
-    entry.matches[0]["keyed"] = keyed
     monkeypatch.setattr(matches, "ROUNDING", 2**-7)
     whole, match = (check() for check in checks(entry))
     assert (match.wrong, match.differing, match.drawn > 1000) == ("", differ[0], True)
     share = f"{differ[0] / match.drawn:.1e}"
     assert str(match).endswith(f"; {differ[0]} of {match.drawn:,} actions differ by rounding ({share})")
-    assert bool(match.missing) == (not keyed)
+    assert not match.missing
     assert whole.of([match]).wrong == ("" if differ[0] <= 3 else "more of its actions differ than rounding explains")
     monkeypatch.setattr(matches, "ROUNDING", 2**-30)
     assert "policy.safetensors did not play it" in checks(entry)[1]().wrong

@@ -538,23 +538,6 @@ def test_the_weights_of_a_checkpoint_are_safetensors(tmp_path: Path) -> None:
     assert checkpoint.header_of(files)["preset"] == "original"
 
 
-def test_a_checkpoint_of_pickles_is_refused(tmp_path: Path) -> None:
-    """As earlier versions saved them."""
-    TrainingRun(config(EACH), tmp_path).train()
-    place = newest(tmp_path)
-    files = checkpoint.read_checkpoint(place)
-    for new, old in (("policy.safetensors", "policy.pt"), ("rest.safetensors", "rest.pt")):
-        files[old] = files.pop(new)
-    checkpoint.write_checkpoint(place, files)
-    for read in (checkpoint.read_checkpoint, checkpoint.read_policies, outlast.load_policy):
-        with pytest.raises(
-            TrainingError, match=rf"{place.name} is a checkpoint of an earlier .* are pickles, .*: train"
-        ):
-            read(place)
-    with pytest.raises(TrainingError, match="are pickles, which are no longer read"):
-        TrainingRun(config(2 * EACH), tmp_path, resume=True)
-
-
 def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with pytest.raises(TrainingError, match="nothing to resume in"):

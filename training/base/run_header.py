@@ -16,7 +16,6 @@ from .presets import PRESETS
 
 NAME = "run.json"
 WEIGHTS = "policy.safetensors"  # in a checkpoint: weights of its policies
-PICKLED = "policy.pt"  # in checkpoints of earlier versions: the same, as a pickle
 VERSION = 1
 NEEDED = "version", "steps", "preset", "scenario", "observations", "fields", "actions", "team", "memory", "state"
 MOST, FEW = 2**16, 256  # at most: numbers that an agent observes, or values of its actions; its actions
@@ -34,23 +33,9 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
     except FileNotFoundError as error:
         raise TrainingError(f"there is no checkpoint {path}") from error
     except safe_npz.BROKEN as error:
-        if _is_pickled(path):
-            raise TrainingError(
-                f"{path} is a checkpoint of an earlier version, whose weights are pickles, which are no longer read: "
-                "train again, or go on with the version that saved it"
-            ) from error
         cure = "outlast's training saves them, and what another library has saved plays as a function of yours"
         raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}; {cure}") from error
     return parse_header(path, files[NAME], needed), files
-
-
-def _is_pickled(path: Path) -> bool:
-    """Return whether it is a checkpoint whose weights are pickles."""
-    try:
-        with path.open("rb") as file:
-            return bool(safe_npz.entries(file, {PICKLED}, LARGEST))
-    except safe_npz.BROKEN:
-        return False
 
 
 def read_run_folder(folder: Path) -> Header:

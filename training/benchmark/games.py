@@ -79,7 +79,7 @@ def shorten(game: Game, pair: Sequence[Contender], games: int, path: Path) -> Ga
     Raises:
         RecordingError: The recording is not of these policies and this game.
     """
-    repeated = matches.repeat(game, pair, games, path, keyed=True)
+    repeated = matches.repeat(game, pair, games, path)
     return Games(_digests(path), repeated.doubtful)
 
 
@@ -98,7 +98,7 @@ def repeat(game: Game, pair: Sequence[Contender], games: int, path: Path) -> Rep
     """
     kept = Games.read(path)
     with matches.worlds(game, pair, games) as env, tempfile.TemporaryDirectory() as folder:
-        asked = [matches.asked(game, role, policy, env, keyed=True) for role, policy in enumerate(pair)]
+        asked = [matches.asked(game, role, policy, env) for role, policy in enumerate(pair)]
         choices = _Choices(path, kept.doubtful, env, asked)
         with _compared(path, kept.digests, Path(folder, "again.rec"), env):
             match = Match(env, choices.acts(), 1, game.seed)

@@ -71,7 +71,7 @@ def _kept(entry: Result, folder: Path, known: dict[str, Path], first: bool) -> K
         write_files({folder / policy["file"]: entry.policy.read_bytes()})
     own = {"recording": kept.NOTHING}
     short = KeptResult(folder.joinpath(*name), content).recording(match)
-    if there and match.get("keyed") and entry.recording(match).exists():
+    if there and entry.recording(match).exists():
         _shorten(entry, short)
         own = {"recording": digest(short)}
     matches = [each | own if each is match else each for each in entry.matches]

@@ -114,7 +114,7 @@ def _packed(entry: Result) -> Content:
     own, matches = entry.against[TRAINED, SELF], dict[str, dict[str, list[int]]]()
     for match in entry.matches:
         matches.setdefault(match["game"], {})[match["against"]] = [match[key] for key in NUMBERS]
-    self_play = {"figures": own["figures"], "recording": own["recording"], "keyed": own.get("keyed", False)}
+    self_play = {"figures": own["figures"], "recording": own["recording"]}
     return {key: entry.content[key] for key in SAME} | {"self": self_play, "matches": matches}
 
 

@@ -56,14 +56,14 @@ def play(
         progress: Called with how many more games have ended.
 
     Returns:
-        The outcome, see `outcome`, with "recording", the digest of the file, and "keyed", see `repeat`.
+        The outcome, see `outcome`, with "recording", the digest of the file.
     """
     with worlds(game, pair, games) as env, atomic_write(path) as place:
         with record(env, place):
-            acts = [_act(game, role, policy, env, True) for role, policy in enumerate(pair)]
+            acts = [_act(game, role, policy, env) for role, policy in enumerate(pair)]
             found = Match(env, acts, 1, game.seed).play(progress)
         made = digest(place)
-    return outcome(found) | {"recording": made, "keyed": True}
+    return outcome(found) | {"recording": made}
 
 
 def outcome(found: MatchResults) -> dict[str, Any]:
@@ -105,7 +105,7 @@ class Repeated:
     doubtful: Array
 
 
-def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path, keyed: bool) -> Repeated:
+def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
     """Play the recorded actions of a match in worlds that are made anew, and ask the policies what they would do.
 
     Args:
@@ -113,8 +113,6 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path,
         pair: Two policies, or one that met itself; None: one that is not known here.
         games: How many games were played.
         path: The file of the recording.
-        keyed: Whether saved policies drew by the keys of worlds. In earlier matches they drew from a generator, which
-            served all worlds: there, one action changes all games that follow.
 
     Returns:
         What the match comes to this time.
@@ -139,7 +137,7 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path,
         contextlib.closing(recording.tick_records()) as ticks,
     ):
         again = Path(folder, "again.rec")
-        every = [None if each is None else asked(game, k, each, env, keyed) for k, each in enumerate(pair)]
+        every = [None if each is None else asked(game, k, each, env) for k, each in enumerate(pair)]
         script = _Script(path, ticks, env, every)
         with record(env, again):
             match = Match(env, script.acts(), 1, game.seed)
@@ -258,12 +256,12 @@ def worlds(
         evaluation.close()
 
 
-def asked(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, keyed: bool) -> Asked:
-    """Return a policy that is asked what it would choose in a role, as `repeat` asks it. keyed: See `repeat`."""
-    return policy.text, _act(game, role, policy, env, keyed, ROUNDING)
+def asked(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv) -> Asked:
+    """Return a policy that is asked what it would choose in a role, as `repeat` asks it."""
+    return policy.text, _act(game, role, policy, env, ROUNDING)
 
 
-def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, keyed: bool, slack: float = 0.0) -> Act:
+def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, slack: float = 0.0) -> Act:
     """The function that plays a policy in a role; its random numbers depend on the game and the role only."""
     (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
-    return policy.act(env, int(seed), keyed=keyed, slack=slack)
+    return policy.act(env, int(seed), keyed=True, slack=slack)

@@ -194,8 +194,6 @@ def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against"
         return "numbers of games that cannot be"
     if match["won"] + match["drawn"] + match["lost"] != match["games"] or not match["games"]:
         return "games that were won, drawn and lost are not all games"
-    if type(match.get("keyed", False)) is not bool:
-        return "a way of drawing that is none"
     if DIGEST.fullmatch(match["recording"]) is None or DIGEST.fullmatch(match["opponent"] or "0" * 64) is None:
         return "digests that are none"
     pairs = [pair for figures in match["figures"] for pair in figures.values()]

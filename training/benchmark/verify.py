@@ -222,18 +222,16 @@ def _of_games(game: Game, pair: list[Contender | None], match: Content, path: Pa
     """Compare a match with its recording."""
     if digest(path) != match["recording"]:
         return Finding("", "its recording is another file than the one that was made")
-    keyed, known = match.get("keyed", False), [policy for policy in pair if policy is not None]
+    known = [policy for policy in pair if policy is not None]
     missing = (
         "" if len(known) == len(pair) else "a policy that played it is not here, and is not asked what it would do"
     )
     if path.suffix != SHORT:
-        found = repeat(game, pair, match["games"], path, keyed)
+        found = repeat(game, pair, match["games"], path)
     elif missing:
         return Finding("", missing=missing)
     else:
         found = games.repeat(game, known, match["games"], path)
-    if found.differing and not keyed:
-        missing = "an earlier version drew its games from one generator: verify it on a machine like that which played"
     return Finding("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
 
 
