@@ -60,14 +60,14 @@ def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
             pending = [pool.submit(job) for job in jobs]
         for future in pending:
             yield future.result()
-    except BrokenProcessPool:
+    except BaseException as error:
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()  # else it would first finish its job; a broken pool misses those that have just been started
+        if not isinstance(error, BrokenProcessPool):
+            raise
         if not begun.value:
             raise TrainingError(f"a process ended before it could play: {GUARD}") from None
         raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
-    except BaseException:
-        for process in set(multiprocessing.active_children()) - before:
-            process.kill()  # else it would first finish its job
-        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
