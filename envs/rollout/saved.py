@@ -45,6 +45,8 @@ def located(given: str | os.PathLike[str]) -> Path:
     text = text_of(given)
     if text in models():
         return fetched(text)
+    if not text:
+        raise UsageError(f"no policy is named: {SAVED_AS} is needed")
     if "/" in text and not (is_saved(text) or os.path.exists(text)):
         raise UsageError(f"there is no {text}: {did_you_mean(text, models(), after=' ')}{SAVED_AS} is needed")
     return newest(Path(text))

@@ -35,9 +35,15 @@ def kept_file(file: str, sha256: str, what: str) -> Path:
     """
     folders = [str(RESULTS)] * RESULTS.is_dir() + [HERE] * Path(HERE, file).is_file()
     address = os.environ.get(ADDRESS) or (folders[0] if folders else _published(what))
-    if urlsplit(address).scheme in ("http", "https"):
+    try:
+        scheme, _, path, *_ = urlsplit(address)
+    except ValueError as error:
+        raise UsageError(f"{what}: {ADDRESS} is {address!r}, which is no address: {error}") from error
+    if scheme in ("http", "https"):
         return _downloaded(f"{address.rstrip('/')}/{quote(file)}", file, sha256, what)
-    folder = Path(url2pathname(urlsplit(address).path)) if address.startswith("file:") else Path(address)
+    if "://" in address and scheme != "file":
+        raise UsageError(f"{what}: {ADDRESS} is {address!r}: an address of http, https or file is needed, or a folder")
+    folder = Path(url2pathname(path)) if scheme == "file" else Path(address)
     return _checked(folder.expanduser() / file, sha256, what)
 
 

@@ -234,6 +234,21 @@ def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch: pytest.M
         fetched(NAME)
 
 
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [("http://[", "is 'http://\\[', which is no address"), ("ftp://x/", "an address of http, https or file is needed")],
+)
+def test_an_address_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, address: str, message: str) -> None:
+    monkeypatch.setenv(ADDRESS, address)
+    with pytest.raises(UsageError, match=rf"{NAME}: {ADDRESS} .*{message}"):
+        fetched(NAME)
+
+
+def test_a_policy_without_a_name_is_refused() -> None:
+    with pytest.raises(UsageError, match="no policy is named"):
+        located("")
+
+
 def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked = list[str]()
     monkeypatch.delenv(ADDRESS, raising=False)
