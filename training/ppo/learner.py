@@ -128,7 +128,8 @@ class Learner:
     def _differentiate(self, samples: Samples, part: Tensor, shared: Shared) -> Tensor:
         """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
         shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
-        found, *others = shared(lambda share: self._share(samples, part, share, shares), range(shares))
+        calls = shared if shares > 1 else map  # one share needs no other thread, and a GPU's graphs stay in this one
+        found, *others = calls(lambda share: self._share(samples, part, share, shares), range(shares))
         for other in others:
             for total, more in zip(found, other, strict=True):
                 total += more
