@@ -125,14 +125,19 @@ def choices(
     return noted
 
 
+def doubtful(short: Games, choices: dict[Any, Any]) -> tuple[tuple[int, ...], tuple[Any, Any, Any]]:
+    """Where the first doubtful action is; the first choice there, one that was not taken, and the last."""
+    place = tuple(short.doubtful[0, : games.PLACE].tolist())
+    first, choice, last = choices[place]
+    return place, (first, first if (first != choice).any() else last, last)
+
+
 def test_another_choice_within_rounding_is_found_by_the_digest(
     game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], choices: dict[Any, Any], tmp_path: Path
 ) -> None:
     """Whoever looks for lucky actions has to forge every digest from there on, too: then each counts as differing."""
     short, _ = played
-    place = tuple(short.doubtful[0, : games.PLACE].tolist())
-    first, choice, last = choices[place]
-    other = first if (first != choice).any() else last
+    place, (_, other, _) = doubtful(short, choices)
     forged = altered(short, 0, other)
     with pytest.raises(RecordingError, match=OTHER_TICK.format(place[0])):
         again(game, pair, forged, tmp_path)
@@ -143,9 +148,7 @@ def test_actions_of_another_machine_are_counted(
 ) -> None:
     """Its first doubtful choice was rounded otherwise, and all that followed in that game is as it was there."""
     short, _ = played
-    place = tuple(short.doubtful[0, : games.PLACE].tolist())
-    first, choice, last = choices[place]
-    other = first if (first != choice).any() else last
+    place, (first, other, last) = doubtful(short, choices)
 
     class There(Contender):
         def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:

@@ -2,8 +2,9 @@
 
 import lzma
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 from outlast.envs.storage import limited_read
 from outlast.envs.storage.atomic_write import atomic_write
@@ -13,27 +14,27 @@ from .errors import TrainingError
 
 LARGEST = 2**30  # bytes of a text, such as the log of a long run
 LARGEST_PACKED = 2**26  # bytes of a text that was compressed
+T = TypeVar("T")
 
 
 def read_text(path: Path) -> str:
     """Return the content of a text file. Raises TrainingError if it cannot be read."""
+    return _read(limited_read.read_text, path)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file. Raises TrainingError if it cannot be read."""
+    return _read(limited_read.read_bytes, path)
+
+
+def _read(read: Callable[[Path, int], T], path: Path) -> T:
     try:
-        return limited_read.read_text(path, LARGEST)
+        return read(path, LARGEST)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:
         wrong = "it is no text" if isinstance(error, UnicodeDecodeError) else error
         raise TrainingError(f"{path} cannot be read: {wrong}") from error
-
-
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a file. Raises TrainingError if it cannot be read."""
-    try:
-        return limited_read.read_bytes(path, LARGEST)
-    except OSError as error:
-        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise TrainingError(f"{path} cannot be read: {error}") from error
 
 
 def packed(text: str) -> bytes:
