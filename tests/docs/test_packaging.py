@@ -27,7 +27,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
 FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].items()}
 
-LONGEST_FILE = 400  # lines, docstrings included
 LARGEST = {"results": 12e6, "tree": 20e6, "wheel": 1.3e6, "archive": 5e6}  # bytes
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
@@ -301,12 +300,6 @@ def test_a_compiling_decorator_is_found(source: str) -> None:
 
 def test_other_uses_of_numba_are_not_taken_for_one() -> None:
     assert not compilers(ast.parse("from numba import types\nfrom .jit import kernel\nfrom . import jit\njit.kernel"))
-
-
-def test_files_are_short_enough_to_read() -> None:
-    written = {name: path for name, path in sources().items() if path.suffix not in (".csv", ".xz")}
-    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in written.items()}
-    assert not {name: length for name, length in lengths.items() if length > LONGEST_FILE}
 
 
 def test_no_file_names_a_place_of_its_making() -> None:
