@@ -11,7 +11,6 @@ from typing import Any
 from outlast.ecs import Worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from .adapters.opponents import Other, Others, checked_others
 from .core.validation import check_count
 from .errors import FilmError
 from .recording import Recording, Replay
@@ -22,6 +21,7 @@ from .rendering.rgb import checked_layers
 from .rendering.video import footage, write_film
 from .rendering.video.footage import check_pictures
 from .rendering.video.writer import check_film, ending
+from .rollout.lineup import Other, Others, entries_of
 from .rollout.local import ticks
 from .rollouts import worlds_of
 from .scenarios.naming import checks_keywords, options_of, resolve
@@ -204,7 +204,7 @@ def _counted(frames: Iterable[Any], progress: Count) -> Iterator[Any]:
 
 def _players(policy: Other, others: Others | None) -> str:
     """Return in words who plays."""
-    names = [_name(each) for each, _ in checked_others(others)] if others is not None else []
+    names = [_name(each) for each, _ in entries_of(others)] if others is not None else []
     return f"{_name(policy)} policy" + (f" against {' or '.join(names)}" if names else "")
 
 

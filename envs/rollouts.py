@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from .adapters.opponents import Other, Others, checked_others
 from .core.make import make_vec
 from .core.validation import check_count
 from .core.vector_env import SurvivalVectorEnv
@@ -19,9 +18,8 @@ from .rollout import local
 from .rollout.against import Against
 from .rollout.episode_file import Ended, episode_file, numbered
 from .rollout.event_file import event_file
-from .rollout.loading import load_policies, loaded, maker
+from .rollout.lineup import Entries, Lineup, Other, Others, checked_entries, entries_of, load_policies, loaded, maker
 from .rollout.memory import check_memories
-from .rollout.mixture import Entries, Mixture, checked_entries
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
 from .rollout.table_file import check_table
@@ -168,7 +166,7 @@ def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> 
 
 def _entries(policy: Other, others: Others | None) -> Entries:
     """Return the policy and the others, with weights. Raises UsageError if any is not valid."""
-    entries = [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
+    entries = [*checked_entries([(policy, 1)]), *([] if others is None else entries_of(others))]
     check_memories([each for each, _ in entries])
     return entries
 
@@ -189,8 +187,7 @@ def _playing(
         )
     plain(env)
     weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
-    mixture = Mixture(weighted, env, range(env.num_agents), _titles([each for each, _ in entries[1:]]))
-    against = Against(env, policy, mixture)
+    against = Against(env, policy, Lineup(weighted, env, names=_titles([each for each, _ in entries[1:]])))
     return against, against
 
 

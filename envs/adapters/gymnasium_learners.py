@@ -13,8 +13,8 @@ from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError
 from ..rendering.modes import RENDER_MODES
+from ..rollout.lineup import Lineup, Others, entries_of
 from ..scenarios.scenario import Number, Scenario
-from .opponents import Opponents, Others, checked_others
 from .per_agent import PerAgentVectorEnv, check_dead, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
@@ -84,7 +84,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     ) -> None:
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
-        checked_others(others)
+        entries = entries_of(others)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)
         self.learner, self.dead, self.max_episode_steps = learner, dead, max_episode_steps
@@ -103,7 +103,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         )
         check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)
-        self._opponents = Opponents(others, self.base_env, self.learner)
+        self._others = Lineup(entries, self.base_env, self.learner)
 
     def _choose(self) -> slice:
         learner: Any = self.learner
@@ -122,7 +122,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     def _play(self, rows: Array) -> Any:
         joint = np.empty((self.num_worlds, self.num_agents, rows.shape[1]), np.int64)
         joint[:, self.learner] = rows
-        joint[:, self._opponents.agent_indices] = self._opponents.actions()
+        joint[:, self._others.agents] = self._others.actions()
         try:
             return self.base_env.step(joint)
         except ActionError as error:  # the learner's actions are already checked, so the others' are wrong

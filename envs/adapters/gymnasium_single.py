@@ -14,10 +14,10 @@ from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
+from ..rollout.lineup import Others, copied_others
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
-from .opponents import Others, copied_others
 from .per_agent import requested
 
 Observation = dict[str, Array]
@@ -59,7 +59,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
     * learner: Index of the agent that learns.
     * others: The name of a policy, such as "scripted", a FILE.zip saved by `outlast train`, a function (observations)
       -> actions, or several of these with weights, one of which is drawn for each episode: {"scripted": 2, play: 1},
-      "scripted:2,random:1"; see opponents.Opponents.
+      "scripted:2,random:1"; see lineup.Lineup.
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".

@@ -15,7 +15,7 @@ from outlast.ecs import NumberError
 
 from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
-from ..rollout.mixture import checked_entries, parse_mixture
+from ..rollout.lineup import checked_entries, parse_lineup
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED_AS
 from ..scenarios.changes import by_full_name
@@ -191,7 +191,7 @@ def add_others(command: Parser, default: str | None, text: str) -> None:
     text += ". Give a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each "
     text += f"episode of each world (default: {default or '--policy plays all sides'})"
     given = None if default is None else {default: 1.0}
-    command.group(PLAY).add_argument("--others", type=mixture, default=given, metavar="NAMES", help=text)
+    command.group(PLAY).add_argument("--others", type=lineup, default=given, metavar="NAMES", help=text)
 
 
 def add_seed(command: Parser) -> None:
@@ -246,10 +246,10 @@ def policy(text: str) -> str:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def mixture(text: str) -> dict[str, float]:
+def lineup(text: str) -> dict[str, float]:
     """Weights by name of a policy, or by path of a saved one."""
     try:
-        return parse_mixture(text)
+        return parse_lineup(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

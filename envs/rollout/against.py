@@ -1,4 +1,4 @@
-"""A policy against a mixture of others: which side it plays, and who wins."""
+"""A policy against a line-up of others: which side it plays, and who wins."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ from ..core.agents import side
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
+from .lineup import Lineup, key_of, own_side
 from .memory import tell
-from .mixture import Mixture, key_of
+from .outcome import living_sides, own_wins
 from .policies import Policy
-from .sides import living_sides, own_side, own_wins
 from .summary import RESULTS
 
 Array = np.ndarray[Any, Any]
@@ -21,26 +21,26 @@ PLAYED = ("against", "own_side", "result")  # columns that tables of episodes ge
 
 
 class Against:
-    """A policy on one side of each world and a mixture on all others, as one policy with a memory.
+    """A policy on one side of each world and a line-up on all others, as one policy with a memory.
 
-    sides.own_side says which side that is, and sides.own_wins who wins.
+    lineup.own_side says which side that is, and outcome.own_wins who wins.
 
     If numbers of agents vary, an episode may have one side only; such episodes are not counted.
 
     Attributes:
         policy: The policy on one side.
-        counts: How many episodes the policy won, drew and lost against each one of the mixture, int (policies, 3).
+        counts: How many episodes the policy won, drew and lost against each one of the line-up, int (policies, 3).
 
     Args:
         env: The worlds; they restart in the step after the end (NEXT_STEP).
         policy: The policy for one side. It gets the observations of all agents.
-        others: The mixture for the other sides. It does so, too.
+        others: The line-up for the other sides. It does so, too.
 
     Raises:
         UsageError: The game has only one side.
     """
 
-    def __init__(self, env: SurvivalVectorEnv, policy: Policy, others: Mixture) -> None:
+    def __init__(self, env: SurvivalVectorEnv, policy: Policy, others: Lineup) -> None:
         self._env, self.policy, self._others = env, policy, others
         sides = env.worlds.dims["sides"]
         if sides < 2:
@@ -89,5 +89,5 @@ class Against:
 
     @property
     def outcomes(self) -> dict[str, Array]:
-        """The rows of `counts` by the names of the mixture: views, which are updated as counting goes on."""
+        """The rows of `counts` by the names of the line-up: views, which are updated as counting goes on."""
         return dict(zip(self._others.names, self.counts, strict=True))

@@ -14,8 +14,8 @@ from outlast import variant
 from outlast.ecs import Clock
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
-from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
+from outlast.envs.rollout.lineup import Lineup
 from outlast.envs.rollout.policies import noop_policy, scripted_policy
 from tests.conftest import COMPILED, digest, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, HUNT, MAZE, ROLES, equal, same, short
@@ -210,7 +210,7 @@ def test_random_others_are_uniform_and_independent() -> None:
     """Of 216 joint actions each comes equally often, and two agents and two ticks agree by chance only."""
     batch = outlast.make_vec("teams_3", 256, seed=[*range(256)])
     batch.reset()
-    opponents = Opponents("random", batch, 0)
+    opponents = Lineup([("random", 1)], batch, 0)
     drawn = []
     for _ in range(30):
         drawn.append(opponents.actions().astype(int))
@@ -227,12 +227,12 @@ def test_random_others_are_uniform_and_independent() -> None:
 def test_random_others_do_the_same_whoever_learns() -> None:
     batch = outlast.make_vec("teams_3", 3, seed=0)
     batch.reset()
-    by_learner = {learner: Opponents("random", batch, learner).actions() for learner in range(4)}
+    by_learner = {learner: Lineup([("random", 1)], batch, learner).actions() for learner in range(4)}
     assert np.array_equal(by_learner[0][:, 1:], by_learner[1][:, 1:])
     assert np.array_equal(by_learner[3][:, 1], by_learner[2][:, 1])
     assert not np.array_equal(by_learner[0][0], by_learner[0][1])  # worlds differ
     batch.reset()
-    assert not np.array_equal(by_learner[0], Opponents("random", batch, 0).actions())  # and episodes
+    assert not np.array_equal(by_learner[0], Lineup([("random", 1)], batch, 0).actions())  # and episodes
 
 
 def test_others_of_the_names_are_the_policies() -> None:
@@ -241,7 +241,7 @@ def test_others_of_the_names_are_the_policies() -> None:
     for name, policy in (("noop", noop_policy(batch)), ("scripted", scripted_policy(batch))):
         for learner in range(4):
             expected = np.delete(policy(observations), learner, axis=1)
-            assert np.array_equal(Opponents(name, batch, learner).actions(), expected)
+            assert np.array_equal(Lineup([(name, 1)], batch, learner).actions(), expected)
 
 
 def test_one_policy_of_a_mixture_plays_all_others_of_a_world() -> None:
@@ -250,7 +250,7 @@ def test_one_policy_of_a_mixture_plays_all_others_of_a_world() -> None:
     env.reset(seed=SEED)
     mixture: list[Any] = []
     for _ in range(2):
-        given = env._opponents.actions()
+        given = env._others.actions()
         idle = (given == env.base_env.noop[None, None]).all((1, 2))
         expected = np.delete(scripted_policy(env.base_env)(env.base_env.observe()), 1, axis=1)
         assert np.array_equal(given[~idle], expected[~idle])
@@ -260,8 +260,8 @@ def test_one_policy_of_a_mixture_plays_all_others_of_a_world() -> None:
     assert 32 < mixture[0].sum() < 62
     assert (mixture[0] != mixture[1]).any()
     env.set_state(state)
-    env._opponents.actions()
-    assert np.array_equal((env._opponents.actions() == env.base_env.noop).all((1, 2)), mixture[1])
+    env._others.actions()
+    assert np.array_equal((env._others.actions() == env.base_env.noop).all((1, 2)), mixture[1])
 
 
 def test_a_learner_alone() -> None:

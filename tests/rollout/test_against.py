@@ -1,4 +1,4 @@
-"""A policy against a mixture: sides, wins, and outlast rollout --others."""
+"""A policy against a line-up: sides, wins, and outlast rollout --others."""
 
 from typing import Any
 
@@ -10,13 +10,14 @@ from outlast.ecs import Clock
 from outlast.envs.core.agents import alive, side
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.against import Against
+from outlast.envs.rollout.lineup import own_side, role_of
 from outlast.envs.rollout.local import rollout
+from outlast.envs.rollout.outcome import own_wins, shares_outlived, wins
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.rollout.sides import own_side, own_wins, role_of, shares_outlived, wins
 from tests.conftest import COMPILED, digest, run, scaled
 from tests.helpers.execution_modes import short
 from tests.helpers.remembering import Remembering
-from tests.rollout.test_mixture import mixed, naive_draw
+from tests.rollout.test_lineup import mixed, naive_draw
 
 STEPS = scaled(160, least=28)
 
@@ -49,7 +50,7 @@ def test_equals_outlive_half_of_the_others_however_many_sides_there_are() -> Non
     assert (shares_outlived(two, own, np.full(50, 2)) == own_wins(two, own)).all()
 
 
-# ---- a policy against a mixture
+# ---- a policy against a line-up
 
 
 def counted(scenario: Any, names: list[str], worlds: int, each: int, seed: int) -> dict[str, list[int]]:
@@ -154,7 +155,7 @@ def test_others_are_written_and_recorded_as_all_agents(capsys: Any, tmp_path: An
     ("others", "words"),
     [("scriptd:0.5", "--others: scriptd: did you mean scripted"), ("noop:0", "the weight of noop is '0'")],
 )
-def test_mixtures_that_the_command_refuses(capsys: Any, others: str, words: str) -> None:
+def test_lineups_that_the_command_refuses(capsys: Any, others: str, words: str) -> None:
     with pytest.raises(SystemExit):
         run(capsys, *SMALL, "--others", others)
     assert words in capsys.readouterr().err

@@ -15,7 +15,7 @@ import pytest
 
 import outlast
 from outlast.envs.errors import UsageError
-from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.models import fetched, models
 from outlast.envs.rollout.saved import is_saved, located, policy_file, text_of
 from outlast.envs.storage import kept_results
@@ -129,7 +129,7 @@ def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     Path(NAME).mkdir(parents=True)
     (newest := Path(NAME, "steps_0000000512.zip")).touch()
-    assert parse_mixture(f"{NAME}:2,scripted") == {NAME: 2.0, "scripted": 1.0}
+    assert parse_lineup(f"{NAME}:2,scripted") == {NAME: 2.0, "scripted": 1.0}
     assert (policy_file(NAME, ()), is_saved(NAME), text_of(NAME)) == (NAME, True, NAME)
     for given in (f"./{NAME}", Path(NAME)):
         assert located(given) == newest
@@ -141,7 +141,7 @@ def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize("name", ["teams_3/fast-9", "teams_3/fst-0"])
 def test_unknown_names_are_refused(name: str) -> None:
     words = r"did you mean teams_3/fast-0.*a model's name, FILE\.zip, .* is needed"
-    for ask in (located, parse_mixture):
+    for ask in (located, parse_lineup):
         with pytest.raises(UsageError, match=rf"{name}: {words}"):
             ask(name)
 

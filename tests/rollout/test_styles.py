@@ -9,7 +9,7 @@ import pytest
 import outlast
 from outlast.ecs import columns_of
 from outlast.envs.cli import main as cli
-from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.policies import POLICIES
 from outlast.errors import UsageError
 from outlast.systems import Behaviour, Boxes, Cameras, Heals, Lidar, Maze, SafeZone, Teams
@@ -169,9 +169,9 @@ def test_styles_play_every_game(game: Any) -> None:
 def test_names_are_known_wherever_policies_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     names = ", ".join(POLICIES)
     assert set(STYLES) < set(POLICIES)
-    assert parse_mixture("camper:2,healer") == {"camper": 2.0, "healer": 1.0}
+    assert parse_lineup("camper:2,healer") == {"camper": 2.0, "healer": 1.0}
     with pytest.raises(UsageError, match=f"kamper: did you mean camper.*{names} or a saved policy"):
-        parse_mixture("kamper")
+        parse_lineup("kamper")
     for command in ("rollout", "frames", "train", "evaluate"):
         with pytest.raises(SystemExit):
             cli.main((command, "--help"))

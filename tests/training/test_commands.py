@@ -14,12 +14,10 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.components import Body
-from outlast.envs.adapters.opponents import checked_others
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import ActionError, FilmError, UsageError
-from outlast.envs.rollout.loading import load_policies
+from outlast.envs.rollout.lineup import entries_of, load_policies, parse_lineup
 from outlast.envs.rollout.local import rollout
-from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import CHECKPOINT, checkpoints
 from outlast.envs.web.play.game import Game
@@ -278,19 +276,19 @@ def test_the_folder_of_a_run_is_its_newest_policy_everywhere(capsys, tmp_path: P
         assert cli.main(tuple(map(str, ("rollout", "teams_3", *words)))) == 0
         seen.append({key: value for key, value in json.loads(capsys.readouterr().out).items() if "seconds" not in key})
     assert seen[0] == seen[1]
-    assert parse_mixture(f"{folder}:0.5,noop") == {newest: 0.5, "noop": 1.0}
-    assert checked_others({folder: 1}) == [(newest, 1.0)]
+    assert parse_lineup(f"{folder}:0.5,noop") == {newest: 0.5, "noop": 1.0}
+    assert entries_of({folder: 1}) == [(newest, 1.0)]
     weights = [load_policy(path).policies[0].state_dict() for path in (folder, newest)]
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[1])
     assert TrainingConfig(variant("teams_3"), warm_start=f"{folder}:3e6").warm_start == f"{newest}:3e6"
     assert TrainingConfig(variant("teams_3"), preset="paper", warm_start=str(folder)).warm_start == newest
     run_folder(tmp_path / "b", 100)
-    for act in (load_policy, parse_mixture):
+    for act in (load_policy, parse_lineup):
         with pytest.raises(UsageError, match=rf"{tmp_path} holds 2 runs: name one of them, such as .*/a$"):
             act(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "noop").mkdir()  # names come first
-    assert parse_mixture("noop,a") == {"noop": 1.0, "a/steps_0000002000.zip": 1.0}
+    assert parse_lineup("noop,a") == {"noop": 1.0, "a/steps_0000002000.zip": 1.0}
 
 
 def test_nothing_complete_leaves_no_tables(capsys, monkeypatch, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import torch
 
 import outlast
 from outlast import load_policy, make_vec, variant
-from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.lineup import parse_lineup
 from outlast.training.base import policy_file
 from outlast.training.base.config import TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
@@ -70,7 +70,7 @@ def test_they_play_as_the_checkpoint_does(places: dict[str, Path]) -> None:
 def test_they_are_named_as_checkpoints_are(places: dict[str, Path], tmp_path: Path, capsys: Any) -> None:
     """In rollouts, evaluations, films and the benchmark's descriptions, all of which take a checkpoint, too."""
     path, preset = str(places["acting"]), Player(places["zip"]).preset.name
-    assert parse_mixture(f"{path}:2,scripted") == {path: 2.0, "scripted": 1.0}
+    assert parse_lineup(f"{path}:2,scripted") == {path: 2.0, "scripted": 1.0}
     names = ("--worlds=2", "--steps=20", "--quiet")
     for policy, others in ((path, "scripted"), ("scripted", f"{path}:1,noop:1")):
         assert run(capsys, "rollout", "ffa_2", "--policy", policy, "--others", others, *names)[0] == 0

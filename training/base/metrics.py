@@ -10,7 +10,7 @@ from outlast.ecs import Entity, Statistic, columns_of
 from outlast.envs.core.agents import alive, counted, present, side
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.sides import living_sides
+from outlast.envs.rollout.outcome import living_sides
 from outlast.envs.rollout.summary import MOMENTS
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee

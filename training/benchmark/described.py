@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import is_saved
 
 from ..base import policy_file
@@ -89,4 +89,4 @@ def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
 
 
 def _opponents(plan: dict[str, Any]) -> dict[str, float]:
-    return parse_mixture(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
+    return parse_lineup(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.errors import ActionError
-from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.folder_lock import FolderLock
 
@@ -88,7 +88,7 @@ class Entry:
     def config(self) -> TrainingConfig:
         """The config of the training. Raises TrainingError."""
         options = dict(self.agent.options)
-        options["opponents"] = parse_mixture(options.get("opponents", OWN), OPPONENTS)
+        options["opponents"] = parse_lineup(options.get("opponents", OWN), OPPONENTS)
         return TrainingConfig(
             self.task.scenario, self.agent.source, self.budget, self.seed, threads=self.threads, **options
         )

@@ -16,8 +16,8 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, record
 from outlast.envs.recording.tick_records import JointActions, TickRecord
+from outlast.envs.rollout.lineup import ROLES
 from outlast.envs.rollout.saved import common_scenario, forms
-from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write
 

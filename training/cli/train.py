@@ -13,7 +13,7 @@ from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
 from outlast.envs.errors import install
-from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import SAVED_AS, checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -174,7 +174,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
 def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
     """What the options ask for, of one scenario and one seed. Raises TrainingError."""
     numbers = {name: getattr(options, name) for name in NUMBERS}
-    numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
+    numbers["opponents"] = parse_lineup(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
     return TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
 

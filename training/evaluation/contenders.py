@@ -12,8 +12,8 @@ from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.lineup import checked_entries
 from outlast.envs.rollout.memory import check_memories, told
-from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import POLICIES, Policy
 from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in, text_of

@@ -9,8 +9,8 @@ import numpy as np
 from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.validation import check_count
+from outlast.envs.rollout.lineup import ROLES
 from outlast.envs.rollout.saved import common_scenario
-from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..base.errors import TrainingError

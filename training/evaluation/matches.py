@@ -8,7 +8,8 @@ import numpy as np
 from outlast.ecs import Statistic
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.sides import ROLES, role_of, wins
+from outlast.envs.rollout.lineup import ROLES, role_of
+from outlast.envs.rollout.outcome import wins
 from outlast.envs.rollout.summary import MOMENTS
 
 from ..base.metrics import AgentMetrics
@@ -48,8 +49,8 @@ class MatchResults:
 class Match:
     """Plays `each` episodes in every world, however long they take, so that short ones are not favoured.
 
-    base_env: worlds with autoreset DISABLED. acts: the policy of each role (see sides.role_of), or one that plays both.
-    sides.wins says who wins; a draw counts half.
+    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both.
+    outcome.wins says who wins; a draw counts half.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:

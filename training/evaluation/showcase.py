@@ -8,7 +8,7 @@ from pathlib import Path
 from outlast.envs.films import Looks, write_film_of
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rendering.layers.title import fits
-from outlast.envs.rollout.sides import ROLES, role_of
+from outlast.envs.rollout.lineup import ROLES, role_of
 
 from .evaluation import Evaluation
 from .matches import MatchResults

@@ -106,7 +106,7 @@ class Opponents:
         """Make a pool without past selves.
 
         Args:
-            weights: Weights by path or name of OPPONENTS, see envs.rollout.mixture.parse_mixture.
+            weights: Weights by path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup.
             players: The players of the paths.
             env: Worlds like those that are played in.
             prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals

@@ -12,8 +12,8 @@ from outlast.ecs import Clock
 from outlast.envs.core.agents import alive, counts_vary, side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.mixture import draw, key_of
-from outlast.envs.rollout.sides import living_sides, own_side, shares_outlived
+from outlast.envs.rollout.lineup import draw, key_of, own_side
+from outlast.envs.rollout.outcome import living_sides, shares_outlived
 
 from ..base.config import CHUNK
 from ..base.errors import TrainingError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
 from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
@@ -208,7 +208,7 @@ def _start(warm_start: Any) -> str:
 
 def _weights(opponents: Any) -> dict[str, float]:
     if isinstance(opponents, str):
-        return parse_mixture(opponents, OPPONENTS)
+        return parse_lineup(opponents, OPPONENTS)
     needed = "names or paths of saved policies are needed, with weights, as in {'self': 1, 'runs/a': 1}"
     if not isinstance(opponents, Mapping):
         raise TrainingError(f"opponents = {opponents!r:.200}: {needed}")

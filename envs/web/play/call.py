@@ -8,9 +8,8 @@ from typing import Any
 
 from outlast.ecs.kernels.integers import is_whole
 
-from ...adapters.opponents import Others, checked_others
 from ...errors import PlayError, install
-from ...rollout.loading import load_policies
+from ...rollout.lineup import Others, entries_of, load_policies
 from ...scenarios.naming import checks_keywords, options_of, resolve
 from ...scenarios.scenario import Number, Scenario
 from ..announce import announce
@@ -72,7 +71,7 @@ def play(
         raise PlayError(f"outlast play needs {package}: {install('play')}") from error
     _check(fps, port)
     site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
-    entries = checked_others(others)
+    entries = entries_of(others)
     world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, options_of(play)), seed)
     players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
     made = Game(world, agent=agent, others=players, seed=seed, record=record)

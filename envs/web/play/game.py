@@ -15,7 +15,6 @@ from outlast.ecs import Action, Clock
 from outlast.systems.ending import outliving_wins
 
 from ... import recording
-from ...adapters.opponents import Opponents, Others
 from ...core.agents import alive, fewest_agents, side
 from ...core.make import make_vec
 from ...core.spaces import published
@@ -23,6 +22,7 @@ from ...errors import PlayError
 from ...inspect.events import events
 from ...inspect.observation_text import observation_text
 from ...inspect.trace import describe, snapshot
+from ...rollout.lineup import Lineup, Others, entries_of
 from ...scenarios.scenario import Scenario
 
 Json = dict[str, Any]
@@ -43,7 +43,7 @@ class GamePhase(StrEnum):
 class Game:
     """World 0 of `scenario`, seeded. agent: the number of the agent that a person steers.
 
-    others: who plays the other agents, see opponents.Opponents. record: a new file for a recording of the game, see
+    others: who plays the other agents, see lineup.Lineup. record: a new file for a recording of the game, see
     outlast.record. Keys set actions by name, in the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is
     no such agent, RecordingError if the file cannot be written, and what make_vec raises.
     """
@@ -69,7 +69,7 @@ class Game:
             raise
         self.worlds = self.env.worlds
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
-        self._opponents = Opponents(others, self.env, agent)
+        self._others = Lineup(entries_of(others), self.env, agent)
         self.restart()
 
     def restart(self) -> None:
@@ -124,7 +124,7 @@ class Game:
         if self.phase is not GamePhase.RUNNING:
             return False
         actions = np.zeros((1, self.env.num_agents, len(self.ranges)), np.int64)
-        actions[:, self._opponents.agent_indices] = self._opponents.actions()
+        actions[:, self._others.agents] = self._others.actions()
         actions[0, self.agent] = self.action()
         self._tapped.clear()
         _, _, terminated, truncated, _ = self.env.step(actions)

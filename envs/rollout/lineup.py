@@ -1,9 +1,11 @@
-"""Mixtures: policies with weights, one of which is drawn for each world and episode."""
+"""Line-ups: who plays an episode: policies with weights, one of which is drawn for each world and episode; sides."""
 
+import contextlib
+import copy
 import math
 import os
 import weakref
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,25 +15,30 @@ from outlast.ecs import Clock, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..core.described import Actions, Arrays
+from ..core.make import make_vec
 from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
-from .memory import has_memory, tell
+from ..scenarios.scenario import Scenario
+from .memory import Begins, has_memory, tell
 from .models import models
 from .policies import POLICIES, Policy, hashed, others_policy
-from .saved import SAVED_AS, is_saved, load_saved, policy_file, text_of
+from .saved import SAVED_AS, common_scenario, is_saved, load_saved, policy_file, text_of
 
 Array = np.ndarray[Any, Any]
+Other = str | os.PathLike[str] | Policy
+Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
+ROLES = 2
 
-# the mixture that plays a policy with a memory, by the policy's id
-OWNERS = weakref.WeakValueDictionary[int, "Mixture"]()
+# the line-up that plays a policy with a memory, by the policy's id
+OWNERS = weakref.WeakValueDictionary[int, "Lineup"]()
 
 # the text "mixture"; makes these draws differ from others in the same world and episode
 STREAM = np.uint64(0x6D697874757265)
 
 
-def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
+def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
     """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
@@ -81,6 +88,70 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
     return entries
 
 
+def entries_of(others: Any) -> Entries:
+    """Return the entries of a line-up as users give it: a policy, a text ("scripted:2,random"), or weights by policy.
+
+    Raises:
+        UsageError: An entry is something else or given twice, or a weight is not above 0. It is a ValueError.
+    """
+    try:
+        if isinstance(others, str):
+            return list(parse_lineup(others).items())
+        return checked_entries(others.items() if isinstance(others, Mapping) else [(others, 1)])
+    except UsageError as error:
+        raise UsageError(f"others = {others!r}: {error}") from None
+
+
+def copied_others(others: Others, memo: Any) -> Others:
+    """Return a copy, made by copy.deepcopy, so that no policy plays in two environments.
+
+    Raises:
+        UsageError: A policy cannot be copied.
+    """
+    try:
+        return copy.deepcopy(others, memo)
+    except TypeError as error:
+        raise UsageError(f"others = {others!r:.80} cannot be copied: {error}; give it __deepcopy__()") from error
+
+
+def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
+    """Load saved policies, and find the scenario with observations that all policies can play with.
+
+    Args:
+        names: Names of policies, paths of saved ones, or functions.
+        asked: The scenario.
+        seed: Seed of all policies; each draws its own random numbers.
+
+    Returns:
+        The scenario, and the names, in which the loaded policies replace paths.
+
+    Raises:
+        UsageError: A policy cannot play there, or PyTorch is not installed.
+    """
+    chosen = loaded(names, seed)
+    players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
+    fitting = common_scenario(asked, players)
+    if players:
+        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
+            for player in players:
+                player.check(env)
+    return fitting, chosen
+
+
+def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
+    """Return the names and functions, with loaded policies in place of their files' paths. Raises UsageError."""
+    seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
+    return [
+        load_saved(name, own) if isinstance(name, str) and name not in POLICIES else name
+        for name, own in zip(names, seeds, strict=True)
+    ]
+
+
+def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """Return a function that makes the policy for an environment and a seed, as in POLICIES, or returns `chosen`."""
+    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen
+
+
 def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: Any) -> Array:
     """Draw an entry for each world: a function of the weights and (seed, world, episode), the same in any batch.
 
@@ -113,39 +184,65 @@ def key_of(worlds: Worlds, where: Any = slice(None)) -> tuple[Array, Array, Arra
     return clock.seed[where, 0], clock.world[where, 0], clock.episode[where, 0]
 
 
-class Mixture:
+def role_of(side: Any, world: Any, episode: Any) -> Any:
+    """Return which role plays a side: roles alternate, and swap from world to world and from episode to episode."""
+    return (side + world + episode) % ROLES
+
+
+def own_side(world: Any, episode: Any, sides: Any) -> Any:
+    """Return the one side that a policy plays against all others; with two sides, the one that role 0 plays.
+
+    Args:
+        world: Numbers of worlds, as in `ecs.Clock`.
+        episode: Numbers of their episodes.
+        sides: How many sides there are, in all worlds or in each.
+
+    Returns:
+        A number from 0 to sides - 1, a different one in the next world and in the next episode.
+    """
+    return (world + episode) % sides
+
+
+class Lineup:
     """Several policies as one policy with a memory: at the beginning of each episode, it draws which of them plays.
 
-    Each is called for all worlds at once, but not while it plays in none of them.
+    The draw is a function of (seed, world, episode). Each policy is called for all worlds at once, but not while it
+    plays in none of them. It gets the observations of the line-up's agents only, in order of id: a dict of float32
+    (worlds, agents, ...); functions of users get copies in `actions`. It returns integers (worlds, agents, actions). A
+    policy with a memory also has a method `reset`: see memory.told. "random" is a function of (seed, world, episode,
+    tick, agent): it plays a world in the same way in any batch.
 
     Attributes:
         names: The names of the policies.
         drawn: Index of the policy that plays in each world, int (worlds,).
+        agents: Which agents of a world it plays, a list or a slice.
 
     Args:
         entries: The policies with their weights; see `checked_entries` and `draw`. If a policy has a method `check`,
             that is called with `env`, and raises if the policy cannot play there.
         env: The worlds.
-        agents: Indices of the agents of a world that they play, and whose observations they get.
+        learner: An agent that it does not play; None: it plays all.
         names: What the policies are called in errors and results; by default their names or paths.
-        what: What their actions are called in errors, with {0} for the name.
-        axes: What the shape of the actions is called in errors.
     """
 
     def __init__(
-        self,
-        entries: Entries,
-        env: SurvivalVectorEnv,
-        agents: Sequence[int],
-        names: Sequence[str] = (),
-        what: str = "the actions that {0} returned",
-        axes: str = "(worlds, agents, actions)",
+        self, entries: Entries, env: SurvivalVectorEnv, learner: int | None = None, names: Sequence[str] = ()
     ) -> None:
         given, self._weights = zip(*entries, strict=True)
+        self._env, last = env, env.num_agents - 1
+        ids = [i for i in range(env.num_agents) if i != learner]
+        self.agents: Any = ids  # replaced by a slice where that is possible, as that copies nothing
+        if learner in (None, 0, last):
+            self.agents = slice(int(learner == 0), last if learner == last and last else None)
         self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
-        self._policies = [self._playing(policy, env, agents) for policy in given]
-        self._whats, self._axes = [what.format(name) for name in self.names], axes
-        self._env, self._shape = env, (env.num_worlds, len(agents), len(env.action_sizes))
+        self._policies = [self._playing(policy, env, ids) for policy in given]
+        said, self._axes = "the actions that {0} returned", "(worlds, agents, actions)"
+        if learner is not None:
+            said, self._axes = f"others: {said}", "(worlds, agents but the learner, actions)"
+        self._whats = [said.format(name) for name in self.names]
+        self._shape = (env.num_worlds, len(ids), len(env.action_sizes))
+        self._foreign = any(map(callable, given))  # users' functions, which may keep the arrays that they get
+        self._begins = None if len(given) == 1 and not has_memory(self._policies[0]) else Begins(env)
         self.drawn = np.zeros(env.num_worlds, int)
 
     @staticmethod
@@ -160,11 +257,6 @@ class Mixture:
             check(env)
         return cast(Policy, playing)
 
-    @property
-    def forgetful(self) -> bool:
-        """Whether nothing is drawn and no policy has a memory, so that `reset` need not be called."""
-        return len(self.names) == 1 and not has_memory(self._policies[0])
-
     def reset(self, where: Array) -> None:
         """Draw who plays in the worlds `where`, bool (worlds,), as episodes begin there."""
         self.drawn[where] = draw(self._weights, *key_of(self._env.worlds, where))
@@ -172,6 +264,18 @@ class Mixture:
             if has_memory(policy) and where.all():
                 OWNERS[id(policy)] = self
             tell(policy, where)
+
+    def actions(self) -> Actions:
+        """Return its actions in the worlds as they are now, (worlds, agents, actions). Raises ActionError.
+
+        Call it once before each step: it finds out by itself where episodes begin.
+        """
+        if not self._shape[1]:
+            return np.zeros(self._shape, np.int8)
+        if self._begins is not None and (where := self._begins.look()).any():
+            self.reset(where)
+        seen = {key: values[:, self.agents] for key, values in self._env._reader.views.items()}
+        return self({key: values.copy() for key, values in seen.items()} if self._foreign else seen)
 
     def __call__(self, observations: Arrays) -> Actions:
         """The actions, integers (worlds, agents, actions). Raises ActionError."""

@@ -1,4 +1,4 @@
-"""Mixtures: their texts, who is drawn, and the policy that they make up."""
+"""Line-ups: their texts, who is drawn, and the policy that they make up."""
 
 import re
 from typing import Any
@@ -9,8 +9,8 @@ import pytest
 import outlast
 from outlast.ecs import Clock
 from outlast.envs.errors import ActionError, UsageError
+from outlast.envs.rollout.lineup import STREAM, Lineup, checked_entries, draw, parse_lineup
 from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.mixture import STREAM, Mixture, checked_entries, draw, parse_mixture
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import short
@@ -32,15 +32,15 @@ NEEDED = "or a saved policy (a model's name, FILE.zip, FILE.safetensors or the f
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_texts_are_weights_in_their_order(text: str) -> None:
-    assert list(parse_mixture(text).items()) == list(TEXTS[text].items())
+    assert list(parse_lineup(text).items()) == list(TEXTS[text].items())
 
 
 def test_other_names_can_be_allowed() -> None:
-    assert parse_mixture("self:2,past", ("self", "past")) == {"self": 2, "past": 1}
+    assert parse_lineup("self:2,past", ("self", "past")) == {"self": 2, "past": 1}
     with pytest.raises(UsageError, match=rf"pst: did you mean past\? self, past {re.escape(NEEDED)}"):
-        parse_mixture("self,pst", ("self", "past"))
+        parse_lineup("self,pst", ("self", "past"))
     with pytest.raises(UsageError, match="scripted: self, past or"):
-        parse_mixture("scripted", ("self", "past"))
+        parse_lineup("scripted", ("self", "past"))
 
 
 REFUSED = {
@@ -62,9 +62,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_texts_that_are_no_mixture_are_refused(text: str) -> None:
+def test_texts_that_are_no_lineup_are_refused(text: str) -> None:
     with pytest.raises(UsageError) as refused:
-        parse_mixture(text)
+        parse_lineup(text)
     assert REFUSED[text] in str(refused.value)
 
 
@@ -148,19 +148,19 @@ def test_weights_that_cannot_be_are_refused(weights: Any) -> None:
         draw(weights, [0, 0], [0, 1], [0, 0])
 
 
-# ---- mixtures as policies
+# ---- line-ups as policies
 
 
-def mixed(entries: Any, env: Any) -> Mixture:
-    return Mixture(checked_entries(entries.items()), env, range(env.num_agents))
+def mixed(entries: Any, env: Any) -> Lineup:
+    return Lineup(checked_entries(entries.items()), env)
 
 
 def test_draws_change_where_episodes_begin_and_nowhere_else() -> None:
     """They are those of (seed, world, episode), whatever came between: another state, and back."""
     weights = {"random": 2.0, "noop": 1.0, "scripted": 1.0}
     env = outlast.make_vec(short("ffa_3"), WORLDS, seed=3, first_world=5)
-    mixture = mixed(weights, env)
-    act, clock, changes = told(mixture, env), env.worlds[Clock], 0
+    lineup = mixed(weights, env)
+    act, clock, changes = told(lineup, env), env.worlds[Clock], 0
     observations, _ = env.reset()
 
     def expected() -> list[int]:
@@ -169,19 +169,19 @@ def test_draws_change_where_episodes_begin_and_nowhere_else() -> None:
         ]
 
     for tick in range(STEPS):
-        before = mixture.drawn.copy()
+        before = lineup.drawn.copy()
         actions = act(observations)
-        assert mixture.drawn.tolist() == expected()
-        changed = (before != mixture.drawn) & (tick > 0)
+        assert lineup.drawn.tolist() == expected()
+        changed = (before != lineup.drawn) & (tick > 0)
         assert not (changed & (clock.tick[:, 0] > 0)).any()
         changes += int(changed.sum())
         if tick == STEPS // 2:
-            state, drawn = env.get_state(), mixture.drawn.copy()
+            state, drawn = env.get_state(), lineup.drawn.copy()
             env.reset(seed=9)
             act(env.observe())
             observations = env.set_state(state)
             np.testing.assert_array_equal(act(observations), actions)
-            assert mixture.drawn.tolist() == drawn.tolist()
+            assert lineup.drawn.tolist() == drawn.tolist()
         observations, *_ = env.step(actions)
     assert changes or not COMPILED
 
@@ -195,18 +195,18 @@ def test_each_world_is_played_by_the_policy_that_was_drawn() -> None:
         asked.append(1)
         return np.full((9, 4, 6), 1)
 
-    mixture = mixed({"scripted": 1, "noop": 1, play: 1e-9}, env)
-    assert mixture.names == ("scripted", "noop", "play")
-    actions = told(mixture, env)(observations)
+    lineup = mixed({"scripted": 1, "noop": 1, play: 1e-9}, env)
+    assert lineup.names == ("scripted", "noop", "play")
+    actions = told(lineup, env)(observations)
     for k, name in enumerate(("scripted", "noop")):
-        assert (mixture.drawn == k).any()
+        assert (lineup.drawn == k).any()
         expected = POLICIES[name](env, 0)(observations)
-        np.testing.assert_array_equal(actions[mixture.drawn == k], expected[mixture.drawn == k])
+        np.testing.assert_array_equal(actions[lineup.drawn == k], expected[lineup.drawn == k])
     assert not asked  # it plays in no world
 
 
 @pytest.mark.parametrize("parts", [[(0, 4), (4, 1), (5, 4)], [(0, 1), (1, 8)]])
-def test_a_mixture_plays_a_world_the_same_in_every_batch(parts: list[tuple[int, int]]) -> None:
+def test_a_lineup_plays_a_world_the_same_in_every_batch(parts: list[tuple[int, int]]) -> None:
     whole = outlast.make_vec(short("teams_3"), 9, seed=5)
     envs = [whole, *(outlast.make_vec(short("teams_3"), n, seed=5, first_world=first) for first, n in parts)]
     acts = [told(mixed({"random": 1, "scripted": 1, "noop": 1}, env), env) for env in envs]
@@ -217,7 +217,7 @@ def test_a_mixture_plays_a_world_the_same_in_every_batch(parts: list[tuple[int, 
         seen = [env.step(chosen)[0] for env, chosen in zip(envs, actions, strict=True)]
 
 
-def test_policies_of_a_mixture_have_memories_and_are_checked() -> None:
+def test_policies_of_a_lineup_have_memories_and_are_checked() -> None:
     env = outlast.make_vec("teams_3", 9, seed=0)
     one, other = Remembering(), Remembering()
     act = told(mixed({one: 1, other: 1}, env), env)

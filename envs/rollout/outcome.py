@@ -1,4 +1,4 @@
-"""Which side a policy plays, and who wins."""
+"""Who wins an episode."""
 
 from typing import Any
 
@@ -8,27 +8,6 @@ from outlast.components import Score
 from outlast.ecs import Worlds
 
 Array = np.ndarray[Any, Any]
-
-ROLES = 2
-
-
-def role_of(side: Any, world: Any, episode: Any) -> Any:
-    """Return which role plays a side: roles alternate, and swap from world to world and from episode to episode."""
-    return (side + world + episode) % ROLES
-
-
-def own_side(world: Any, episode: Any, sides: Any) -> Any:
-    """Return the one side that a policy plays against all others; with two sides, the one that role 0 plays.
-
-    Args:
-        world: Numbers of worlds, as in `ecs.Clock`.
-        episode: Numbers of their episodes.
-        sides: How many sides there are, in all worlds or in each.
-
-    Returns:
-        A number from 0 to sides - 1, a different one in the next world and in the next episode.
-    """
-    return (world + episode) % sides
 
 
 def living_sides(worlds: Worlds) -> Array:
@@ -75,7 +54,7 @@ def wins(life: Array) -> Array:
     """Return who wins: the role whose longest-lived side lives longer.
 
     Args:
-        life: Ticks that the longest-lived side of each role lived, (..., ROLES).
+        life: Ticks that the longest-lived side of each role lived, (..., roles).
 
     Returns:
         float64 of the same shape: 1 for the winner, 0 for the other role, 0.5 for both in a draw.
