@@ -7,24 +7,24 @@ from typing import Any
 import numpy as np
 
 from ..declarations import event
-from ..declarations.component import Action, Clock, Component
+from ..declarations.component import Clock
 from ..declarations.distributions import Distribution
-from ..declarations.event import Event, EventMemory
+from ..declarations.event import Event
 from ..declarations.phase import Phase
 from ..declarations.roles import Roles
-from ..kernels.errors import CapacityError, DeclarationError, NumberError
-from ..memory.column_places import ALIGN
+from ..kernels.errors import CapacityError, NumberError
 from ..memory.entity_view import EntityView
 from ..memory.given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
 from ..memory.live_numbers import changed_modules, differing
 from ..memory.module import Module, check_kind
 from ..memory.per_agent import agent_values
+from ..memory.tables import Tables
 from ..memory.varied import Varied
 from .compiled_game import Wanted, plan
 from .runner import Runner
 
 
-class Worlds:
+class Worlds(Tables):
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
@@ -48,10 +48,9 @@ class Worlds:
         parts: Kernels that take some worlds through the tick and do more, by label; see `call_with_tick`.
 
     Attributes:
-        actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
-        block: uint8 (count, bytes), the state of each world.
         modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
-        event_memory: The events of each world's last tick, as they lie in memory; see `events`.
+        schedule: The systems, in order.
+        threads: As given.
 
     Raises:
         DeclarationError: A module is impossible, or several modules are impossible together.
@@ -92,40 +91,13 @@ class Worlds:
             if given < 1:
                 raise NumberError(f"Worlds(..., {what}={given}): at least 1 is needed")
         made = plan(wanted)
-        self.layout, self.schedule = made.layout, made.schedule
-        self.count, self.threads = count, threads
+        super().__init__(made.layout, count)
+        self.schedule, self.threads = made.schedule, threads
         self.modules = list(self.layout.modules)
-        self.block = _aligned(count, self.layout.world_bytes)
-        self.block[:] = self.layout.initial_image
-        self.mode = np.zeros(count, np.int8)
-        counts = np.zeros((count, len(self.layout.events)), np.int32)
-        self.event_memory = EventMemory(counts, np.zeros(count, self.layout.event_type))
-        self.actions = self._allocate_actions()
-        self._tables = {c: self._allocate(c) for c in self.layout.components}
         self._runner = Runner(self, made.segments, made.units, functions or {})
-
-    def __getitem__(self, component: type[Component]) -> Any:
-        try:
-            return self._tables[component]
-        except KeyError:
-            known = ", ".join(sorted(c.__name__ for c in self._tables))
-            raise DeclarationError(f"this scenario has no component {component.__name__}; it has: {known}") from None
-
-    def __contains__(self, component: type[Component]) -> bool:
-        return component in self._tables
-
-    @property
-    def components(self) -> tuple[type[Component], ...]:
-        """All components, in the order in which they are stored."""
-        return self.layout.components
 
     def __repr__(self) -> str:
         return f"Worlds({self.count} worlds, {len(self.components)} components)"
-
-    @property
-    def dims(self) -> dict[str, int]:
-        """The sizes of this scenario's dimensions by name: "rows", and those that its modules define."""
-        return self.layout.dims
 
     @property
     def times(self) -> dict[str, float]:
@@ -341,41 +313,6 @@ class Worlds:
     def _capacity_error(self) -> CapacityError | None:
         ticks = self[Clock].tick[:, 0]
         return event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
-
-    def _allocate(self, component: type[Component]) -> Any:
-        if component.packed:
-            return self.layout.columns(self.block, component)
-        columns = component.columns.items()
-        if issubclass(component, Event):
-            return event.table(component, self.layout.events, self.event_memory)
-        if issubclass(component, Action):
-            first = self.layout.actions.index((component, next(iter(component.columns))))
-            return component.Table(*self.actions[first : first + len(columns)])
-        return component.Table(
-            *(np.zeros((self.count, *component.row_shape(name, self.dims)), column.dtype) for name, column in columns)
-        )
-
-    def _allocate_actions(self) -> np.ndarray[Any, Any]:
-        """All action columns in one array, so that an adapter sets them by one assignment: (actions, worlds, ...)."""
-        kinds = {
-            (component.columns[name].dtype, component.row_shape(name, self.dims))
-            for component, name in self.layout.actions
-        }
-        if len(kinds) > 1:
-            found = ", ".join(
-                f"{component.__name__}.{name} {component.columns[name].dtype} {component.row_shape(name, self.dims)}"
-                for component, name in self.layout.actions
-            )
-            raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
-        dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
-        return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
-
-
-def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
-    """Memory for the state of `count` worlds, aligned to cache lines; kernels.simd may read one line past the end."""
-    memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
-    start = -memory.ctypes.data % ALIGN
-    return memory[start : start + count * world_bytes].reshape(count, world_bytes)
 
 
 def checked_worlds(given: Any) -> Worlds:

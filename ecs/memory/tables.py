@@ -1,0 +1,98 @@
+"""The memory of a batch of worlds: their states, the buffers that environments return, and events, as tables."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..declarations import event
+from ..declarations.component import Action, Component
+from ..declarations.event import Event, EventMemory
+from ..kernels.errors import DeclarationError
+from .column_places import ALIGN
+from .layout import Layout
+
+
+class Tables:
+    """The tables of `count` worlds of one layout, in the state in which an episode begins.
+
+    tables[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
+
+    Attributes:
+        layout: The layout of each world.
+        count: How many worlds.
+        block: uint8 (count, bytes), the state of each world.
+        mode: int8 (count,), what the next tick does with each world: SKIP, STEP or RESET.
+        actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
+        event_memory: The events of each world's last tick, as they lie in memory.
+    """
+
+    def __init__(self, layout: Layout, count: int) -> None:
+        self.layout, self.count = layout, count
+        self.block = _aligned(count, layout.world_bytes)
+        self.block[:] = layout.initial_image
+        self.mode = np.zeros(count, np.int8)
+        counts = np.zeros((count, len(layout.events)), np.int32)
+        self.event_memory = EventMemory(counts, np.zeros(count, layout.event_type))
+        self.actions = self._allocate_actions()
+        self._tables = {c: self._allocate(c) for c in layout.components}
+
+    def __getitem__(self, component: type[Component]) -> Any:
+        try:
+            return self._tables[component]
+        except KeyError:
+            known = ", ".join(sorted(c.__name__ for c in self._tables))
+            raise DeclarationError(f"this scenario has no component {component.__name__}; it has: {known}") from None
+
+    def __contains__(self, component: type[Component]) -> bool:
+        return component in self._tables
+
+    @property
+    def components(self) -> tuple[type[Component], ...]:
+        """All components, in the order in which they are stored."""
+        return self.layout.components
+
+    @property
+    def dims(self) -> dict[str, int]:
+        """The sizes of this scenario's dimensions by name: "rows", and those that its modules define."""
+        return self.layout.dims
+
+    @property
+    def changed(self) -> Mapping[str, int | float]:
+        """The numbers that differ from those of the layout, by name, as kernels get them."""
+        return {}
+
+    def _allocate(self, component: type[Component]) -> Any:
+        if component.packed:
+            return self.layout.columns(self.block, component)
+        columns = component.columns.items()
+        if issubclass(component, Event):
+            return event.table(component, self.layout.events, self.event_memory)
+        if issubclass(component, Action):
+            first = self.layout.actions.index((component, next(iter(component.columns))))
+            return component.Table(*self.actions[first : first + len(columns)])
+        return component.Table(
+            *(np.zeros((self.count, *component.row_shape(name, self.dims)), column.dtype) for name, column in columns)
+        )
+
+    def _allocate_actions(self) -> np.ndarray[Any, Any]:
+        """All action columns in one array, so that an adapter sets them by one assignment: (actions, worlds, ...)."""
+        kinds = {
+            (component.columns[name].dtype, component.row_shape(name, self.dims))
+            for component, name in self.layout.actions
+        }
+        if len(kinds) > 1:
+            found = ", ".join(
+                f"{component.__name__}.{name} {component.columns[name].dtype} {component.row_shape(name, self.dims)}"
+                for component, name in self.layout.actions
+            )
+            raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
+        dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
+        return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
+
+
+def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
+    """Memory for the state of `count` worlds, aligned to cache lines; kernels.simd may read one line past the end."""
+    memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
+    start = -memory.ctypes.data % ALIGN
+    return memory[start : start + count * world_bytes].reshape(count, world_bytes)
