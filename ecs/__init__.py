@@ -11,7 +11,7 @@ checks       whether systems do what they declare, and the hash that tells games
 running      a batch of worlds: ticks, threads, tables that callers see
 ============ ====================================================================================================
 
-From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.Layout` of them, a
+From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.MemoryLayout` of them, a
 `compilation.schedule.Schedule` of their systems, checks these (`checks.kernel_check`), writes the tick
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
@@ -34,10 +34,13 @@ from .declarations.component import (
 from .declarations.distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .declarations.event import Event, emit
 from .declarations.fields import Field, Fields, columns_of
+from .declarations.layout import Layout
 from .declarations.numbers import number
 from .declarations.phase import Phase, When
+from .declarations.references import INDEX, ref
 from .declarations.roles import Role, Roles, role
 from .declarations.system import System
+from .kernels.by_role import differs, of
 from .kernels.errors import (
     AbsentError,
     CapacityError,
@@ -51,12 +54,13 @@ from .kernels.jit import Array, Real, kernel
 from .memory.clock import RESET, SKIP, STEP
 from .memory.draw import exists
 from .memory.entity_view import EntityView
-from .memory.layout import Layout
+from .memory.layout import MemoryLayout
 from .memory.module import Module
-from .memory.per_agent import AgentRoles, differs, of
+from .memory.numbers import AgentRoles
 from .running.worlds import Worlds
 
 __all__ = [
+    "INDEX",
     "RESET",
     "SKIP",
     "STEP",
@@ -82,6 +86,7 @@ __all__ = [
     "Field",
     "Fields",
     "Layout",
+    "MemoryLayout",
     "Module",
     "NumberError",
     "Observation",
@@ -116,6 +121,7 @@ __all__ = [
     "log_uniform",
     "number",
     "of",
+    "ref",
     "role",
     "uniform",
 ]

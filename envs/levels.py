@@ -17,7 +17,7 @@ import numpy as np
 
 from outlast.ecs import NumberError
 from outlast.ecs.declarations.distributions import FREE, Distribution, in_python
-from outlast.ecs.memory.given import check_taken
+from outlast.ecs.memory.numbers import check_taken
 
 from .errors import ScenarioError
 from .scenarios.changes import in_full
@@ -182,7 +182,7 @@ def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
 def check_free(levels: Sequence[Level], layout: Any) -> None:
     """NumberError, which names the first that is wrong, unless the mechanics take the free numbers of these levels.
 
-    layout: an ecs.memory.layout.Layout that varies them. `check_all` has found nothing else.
+    layout: an ecs.memory.layout.MemoryLayout that varies them. `check_all` has found nothing else.
     """
     for k, level in enumerate(levels):
         for name, value in level.numbers.items():

@@ -42,6 +42,7 @@ from outlast.ecs import (
     Write,
     kernel,
     number,
+    ref,
 )
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
 
@@ -68,15 +69,15 @@ class Agents(Module):
     )
 
     def archetypes(self) -> Iterable[Archetype]:
-        solid = Solid(dynamic=1, density=self.density)
-        parts = (Body(), Shape(radius=self.radius), solid, Push(), Spawned(), Side(), Guard(), Died())
-        return [Archetype("agent", (*parts, Health(points=self.health)), self.count, order=10)]
+        solid = Solid(dynamic=1, density=ref("density"))
+        parts = (Body(), Shape(radius=ref("radius")), solid, Push(), Spawned(), Side(), Guard(), Died())
+        return [Archetype("agent", (*parts, Health(points=ref("health"))), ref("count"), order=10)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [SelfView(), OthersView(), Sight(), ObservationMasks()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"agents": self.count, "others": "agents - 1"}
+        return {"agents": ref("count"), "others": "agents - 1"}
 
     def check(self, layout: Layout) -> None:
         for name, archetype in layout.archetypes.items():

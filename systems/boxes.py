@@ -31,6 +31,7 @@ from outlast.components.health import MOST, fatal_agent
 from outlast.components.inventory import held, place
 from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
 from outlast.ecs import (
+    INDEX,
     Add,
     Archetype,
     Array,
@@ -50,6 +51,7 @@ from outlast.ecs import (
     kernel,
     number,
     of,
+    ref,
 )
 from outlast.ecs.kernels.random import NORMAL, normal
 
@@ -109,19 +111,19 @@ class Boxes(Module):
     )
 
     def archetypes(self) -> Iterable[Archetype]:
-        solid = Solid(dynamic=self.dynamic, density=self.density)
-        box = (Body(), Shape(), solid, Spawned(), Box(), Guard(), Health(points=self.toughness))
-        item = (Body(), Shape(radius=self.item_radius), Item(), BoxItem(index=np.arange(self.count)))
+        solid = Solid(dynamic=ref("dynamic"), density=ref("density"))
+        box = (Body(), Shape(), solid, Spawned(), Box(), Guard(), Health(points=ref("toughness")))
+        item = (Body(), Shape(radius=ref("item_radius")), Item(), BoxItem(index=INDEX))
         return [
-            Archetype("box", box, self.count, order=20),
-            Archetype("box_item", item, self.count, alive=False, order=30),
+            Archetype("box", box, ref("count"), order=20),
+            Archetype("box_item", item, ref("count"), alive=False, order=30),
         ]
 
     def singletons(self) -> Iterable[Singleton]:
         return [BoxView(), BoxItemView(), BoxesPlaced(), BoxPlaced(), BoxBroken(), Hit()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"boxes": self.count}
+        return {"boxes": ref("count")}
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Box, "boxes")

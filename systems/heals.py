@@ -40,6 +40,7 @@ from outlast.ecs import (
     Write,
     kernel,
     number,
+    ref,
 )
 
 from .geometry.bounds import check_fits, ends, farthest_item
@@ -55,14 +56,14 @@ class Heals(Module):
     amount: int = number(75, low=0, high=MOST, unit="hit points", about="what an agent gets by using a heal")
 
     def archetypes(self) -> Iterable[Archetype]:
-        parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))
-        return [Archetype("heal", parts, self.count, order=40)]
+        parts = (Body(), Shape(radius=ref("radius")), Spawned(), Item(), Heal(amount=ref("amount")))
+        return [Archetype("heal", parts, ref("count"), order=40)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [HealView(), HealsUsed()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"heals": self.count}
+        return {"heals": ref("count")}
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Heal, "heals")

@@ -22,6 +22,7 @@ from outlast.ecs import (
     Write,
     kernel,
     number,
+    ref,
 )
 from outlast.ecs.kernels.random import uniform, uniform2
 
@@ -57,7 +58,8 @@ class Pillars(InnerWalls):
     )
 
     def most_blocks(self) -> int:
-        return self.count
+        found: int = ref("count")
+        return found
 
     def check(self, layout: Layout) -> None:
         if self.least > self.most:

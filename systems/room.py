@@ -19,6 +19,7 @@ from outlast.ecs import (
     System,
     Write,
     number,
+    ref,
 )
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, to_bits
 
@@ -67,7 +68,7 @@ class Room(Module):
         return [Archetype("wall", (body, shape, Solid()), 4, order=50)]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Floor(size=self.size if self.is_square() else self.sides())]
+        return [Floor(size=ref("size") if self.is_square() else self.sides())]
 
     def dims(self) -> dict[str, int | str]:
         return {"floor sides": 1 if self.is_square() else 2}

@@ -28,6 +28,7 @@ from outlast.ecs import (
     Write,
     column,
     number,
+    ref,
 )
 
 # --- components
@@ -78,9 +79,9 @@ class Poison(Module):
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item, and one more component for every agent."""
-        body = (Body(), Shape(radius=self.radius), Spawned())
-        vial = (*body, Item(), Vial(strength=self.strength))
-        return [Archetype("vial", vial, self.count), Archetype("agent", (Illness(),))]
+        body = (Body(), Shape(radius=ref("radius")), Spawned())
+        vial = (*body, Item(), Vial(strength=ref("strength")))
+        return [Archetype("vial", vial, ref("count")), Archetype("agent", (Illness(),))]
 
     def singletons(self) -> Iterable[Singleton]:
         """What agents observe, what is counted, and what happens."""
@@ -88,7 +89,7 @@ class Poison(Module):
 
     def dims(self) -> dict[str, int | str]:
         """The dimension "vials" of the columns above, and how many more hits there can be in a tick."""
-        return {"vials": self.count, "hits": "agents"}
+        return {"vials": ref("count"), "hits": "agents"}
 
     def bounds(self, layout):
         """No agent is ill for longer than a vial makes it. Positions of vials have no bounds here."""

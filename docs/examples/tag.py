@@ -44,6 +44,7 @@ from outlast.ecs import (
     emit,
     kernel,
     number,
+    ref,
 )
 from outlast.ecs.kernels.random import integer
 
@@ -65,7 +66,7 @@ class Stamina(Module):
 
     def archetypes(self) -> Iterable[Archetype]:
         """One more component for every agent."""
-        return [Archetype("agent", (Breath(left=self.most),))]
+        return [Archetype("agent", (Breath(left=ref("most")),))]
 
     def fields(self):
         """A number in the agents' own row, and in its copies that the others see."""
@@ -250,8 +251,8 @@ class Shields(Module):
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item."""
-        body = (Body(), Shape(radius=self.radius), Spawned())
-        return [Archetype("shield", (*body, Item(), Shield(ticks=self.ticks)), self.count)]
+        body = (Body(), Shape(radius=ref("radius")), Spawned())
+        return [Archetype("shield", (*body, Item(), Shield(ticks=ref("ticks"))), ref("count"))]
 
     def singletons(self) -> Iterable[Singleton]:
         """What agents see of them on the ground."""
@@ -259,7 +260,7 @@ class Shields(Module):
 
     def dims(self) -> dict[str, int | str]:
         """The dimension "shields" of the columns above."""
-        return {"shields": self.count}
+        return {"shields": ref("count")}
 
     def fields(self):
         """Whether the last slot of the bag, which is what an agent can use, holds one."""

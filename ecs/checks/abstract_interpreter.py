@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from numba.core import ir
 
-from ..kernels import random
+from ..kernels import by_role, random
 from ..kernels.errors import DeclarationError, EngineError, ScheduleError, did_you_mean, place
 from ..kernels.frozen_values import is_outside
-from ..memory import per_agent
 from . import random_check
 from .abstract_values import (
     ANYTHING,
@@ -261,7 +260,7 @@ class Activation:
             self._refuse_write(target, whole=True)
         called = getattr(called, "python", getattr(called, "py_func", called))
         module = getattr(called, "__module__", "")
-        if module == per_agent.__name__:  # `of`, whose Python form computes with the number
+        if module == by_role.__name__:  # `of`, whose Python form computes with the number
             self._refuse_added(expression.list_vars())
             if len(expression.args) == 2:
                 self._check_index(*map(self._only, expression.args))

@@ -12,7 +12,7 @@ from numba.core import ir
 
 from ..compilation.cache_key import FOREIGN
 from ..declarations.component import Component
-from ..memory.layout import Layout
+from ..memory.layout import MemoryLayout
 
 FIELD = 1 << 16  # a value of Column.axes, see there
 UNKNOWN, FLOATING = "unknown", "floating"  # any value; a float that does not come from a column
@@ -27,7 +27,7 @@ class Calls(Protocol):
     offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
     used: set[tuple[type[Component], str]]  # columns that were looked up
     written: set[tuple[type[Component], str]]
-    layout: Layout | None  # that of the worlds
+    layout: MemoryLayout | None  # that of the worlds
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..declarations.archetype import Archetype, listed
 from ..declarations.component import Component
+from ..declarations.declared import declare
 from ..declarations.fields import Field
+from ..declarations.references import index_of
 from ..declarations.system import Neighbour, System
 from ..kernels.frozen_values import codes, is_outside, references
 from ..memory.module import Module
@@ -50,15 +51,15 @@ def full_name(target: Any) -> str:
 
 
 def _describe_module(module: Module) -> Iterator[str]:
-    components = set[type[Component]]()
-    for archetype in listed(module, "archetypes", Archetype):
+    declared, components = declare(module), set[type[Component]]()
+    for archetype in declared.archetypes:
         yield f"archetype {archetype.name} {archetype.count} {archetype.alive} {archetype.order}"
-        yield from map(_describe_prefab, archetype.parts)
+        yield from (_describe_prefab(part, archetype.count) for part in archetype.parts)
         components.update(map(type, archetype.parts))
-    for singleton in listed(module, "singletons", Component):
+    for singleton in declared.singletons:
         yield _describe_prefab(singleton)
         components.add(type(singleton))
-    dims = {dim: size if isinstance(size, str) else int(size) for dim, size in module.dims().items()}
+    dims = {dim: size if isinstance(size, str) else int(size) for dim, size in declared.dims.items()}
     yield f"{sorted(dims.items())} {module.damage_type}"
     yield from (f"fields {key} {_describe_fields(added)}" for key, added in sorted(module.fields().items()))
     functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
@@ -71,8 +72,8 @@ def _describe_module(module: Module) -> Iterator[str]:
     yield from _describe_functions(functions)
 
 
-def _describe_prefab(part: Component) -> str:
-    values = {name: part.fills.get(name, column.fill) for name, column in part.columns.items()}
+def _describe_prefab(part: Component, count: int = 1) -> str:
+    values = {name: index_of(part.fills.get(name, column.fill), count) for name, column in part.columns.items()}
     arrays = {name: np.asarray(value, part.columns[name].dtype) for name, value in values.items()}
     return full_name(type(part)) + "".join(f" {name}{a.shape}{a.tobytes().hex()}" for name, a in arrays.items())
 

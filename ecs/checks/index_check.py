@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..declarations.component import Singleton
-from ..memory.layout import Layout
+from ..memory.layout import MemoryLayout
 from .abstract_values import FIELD, UNKNOWN, Column, Constant, Member, PerAgent, Place, Shared, Slice, parts_of
 
 
-def wrong_index(layout: Layout, target: Any, index: Any) -> str:
+def wrong_index(layout: MemoryLayout, target: Any, index: Any) -> str:
     """Find an index that selects another entity's number in these worlds, or none.
 
     Args:
@@ -59,7 +59,7 @@ def wrong_field(offsets: Collection[str], target: Column, index: Any) -> str:
     return ""
 
 
-def _dims(layout: Layout, target: Any) -> tuple[int | str, ...]:
+def _dims(layout: MemoryLayout, target: Any) -> tuple[int | str, ...]:
     """The dimensions of a target; () for a part of a column, and for anything else."""
     if isinstance(target, Shared) and target.kind == "rows":
         return (len(layout.rows(*target.components)),)
@@ -71,7 +71,7 @@ def _dims(layout: Layout, target: Any) -> tuple[int | str, ...]:
     return own if issubclass(target.component, Singleton) else ("rows", *own)
 
 
-def _wrong(layout: Layout, dim: int | str, value: Member) -> str:
+def _wrong(layout: MemoryLayout, dim: int | str, value: Member) -> str:
     """What is wrong with an index of a dimension, and how to cure it; "" for nothing."""
     rows, size = layout.rows(*value.components), layout.dims[dim] if isinstance(dim, str) else dim
     alike = np.array_equal(rows, np.arange(len(rows)))  # whether the rows are 0, 1, 2, ...

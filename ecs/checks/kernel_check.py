@@ -23,7 +23,7 @@ from ..declarations.system import System
 from ..kernels.errors import DeclarationError, ScheduleError, place
 from ..kernels.frozen_values import is_outside, reachable, references
 from ..kernels.jit import External, compiled
-from ..memory.layout import Layout
+from ..memory.layout import MemoryLayout
 from .abstract_interpreter import Activation
 from .abstract_values import (
     ANYTHING,
@@ -46,7 +46,7 @@ def check(
     system: System,
     per_agent: Collection[str] = (),
     widths: Mapping[str, int] | None = None,
-    layout: Layout | None = None,
+    layout: MemoryLayout | None = None,
     behind: Collection[str] = (),
 ) -> None:
     """Compare what a system does with what its parameter list declares.
@@ -115,7 +115,7 @@ def _is_own(function: FunctionType) -> bool:
 class _Check:
     """The check of one system, which follows the functions it calls, each with the values of its arguments."""
 
-    def __init__(self, system: System, layout: Layout | None) -> None:
+    def __init__(self, system: System, layout: MemoryLayout | None) -> None:
         self.system, self.label, self.offsets, self.layout = system, system.label, system.offsets(), layout
         self.code: dict[FunctionType, Any] = {}  # numba's intermediate representation of each, or None: see _code
         self.results: dict[Any, Values] = {}

@@ -13,7 +13,7 @@ from ..declarations.component import Component, Singleton
 from ..declarations.system import System
 from ..kernels.errors import RangeError
 from ..kernels.jit import kernel
-from ..memory.layout import Layout
+from ..memory.layout import MemoryLayout
 
 
 @kernel
@@ -32,7 +32,7 @@ def check_range(values: Any, rows: Any, low: int, high: int) -> None:
                 raise RangeError("an integer is out of the range that its column declares")
 
 
-def ranges(layout: Layout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
+def ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
     """The columns to check after a system: component, name, and the lowest and the highest integer of each."""
     for component in layout.components:
         if system.touches(component, "write", "add"):
@@ -41,7 +41,7 @@ def ranges(layout: Layout, system: System) -> Iterator[tuple[type[Component], st
                     yield component, name, *ends
 
 
-def checked_rows(layout: Layout, component: type[Component], name: str) -> np.ndarray[Any, Any]:
+def checked_rows(layout: MemoryLayout, component: type[Component], name: str) -> np.ndarray[Any, Any]:
     """The rows to check, int32: those of entities that have the component; of a column of a Singleton, all rows."""
     if issubclass(component, Singleton):
         return np.arange(component.row_shape(name, layout.dims)[0], dtype=np.int32)

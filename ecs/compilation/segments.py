@@ -8,9 +8,9 @@ from typing import Any
 from ..declarations.component import Action, Component, Entity, Observation, Signal
 from ..declarations.phase import When
 from ..declarations.system import System
-from ..memory.draw import plan, published_rows
-from ..memory.layout import Layout
-from ..memory.varied import NumbersView
+from ..memory.draw import published_rows
+from ..memory.layout import MemoryLayout
+from ..memory.numbers import NumbersView
 from .range_check import ranges
 from .tick import Generator, Unit
 
@@ -24,7 +24,7 @@ class Segment:
 
 
 def segments(
-    layout: Layout,
+    layout: MemoryLayout,
     systems: Sequence[System],
     split: bool = False,
     interpret: Collection[str] = (),
@@ -50,7 +50,7 @@ def segments(
     units += [generator().assign()] if layout.roles else []
     stale = [*_read_in_resets(layout, systems), *_own_observations(layout, systems)]
     units += [generator().zero(component, name, When.RESET) for component in stale for name in component.columns]
-    some_absent = layout.keyed and len(plan(layout).absences)
+    some_absent = any(number.kinds for number in layout.varied.values())
     signals = [*_own_signals(layout, systems)]
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
@@ -70,7 +70,7 @@ def segments(
     return found
 
 
-def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:
     """The actions that are read in the tick that starts an episode: the table still has those of the last episode."""
     for component in layout.components:
         if issubclass(component, Action):
@@ -79,7 +79,7 @@ def _read_in_resets(layout: Layout, systems: Sequence[System]) -> Iterator[type[
                 yield component
 
 
-def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[type[Component]]:
+def _own_observations(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:
     """The observations that only systems from outside of outlast write; these may leave some of the last episode."""
     for component in layout.components:
         if issubclass(component, Observation):
@@ -88,7 +88,7 @@ def _own_observations(layout: Layout, systems: Sequence[System]) -> Iterator[typ
                 yield component
 
 
-def _own_signals(layout: Layout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
+def _own_signals(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
     """The signals that only systems from outside of outlast write, which may just add; each with the first system."""
     for component in layout.components:
         if issubclass(component, Signal):

@@ -30,13 +30,20 @@ from ..kernels.errors import DeclarationError
 from ..kernels.jit import compiled
 from ..kernels.random import stream_number
 from ..memory.clock import CLOCK_SIZE, advance_clock, zero
-from ..memory.draw import check_absent, clear_rows, draw, plan, show, shown
-from ..memory.given import GIVEN_DIM, Given
-from ..memory.layout import Layout
+from ..memory.draw import (
+    absences,
+    check_absent,
+    clear_rows,
+    draw_of_agents,
+    draw_of_world,
+    plan,
+    role_plan,
+    show,
+    shown,
+)
+from ..memory.layout import MemoryLayout
 from ..memory.module import Module
-from ..memory.per_agent import AgentNumber, AgentNumbers, AgentRoles, assign
-from ..memory.per_agent import plan as plan_roles
-from ..memory.varied import NumbersView, Varied, VariedNumber
+from ..memory.numbers import GIVEN_WORDS, AgentNumbers, AgentRoles, Given, Number, NumbersView, Varied
 from .arguments import (
     BLOCK,
     COUNT,
@@ -106,7 +113,7 @@ class Generator:
 
     def __init__(
         self,
-        layout: Layout,
+        layout: MemoryLayout,
         *,
         python: bool = False,
         outside: bool = False,
@@ -128,7 +135,7 @@ class Generator:
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state = self._words("state", BLOCK, np.dtype("u8"))
         counts = self._words("event_counts", EVENTS, np.dtype("i4"))
-        kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_DIM, 0), "kept")
+        kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_WORDS, 0), "kept")
         arguments = [state, image, counts, "mode[w]", kept]
         return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
 
@@ -138,27 +145,32 @@ class Generator:
             self._table(Clock, "w"),
             self._table(Entity, "w"),
             f"{self._table(Given, 'w')}.words",
-            f"{self._table(Varied, 'w')}.words",
-            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4"), writable=True),
-            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
-            self._view_of("bytes", lambda worlds: worlds.block, np.dtype("u1"), writable=True),
+            *self._numbers(Varied),
+            self._constants("plan", plan(self.layout, by_role=False)),
+            self._constant("absent", absences(self.layout)),
         ]
-        arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
-        return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
+        return self._unit(DRAW, None, draw_of_world, IDLE[When.RESET], arguments)
 
     def assign(self) -> Unit:
         """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
-        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written
         arguments = [
             self._table(Clock, "r"),
             self._table(Entity, "r"),
-            self._table(AgentRoles, "w"),
-            self._view_of("values", lambda worlds: worlds[words][0], np.dtype("i4"), writable=True),
-            self._view_of("reals", lambda worlds: worlds[words][0].view(np.float32), np.dtype("f4"), writable=True),
-            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+            f"{self._table(AgentRoles, 'w')}.role",
+            *self._numbers(AgentNumbers if self.layout.per_agent else AgentRoles),  # without numbers, none is written
+            self._constants("plan", plan(self.layout, by_role=True)),
+            self._constants("role_plan", role_plan(self.layout)),
         ]
-        arguments += [self._constant(name, values) for name, values in vars(plan_roles(self.layout)).items()]
-        return self._unit(ROLES, None, assign, IDLE[When.RESET], arguments)
+        return self._unit(ROLES, None, draw_of_agents, IDLE[When.RESET], arguments)
+
+    def _numbers(self, owner: type[Component]) -> list[str]:
+        """The words of numbers as int32 and as float32, and the whole state as int32 and as uint8."""
+        return [
+            self._view_of("values", lambda worlds: worlds[owner][0], np.dtype("i4"), writable=True),
+            self._view_of("reals", lambda worlds: worlds[owner][0].view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("state", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+            self._view_of("state_bytes", lambda worlds: worlds.block, np.dtype("u1"), writable=True),
+        ]
 
     def show(self) -> Unit:
         """The unit that shows varied numbers to agents."""
@@ -170,7 +182,7 @@ class Generator:
         ]
         return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
 
-    def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
+    def clear(self, number: Number, component: type[Component], column: str) -> Unit:
         """The unit that sets the rows of absent entities to 0 in a column that learners get."""
         rows = self._column_as("rows", component, column, axes=2, writable=True)
         arguments = [rows, self._view_of("count", *_words_of(number))]
@@ -258,7 +270,7 @@ class Generator:
         self.inside[f"{name} = {form.format(words)}"] = None
         return name
 
-    def _per_agent(self, number: AgentNumber, parameter: str) -> str:
+    def _per_agent(self, number: Number, parameter: str) -> str:
         """A number of which each agent has its own: an array by row."""
         part, name = slice(number.start, number.start + self.layout.dims["rows"]), f"number_{parameter}"
         words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
@@ -278,6 +290,14 @@ class Generator:
         if self.specialize and array.dtype.kind in "iu" and array.size <= MOST_VALUES:
             known["values"] = array.tobytes()
         return self._array(name, self.arguments.add_constant(array), View(array.dtype, array.ndim, **known))
+
+    def _constants(self, name: str, arrays: Any) -> str:
+        """A NamedTuple of arrays that are the same for all worlds."""
+        kind = type(arrays)
+        self.names[kind.__name__] = kind
+        members = (self._constant(f"{name}_{field}", getattr(arrays, field)) for field in kind._fields)
+        self.outside[f"{name} = {kind.__name__}({', '.join(members)})"] = None
+        return name
 
     def _array(self, name: str, slot: int, view: View) -> str:
         """An array that is the same for all worlds."""
@@ -381,6 +401,6 @@ def _full_name(component: type[Component], column: str) -> str:
     return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
 
-def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
+def _words_of(number: Number) -> tuple[Any, np.dtype[Any]]:
     """A function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype

@@ -8,6 +8,7 @@ from typing import Any
 from ..kernels.errors import DeclarationError, NumberError
 from ..kernels.integers import is_whole
 from .component import Component, Singleton
+from .references import Ref
 
 MOST = 2**16  # the most entities of a kind and the largest dimension: more takes gigabytes, or minutes to lay out
 
@@ -22,7 +23,7 @@ class Archetype:
     Attributes:
         name: Unique among kinds.
         parts: The components of the kind, with their prefab values.
-        count: How many entities this module adds.
+        count: How many entities this module adds, or ref("count"), the number that says so.
         alive: Whether they are in the world right after a reset. All modules that add entities of the kind must agree.
         order: Position of its rows: kinds are sorted by this number, those without one come last, and ties go by name.
             All modules that set it for a kind must give the same number.
@@ -36,6 +37,8 @@ class Archetype:
 
     def __post_init__(self) -> None:
         count: Any = self.count
+        if isinstance(count, Ref):
+            return
         if not is_whole(count, 0):
             raise NumberError(
                 f"Archetype({self.name!r}, ...) with the count {count!r:.60}: a whole number, 0 or more, is needed"
@@ -105,20 +108,3 @@ def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
                 have.add(required)
                 found.append(required())
     return tuple(found)
-
-
-def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
-    """Return the result of a module's method as a list. DeclarationError unless it is one of instances of `kind`."""
-    given = getattr(module, method)()
-    many = isinstance(given, Iterable)
-    items = list(given) if many else [given]
-    for item in items:
-        if not (many and isinstance(item, kind)):
-            found = item if isinstance(item, type) else type(item)
-            shown = f"the class {found.__name__}" if found is item else found.__name__
-            example = found if issubclass(found, kind) else kind
-            raise DeclarationError(
-                f"{module.name}.{method}() returned {'a list with ' if many else ''}{shown}: a list of instances of "
-                f"{kind.__name__} is needed, as in return [{example.__name__}(...)]"
-            )
-    return items

@@ -7,15 +7,16 @@ from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.integers import is_whole
 from .archetype import MOST
+from .declared import Declared
 
 NEEDED = 'a whole number, 0 or more, or names of dimensions and numbers, as in "agents + boxes" or "agents - 1"'
 
 
-def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[str, int]:
-    """Add up the modules' `dims`.
+def dimension_sizes(declared: Sequence[Declared], given: Mapping[str, int]) -> dict[str, int]:
+    """Add up the sizes that mechanics declare.
 
     Args:
-        modules: Instances of memory.module.Module.
+        declared: What the mechanics declare.
         given: Sizes that the engine knows, which modules may name, and add to.
 
     Returns:
@@ -27,12 +28,9 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
         NumberError: A dimension is larger than MOST.
     """
     terms: dict[str, list[int | str]] = {}
-    for module in modules:
-        declared = module.dims()
-        if not isinstance(declared, Mapping):
-            raise DeclarationError(f"{module.name}.dims() returned {type(declared).__name__}: a dict is needed")
-        for dim, size in declared.items():
-            _check_size(module, dim, size)
+    for each in declared:
+        for dim, size in each.dims.items():
+            _check_size(each.module, dim, size)
             terms.setdefault(dim, []).extend(_terms(size) if isinstance(size, str) else [size])
     found: dict[str, int] = {}
 
@@ -42,7 +40,7 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
             raise DeclarationError(f"dimensions name each other in a circle: {circle}")
         if dim not in found:
             if dim not in terms and dim not in given:
-                _check_known(modules[0], dim, trail, {*terms, *given})
+                _check_known(declared[0].module, dim, trail, {*terms, *given})
             more = (size_of(term, (*trail, dim)) if isinstance(term, str) else term for term in terms.get(dim, ()))
             total = given.get(dim, 0) + sum(more)
             if not 0 <= total <= MOST and dim in terms:

@@ -6,21 +6,22 @@ from typing import Any
 import numpy as np
 
 from ..kernels.errors import DeclarationError
-from .archetype import listed
 from .component import Component, Singleton, as_stored
+from .declared import Declared
+from .references import index_of
 
 
-def one_of_each(modules: Sequence[Any]) -> dict[type[Component], Singleton]:
+def one_of_each(declared: Sequence[Declared]) -> dict[type[Component], Singleton]:
     """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
     found: dict[type[Component], tuple[str, Singleton]] = {}
-    for module in modules:
-        for own in listed(module, "singletons", Singleton):
-            name, other = found.setdefault(type(own), (module.name, own))
-            for column, declared in own.columns.items():
-                one, two = (each.fills.get(column, declared.fill) for each in (other, own))
+    for each in declared:
+        for own in each.singletons:
+            name, other = found.setdefault(type(own), (each.module.name, own))
+            for column, kind in own.columns.items():
+                one, two = (part.fills.get(column, kind.fill) for part in (other, own))
                 if not np.array_equal(one, two):
                     raise DeclarationError(
-                        f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {module.name} "
+                        f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {each.module.name} "
                         f"{two!r:.60}: let one of them bring it, or both the same"
                     )
     return {kind: singleton for kind, (_, singleton) in found.items()}
@@ -41,7 +42,8 @@ def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str,
     """
     for name, column in part.columns.items():
         there = getattr(table, name)[where]
-        value = as_stored(f"{label}.{name}", column, part.fills.get(name, column.fill))
+        given = index_of(part.fills.get(name, column.fill), len(there))
+        value = as_stored(f"{label}.{name}", column, given)
         if there.size and (ends := column.range(dims)) and not (ends[0] <= value.min() and value.max() <= ends[1]):
             raise DeclarationError(
                 f"{label}.{name} begins as {value.tolist()!r:.60}: {ends[0]} to {ends[1]} is its range"

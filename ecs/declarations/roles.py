@@ -1,7 +1,7 @@
 """Roles: which agents have numbers of their own, as data.
 
 A role has a name, says which agents have it, and changes some numbers of mechanics for them: to other values, or to
-distributions, from which each agent draws when an episode begins. memory.per_agent says where the values lie in memory.
+distributions, from which each agent draws when an episode begins. memory.numbers says where the values lie in memory.
 """
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence

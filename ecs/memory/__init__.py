@@ -1,5 +1,5 @@
 """The state of a batch of worlds: where columns lie, what they begin with, and numbers that differ.
 
-A `Layout` is computed from modules; `varied` has the numbers that differ from world to world, `per_agent` those that
-differ from agent to agent; `tables` has the memory itself. No system runs here.
+A `MemoryLayout` is computed from modules; `numbers` says which numbers differ from world to world and from agent to
+agent, and where they lie; `draw` sets them when an episode begins; `tables` has the memory itself. No system runs here.
 """

@@ -1,19 +1,15 @@
-"""Where columns lie in the state of a world, and which of its cache lines a tick touches."""
+"""Where columns lie in the state of a world."""
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..declarations.component import Clock, Component, Entity, Singleton
-from .given import Given
-from .per_agent import AgentNumbers, AgentRoles
-from .varied import Varied
+from ..declarations.component import Component
 
 ALIGN = 64  # bytes: a cache line
-ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
 
 
 @dataclass(frozen=True)
@@ -55,25 +51,3 @@ def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -
             places.append(Place(component, name, shape, offset))
             offset += places[-1].nbytes
     return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
-
-
-def touched_lines(layout: Any, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
-    """The cache lines that hold these components, for entities that have them, and the engine's own components.
-
-    Args:
-        layout: A Layout.
-        components: See Schedule.touched.
-
-    Returns:
-        int64 (lines,), offsets in a world's state, in order.
-    """
-    found = set[int]()
-    for place in layout.places:
-        if place.offset >= 0 and place.component in {*components, *ENGINE}:
-            alone = issubclass(place.component, Singleton)
-            rows = [0] if alone else layout.rows(place.component).tolist()
-            size = place.nbytes if alone else place.nbytes // place.shape[0]
-            for row in rows:
-                start = place.offset + row * size
-                found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
-    return ALIGN * np.array(sorted(found), np.int64)

@@ -1,79 +1,126 @@
-"""Draws of numbers that differ from world to world, and the entities that are absent if a count is not the highest."""
+"""What happens to numbers that differ when an episode begins: keys, draws, roles, first values, absent entities."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..declarations.component import Observation, Signal
+from ..declarations.component import Component, Observation, Signal
 from ..declarations.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
-from ..kernels.errors import AbsentError
+from ..declarations.roles import ANYONE, NEVER
+from ..kernels.errors import AbsentError, NumberError
 from ..kernels.jit import Array, kernel
 from ..kernels.random import integer, stream_number, words
-from .given import GIVEN, ONCE, WORD
-from .varied import VariedNumber, encode
+from .layout import MemoryLayout
+from .numbers import AGENT, GIVEN, ONCE, WORD, Number, encode
 
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
+STREAM = stream_number("roles")
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The arrays by which `draw` draws the numbers of one world.
+class Plan(NamedTuple):
+    """The arrays by which the numbers of worlds, or those of agents, are drawn. A set is what a role draws from.
 
     Attributes:
-        kinds: int8 (numbers,), kinds of distributions; a free number is a choice with one option.
+        rows: int32 (entities,), the rows of the agents; 0 for worlds.
         real: int8 (numbers,), 1 if words are float32.
-        spans: int32 (numbers, 2), the first word, and how many there are.
-        streams: uint64 (numbers,), streams of random numbers: those of the numbers' names.
-        ends: float64 (numbers, 2), lowest and highest value; 0 for choices.
+        spans: int32 (numbers, 2), the first word, and how many a value has.
+        streams: uint64 (numbers,), streams of random numbers.
+        kinds: int8 (numbers, sets), kinds of distributions; a single value is a choice with one option.
+        ends: float64 (numbers, sets, 2), lowest and highest value; 0 for choices.
         choices: int32 (words,), the words of all choices in a row.
-        options: int32 (numbers, 2), where a number's choices begin, and how many there are.
-        patches: int32 (patches, 3), for prefab values: the word, its place in the state, and its size there in bytes,
-            1 or 4.
-        absences: int32 (archetypes, 3), for counts: the word, the first row of the entities and one after the last.
+        options: int32 (numbers, sets, 2), where choices begin, and how many there are.
+        patches: int32 (patches, 3), for prefab values: the word, its place in the state, and its size in bytes, 1 or 4.
     """
 
-    kinds: Array
+    rows: Array
     real: Array
     spans: Array
     streams: Array
+    kinds: Array
     ends: Array
     choices: Array
     options: Array
     patches: Array
-    absences: Array
 
 
-def plan(layout: Any) -> Plan:
-    """Return the arrays for `draw`, for a Layout. Raises the errors of `varied.patches`."""
-    numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
-    for number in numbers:
-        values = number.distribution.values if number.distribution.kind in (CHOICE, FREE) else ()
-        options.append((len(choices), len(values)))
-        for value in values:
-            choices += encode(layout.modules[number.module], number.number, value).tolist()
-    absences = [
-        (number.start, layout.spans[name].start, layout.spans[name].stop)
-        for number in numbers
-        for name in number.archetypes
-    ]
-    kinds = [CHOICE if number.distribution.kind == FREE else number.distribution.kind for number in numbers]
-    ends = [
-        (0, 0) if kind == CHOICE else number.distribution.values for kind, number in zip(kinds, numbers, strict=True)
-    ]
+def plan(layout: MemoryLayout, by_role: bool) -> Plan:
+    """Return the arrays for the numbers of worlds, or for those that differ by role.
+
+    Raises:
+        NumberError: See `numbers.patches`.
+    """
+    numbers = [*(layout.per_agent if by_role else layout.varied).values()]
+    shape = len(numbers), len(layout.roles.roles) if by_role and layout.roles else 1
+    kinds, ends, options = np.zeros(shape, np.int8), np.zeros((*shape, 2)), np.zeros((*shape, 2), np.int32)
+    choices = list[int]()
+    for n, number in enumerate(numbers):
+        for r, drawn in enumerate(number.distributions):
+            kinds[n, r] = CHOICE if drawn.kind == FREE else drawn.kind
+            if kinds[n, r] == CHOICE:
+                options[n, r] = len(choices), len(drawn.values)
+                for value in drawn.values:
+                    choices += encode(layout.modules[number.module], number.field, value).tolist()
+            else:
+                ends[n, r] = drawn.values
+    prefix, patches = ("role", layout.agent_patches) if by_role else ("vary", layout.varied_patches)
     return Plan(
-        kinds=np.array(kinds, np.int8),
+        rows=np.array(layout.spans[AGENT] if by_role else [0], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
         spans=np.array([(number.start, number.width) for number in numbers], np.int32).reshape(-1, 2),
-        streams=np.array([stream_number(f"vary {number.name}") for number in numbers], np.uint64),
-        ends=np.array(ends, np.float64).reshape(-1, 2),
+        streams=np.array([stream_number(f"{prefix} {number.name}") for number in numbers], np.uint64),
+        kinds=kinds,
+        ends=ends,
         choices=np.array(choices or [0], np.int32),
-        options=np.array(options, np.int32).reshape(-1, 2),
-        patches=np.array(layout.varied_patches, np.int32).reshape(-1, 3),
-        absences=np.array(absences, np.int32).reshape(-1, 3),
+        options=options,
+        patches=np.array(patches, np.int32).reshape(-1, 3),
     )
+
+
+def absences(layout: MemoryLayout) -> Array:
+    """Return int32 (kinds, 3), for varied counts: the word, the first row of the entities and one after the last."""
+    spans = [(n.start, layout.spans[kind]) for n in layout.varied.values() for kind in n.kinds]
+    return np.array([(word, span.start, span.stop) for word, span in spans], np.int32).reshape(-1, 3)
+
+
+class RolePlan(NamedTuple):
+    """The arrays by which agents get their roles.
+
+    Attributes:
+        fixed: int32 (counts, agents), the role of each agent before any drawing, in worlds of the fewest agents, of one
+            more and so on.
+        groups: int32 (counts, groups + 1), where the groups of agents within which roles are drawn begin; 1 entry if
+            there are none.
+    """
+
+    fixed: Array
+    groups: Array
+
+
+def role_plan(layout: MemoryLayout) -> RolePlan:
+    """Return the arrays for `assign`, for a layout with roles.
+
+    Raises:
+        NumberError: There are no sides to draw within, or the sizes of sides differ from world to world.
+    """
+    assert layout.roles is not None
+    counts = layout.agent_counts
+    fixed = np.array(layout.roles.of_counts(counts[0], counts[-1]), np.int32)
+    return RolePlan(fixed, np.array([_groups(layout, layout.roles.drawn, count) for count in counts], np.int32))
+
+
+def _groups(layout: MemoryLayout, drawn: str, count: int) -> list[int]:
+    """A row of RolePlan.groups, for worlds with `count` agents."""
+    if drawn == NEVER:
+        return [0]
+    sizes = {(count,)} if drawn == ANYONE else layout.groupings(count)
+    if sizes == {()}:
+        raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
+    if len(sizes) > 1:
+        raise NumberError('roles: drawn = "side", but the sizes of teams vary; let one of them be, or take "anyone"')
+    starts: list[int] = np.minimum(np.cumsum([0, *sizes.pop()]), count).tolist()
+    return starts
 
 
 @kernel
@@ -85,15 +132,6 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
     if kind == LOG_UNIFORM:
         return min(max(math.exp(math.log(low) + unit * (math.log(high) - math.log(low))), low), high)
     return low + unit * (high - low)
-
-
-@kernel
-def draw_between(values: Any, reals: Any, word: int, real: bool, kind: int, low: float, high: float, key: Any) -> None:
-    """Draw a word between two ends: in `values`, as int32, or, if it is `real`, in `reals`, as float32."""
-    if real:
-        reals[word] = np.float32(between(kind, low, high, key))
-    else:
-        values[word] = np.int32(between(kind, low, high, key))
 
 
 @kernel
@@ -113,7 +151,39 @@ def take_key(clock: Any, given: Any, start: int) -> None:
 
 
 @kernel
-def draw(
+def draw(clock: Any, roles: Any, values: Any, reals: Any, plan: Any) -> None:
+    """Draw numbers, keyed by the index of the agent (0 for worlds) in place of the tick.
+
+    roles: int32 (agents,), the set that each draws from. values, reals: the words, as int32 and as float32.
+    """
+    for n in range(plan.streams.size):
+        width = plan.spans[n, 1]
+        for i in range(plan.rows.size):
+            r, word = roles[i], plan.spans[n, 0] + plan.rows[i]
+            key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(i), plan.streams[n])
+            if plan.kinds[n, r] == CHOICE:
+                first = plan.options[n, r, 0] + width * integer(key, 0, plan.options[n, r, 1])
+                for k in range(width):
+                    values[word + k] = plan.choices[first + k]
+            elif plan.real[n]:
+                reals[word] = np.float32(between(plan.kinds[n, r], plan.ends[n, r, 0], plan.ends[n, r, 1], key))
+            else:
+                values[word] = np.int32(between(plan.kinds[n, r], plan.ends[n, r, 0], plan.ends[n, r, 1], key))
+
+
+@kernel
+def patch(state: Any, state_bytes: Any, values: Any, patches: Any) -> None:
+    """Write numbers into the prefab values that they are. state, state_bytes: a world, as int32 and as uint8."""
+    for p in range(patches.shape[0]):
+        word, where = values[patches[p, 0]], patches[p, 1]
+        if patches[p, 2] == 4:
+            state[where >> 2] = word
+        else:
+            state_bytes[where] = np.uint8(word)
+
+
+@kernel
+def draw_of_world(
     clock: Any,
     entities: Any,
     given: Any,
@@ -121,46 +191,62 @@ def draw(
     reals: Any,
     state: Any,
     state_bytes: Any,
-    kinds: Any,
-    real: Any,
-    spans: Any,
-    streams: Any,
-    ends: Any,
-    choices: Any,
-    options: Any,
-    patches: Any,
-    absences: Any,
+    plan: Any,
+    absent: Any,
 ) -> None:
-    """Set the numbers of a world whose episode begins, and the prefab values set by these numbers.
+    """Set the numbers of a world whose episode begins, and what is set by these numbers.
 
     given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: its
-    whole state, as int32 and as uint8. kinds and all that follow: see Plan.
+    whole state, as int32 and as uint8. absent: see `absences`.
     """
     take_key(clock, given, values.size)
-    for n in range(kinds.size):
-        start, width = spans[n, 0], spans[n, 1]
-        if given[start] >> GIVEN:
-            for k in range(start, start + width):
-                values[k] = np.int32(np.uint32(given[k] & WORD))
-                if given[k] >> ONCE:
-                    given[k] = 0
-            continue
-        key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), streams[n])
-        if kinds[n] == CHOICE:
-            first = options[n, 0] + width * integer(key, 0, options[n, 1])
-            for k in range(width):
-                values[start + k] = choices[first + k]
-        else:
-            draw_between(values, reals, start, real[n], kinds[n], ends[n, 0], ends[n, 1], key)
-    for p in range(patches.shape[0]):
-        word, where = values[patches[p, 0]], patches[p, 1]
-        if patches[p, 2] == 4:
-            state[where >> 2] = word
-        else:
-            state_bytes[where] = np.uint8(word)
-    for a in range(absences.shape[0]):
-        for e in range(absences[a, 1] + values[absences[a, 0]], absences[a, 2]):
+    draw(clock, plan.rows, values, reals, plan)  # the only row, 0, is also the number of the only set
+    for k in range(values.size):
+        if given[k] >> GIVEN:
+            values[k] = np.int32(np.uint32(given[k] & WORD))
+            if given[k] >> ONCE:
+                given[k] = 0
+    patch(state, state_bytes, values, plan.patches)
+    for a in range(absent.shape[0]):
+        for e in range(absent[a, 1] + values[absent[a, 0]], absent[a, 2]):
             entities.alive[e], entities.identity[e] = 0, ABSENT
+
+
+@kernel
+def assign(clock: Any, entities: Any, roles: Any, rows: Any, plan: Any) -> None:
+    """Set the roles of the agents of a world whose episode begins. rows: theirs; the last agents may be absent."""
+    key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
+    present = 0
+    for e in rows:
+        present += exists(entities, e)
+    c = present - (rows.size - plan.fixed.shape[0] + 1)
+    for i in range(rows.size):
+        roles[i] = plan.fixed[c, i]
+    for g in range(plan.groups.shape[1] - 1):
+        for i in range(plan.groups[c, g + 1] - 1, plan.groups[c, g], -1):  # Fisher-Yates shuffle
+            o = plan.groups[c, g] + integer(key, i, i - plan.groups[c, g] + 1)
+            roles[i], roles[o] = roles[o], roles[i]
+
+
+@kernel
+def draw_of_agents(
+    clock: Any,
+    entities: Any,
+    roles: Any,
+    values: Any,
+    reals: Any,
+    state: Any,
+    state_bytes: Any,
+    plan: Any,
+    role_plan: Any,
+) -> None:
+    """Set roles and numbers of the agents of a world whose episode begins, and the prefab values that they are.
+
+    roles: the column of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32.
+    """
+    assign(clock, entities, roles, plan.rows, role_plan)
+    draw(clock, roles, values, reals, plan)
+    patch(state, state_bytes, values, plan.patches)
 
 
 @kernel
@@ -180,7 +266,7 @@ def check_absent(entities: Any) -> None:
             )
 
 
-def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:
+def published_rows(layout: MemoryLayout) -> list[tuple[Number, type[Component], str]]:
     """Return what has a row for learners per entity of a varied count: the number, the component and the column."""
     return [
         (number, component, name)
@@ -204,7 +290,7 @@ def show(rows: Any, words: Any, reals: Any, shown: Any) -> None:
             rows[i, k] = reals[shown[k, 0]] if shown[k, 1] else np.float32(words[shown[k, 0]])
 
 
-def shown(layout: Any) -> Array:
+def shown(layout: MemoryLayout) -> Array:
     """Return the argument `shown` of `show`, int32 (n, 2)."""
     numbers = [layout.varied[name] for name in layout.fields["numbers"]]
     words = [(number.start + k, number.dtype.kind == "f") for number in numbers for k in range(number.width)]

@@ -5,15 +5,16 @@ or reset by copying bytes. Columns that environments return (actions, observatio
 """
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
 
-from ..declarations.archetype import Archetype, listed, merge
+from ..declarations.archetype import merge
 from ..declarations.component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
+from ..declarations.declared import declare
 from ..declarations.dimensions import check_indices, check_owners, dimension_sizes
 from ..declarations.distributions import Distribution
 from ..declarations.event import Event, memory_type
@@ -21,16 +22,37 @@ from ..declarations.fields import Field, placed, width
 from ..declarations.initial_values import fill, one_of_each
 from ..declarations.roles import NEVER, Roles
 from ..declarations.system import System
-from ..kernels.errors import DeclarationError, did_you_mean
+from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.random import stream_number
 from ..kernels.simd import SIMD_WIDTH
-from .column_places import Place, place_columns
-from .given import GIVEN_DIM, KEYS, Given
-from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers, write_own
-from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, patches, place, replaced
+from .column_places import ALIGN, Place, place_columns
+from .numbers import (
+    AGENT_WORDS,
+    GIVEN_WORDS,
+    KEYS,
+    ROLES,
+    WORDS,
+    AgentNumbers,
+    AgentRoles,
+    Given,
+    Number,
+    NumbersView,
+    Patch,
+    Varied,
+    extremes,
+    hold,
+    patches,
+    place,
+    place_by_role,
+    replaced,
+    selecting,
+    write_own,
+)
+
+ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
 
 
-class Layout:
+class MemoryLayout:
     """The memory layout of a scenario's worlds, for any number of worlds.
 
     Attributes:
@@ -48,10 +70,10 @@ class Layout:
     Args:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
-        observed: The drawn numbers that agents observe, in varied.NumbersView.
+        observed: The drawn numbers that agents observe, in numbers.NumbersView.
         roles: Which agents have numbers of their own.
-        checks: Whether modules check what is impossible together.
         varied: Instead of `distributions`, what a layout of the same mechanics has made of them.
+        fewer: Whether it is the layout of a world with just as many entities as it has, see `at_extremes`.
     """
 
     def __init__(
@@ -60,14 +82,15 @@ class Layout:
         distributions: Mapping[str, Distribution] | None = None,
         observed: Sequence[str] = (),
         roles: Roles | None = None,
-        checks: bool = True,
-        varied: Mapping[str, VariedNumber] | None = None,
+        varied: Mapping[str, Number] | None = None,
+        fewer: bool = False,
     ) -> None:
-        self.fewer = False  # whether it has fewer entities than a world has room for, see varied.patches
+        self.fewer = fewer
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.varied = place(self.modules, distributions or {}) if varied is None else varied
         hold(self.modules, self.varied.values())
-        self.archetypes = merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
+        self.declared = [declare(module) for module in self.modules]
+        self.archetypes = merge(archetype for each in self.declared for archetype in each.archetypes)
         self._check_counts()
         self.spans: dict[str, range] = {}
         start = 0
@@ -77,24 +100,26 @@ class Layout:
         self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
         self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
         self.dims["damage_types"] = len(self.damage_types)
-        given, sizes = {*self.dims}, dimension_sizes(self.modules, self.dims)
+        given, sizes = {*self.dims}, dimension_sizes(self.declared, self.dims)
         self.dims |= sizes
         self.roles = roles
-        self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
-        self.singletons = one_of_each(self.modules)
+        self.per_agent: dict[str, Number] = place_by_role(self, roles, not fewer) if roles else {}
+        self.dims |= {ROLES: len(roles.roles)} if roles else {}
+        self.dims |= {AGENT_WORDS: len(self.per_agent) * start} if self.per_agent else {}
+        self.singletons = one_of_each(self.declared)
         _check_keys(Observation, self.singletons)  # before their fields are placed; again below, with `numbers`
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         if observed:
             self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
         self._counted: set[str] = set()
-        for module in self.modules if checks else ():
+        for module in self.modules:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         if self.keyed:
-            self.dims[DIM] = sum(number.width for number in self.varied.values())
-            self.dims[GIVEN_DIM] = self.dims[DIM] + KEYS
+            self.dims[WORDS] = sum(number.width for number in self.varied.values())
+            self.dims[GIVEN_WORDS] = self.dims[WORDS] + KEYS
         own = (Clock, *([Given, Varied] if self.keyed else []), Entity)
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
@@ -103,10 +128,9 @@ class Layout:
             _check_keys(base, self.components)
         self.events = self._events()
         check_indices(self.modules[0], self.components, self.dims)
-        if checks:
-            shared = {*self._counted, *(event.capacity for event in self.events)}
-            engine = given | {dim for dim, size in self.dims.items() if sizes.get(dim) != size}
-            check_owners(self.modules, engine, shared)
+        shared = {*self._counted, *(event.capacity for event in self.events)}
+        engine = given | {dim for dim, size in self.dims.items() if sizes.get(dim) != size}
+        check_owners(self.modules, engine, shared)
 
     def __repr__(self) -> str:
         """A line for each archetype: its rows, whether they are alive after reset, and its components."""
@@ -143,20 +167,37 @@ class Layout:
         index[rows] = np.arange(len(rows))
         return index
 
-    @functools.cached_property
-    def forms(self) -> "list[Layout]":
-        """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
-        return forms(self) if self.per_agent else [self]
+    def at_extremes(self, fewer: bool = False) -> "list[MemoryLayout]":
+        """Return the layouts with the extreme values of numbers that vary or differ by role; without any, this one.
+
+        Args:
+            fewer: Whether they have just as many entities as counts say, instead of room for the highest counts.
+
+        Raises:
+            NumberError: Values are impossible, by themselves or together; "role NAME: ..." for those of a role.
+        """
+        found = list[MemoryLayout]()
+        for role, modules in extremes(self) if self.varied or self.per_agent else ():
+            try:
+                found.append(self.with_modules(modules, self.roles and self.roles.bare(), fewer))
+            except NumberError as error:
+                raise NumberError(f"role {role}: {error}" if role else str(error)) from None
+        return found or [self]
+
+    def check_numbers(self) -> None:
+        """NumberError if a number cannot vary or differ by role as it should."""
+        if self.varied_patches or self.agent_patches or self.varied or self.per_agent:
+            self.at_extremes(fewer=True)
 
     @functools.cached_property
-    def agent_patches(self) -> list[tuple[int, int, int]]:
-        """Which numbers of agents are prefab values: the word, its place in the state, and how many bytes it has."""
-        return all_patches(self)
+    def agent_patches(self) -> list[Patch]:
+        """The prefab values that are numbers of agents. Raises the errors of `numbers.patches`."""
+        return [patch for number in self.per_agent.values() for patch in patches(self, number)]
 
     @functools.cached_property
-    def varied_patches(self) -> list[tuple[int, int, int]]:
-        """The same for the varied numbers of a world. Raises the errors of `varied.patches`."""
-        return patches(self)
+    def varied_patches(self) -> list[Patch]:
+        """The same for the varied numbers of a world."""
+        return [patch for number in self.varied.values() for patch in patches(self, number)]
 
     @property
     def keyed(self) -> bool:
@@ -170,7 +211,7 @@ class Layout:
 
     def groupings(self, agents: int) -> set[tuple[int, ...]]:
         """Return everything that `groups` can be in worlds of so many agents."""
-        others = [replaced(self.modules, {n: value}) for n in self.varied.values() for value in n.distribution.probes()]
+        others = [replaced(self.modules, {n.name: v}) for n in self.varied.values() for v in n.distribution.values]
         return {_groups(modules, agents) for modules in (self.modules, *others)}
 
     @functools.cached_property
@@ -210,26 +251,24 @@ class Layout:
         """The systems of the modules, with those that a module has only for some of the values that differ here."""
         found = [system for module in self.modules for system in module.systems()]
         known = {system.label for system in found}
-        for module in differing_modules(self):
+        for module in selecting(self):
             more = [system for system in module.systems() if system.label not in known]
             known |= {system.label for system in more}
             found += more
         return tuple(found)
 
-    def with_modules(
-        self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True, others: bool = False
-    ) -> "Layout":
+    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, fewer: bool = False) -> "MemoryLayout":
         """Return the layout of the same worlds with other numbers.
 
         Args:
             modules: The same mechanics, in the same order.
             roles: Roles that replace the present ones.
-            checks: Whether modules check what is impossible together.
-            others: Whether numbers have changed in such a way that those that vary must be examined again.
+            fewer: Whether there are just as many entities as counts say, and no numbers that vary.
         """
-        distributions = {name: number.distribution for name, number in self.varied.items()} if others else None
-        observed, varied = [*self.fields.get("numbers", ())], None if others else self.varied
-        return type(self)(modules, distributions, observed, roles or self.roles, checks, varied)
+        if fewer:
+            return type(self)(modules, roles=roles or self.roles, fewer=True)
+        observed = [*self.fields.get("numbers", ())]
+        return type(self)(modules, None, observed, roles or self.roles, self.varied)
 
     def numbers(self, module: str) -> dict[str, Any]:
         """Return the numbers of the module of that name, or of a subclass of it, by name; {} if there is none."""
@@ -256,7 +295,7 @@ class Layout:
         """Add the observation "numbers", which shows these varied numbers to agents."""
         self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
         for name in names:
-            shown[name] = self.varied[name].field(start, self.modules[self.varied[name].module])
+            shown[name] = self.varied[name].as_field(start, self.modules[self.varied[name].module])
             start += self.varied[name].width
         self.fields["numbers"] = shown
 
@@ -289,9 +328,7 @@ class Layout:
 
     def _observations(self) -> dict[str, tuple[str, Column]]:
         """By key of every observation, the name of the mechanic that brings it, and its column."""
-        brought = [
-            (module.name, singleton) for module in self.modules for singleton in listed(module, "singletons", Singleton)
-        ]
+        brought = [(each.module.name, singleton) for each in self.declared for singleton in each.singletons]
         return {
             column.key or name: (module, column)
             for module, singleton in brought
@@ -354,6 +391,26 @@ class Layout:
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
         """Return the table of a packed component in `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
         return component.Table(*(place.view(block) for place in self._places_of.get(component, ())))
+
+    def touched_lines(self, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
+        """Return the cache lines that hold these components, for entities that have them, and the engine's own.
+
+        Args:
+            components: See Schedule.touched.
+
+        Returns:
+            int64 (lines,), offsets in a world's state, in order.
+        """
+        found = set[int]()
+        for where in self.places:
+            if where.offset >= 0 and where.component in {*components, *ENGINE}:
+                alone = issubclass(where.component, Singleton)
+                rows = [0] if alone else self.rows(where.component).tolist()
+                size = where.nbytes if alone else where.nbytes // where.shape[0]
+                for row in rows:
+                    start = where.offset + row * size
+                    found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
+        return ALIGN * np.array(sorted(found), np.int64)
 
     @functools.cached_property
     def _places_of(self) -> dict[type[Component], list[Place]]:

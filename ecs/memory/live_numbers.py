@@ -13,14 +13,13 @@ import numpy as np
 from ..declarations.numbers import is_read, owners
 from ..declarations.system import System
 from ..kernels.errors import NumberError, meant
-from .layout import Layout
-from .made_once import reasons
+from .layout import MemoryLayout
 from .module import Module
-from .varied import extreme_layouts
+from .numbers import fixed_by
 
 
 def changed_modules(
-    layout: Layout, systems: Sequence[System], present: Sequence[Module], numbers: Mapping[str, Any]
+    layout: MemoryLayout, systems: Sequence[System], present: Sequence[Module], numbers: Mapping[str, Any]
 ) -> list[Module]:
     """The mechanics with other numbers, in the order of `present`.
 
@@ -41,7 +40,7 @@ def changed_modules(
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    extreme_layouts(layout.with_modules(found, others=True))  # raises if they are impossible together
+    layout.with_modules(found).at_extremes()  # raises if they are impossible together
     return found
 
 
@@ -56,28 +55,33 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
     }
 
 
-def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
+def _reasons(layout: MemoryLayout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
     """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
-    module = layout.modules[k]
+    module, declared = layout.modules[k], layout.declared[k]
     full = f"{module.name}_{number}"
     if full in layout.per_agent:
         yield "roles differ in it"
     if full in layout.varied:
         yield "it varies from world to world, so give_numbers() sets it"
-    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]], others=True)
-    yield from reasons(layout, there, k)
-    if not np.array_equal(there.initial_image, layout.initial_image):
+    if number in {*declared.kinds, *declared.sizes, *(prefab.number for prefab in declared.prefabs)}:
         yield "it is part of what an episode begins with"
+    if reason := fixed_by(layout, k, number):
+        yield reason
+    if [*module.systems()] != [*other.systems()]:
+        yield "it decides which systems run"
+    if not is_read(layout.modules, systems, full, kinds=("number",)):
+        yield "no system gets it as a single number"
+    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    if there.dims != layout.dims:
+        yield "it decides how long the rows of observations are"
     if _ends(there) != _ends(layout) or any(
         _plain(one.bounds(layout)) != _plain(two.bounds(there))
         for one, two in zip(layout.modules, there.modules, strict=True)
     ):
         yield "it decides the bounds of observations"
-    if not is_read(layout.modules, systems, full, kinds=("number",)):
-        yield "no system gets it as a single number"
 
 
-def _ends(layout: Layout) -> dict[str, dict[str, tuple[Any, Any]]]:
+def _ends(layout: MemoryLayout) -> dict[str, dict[str, tuple[Any, Any]]]:
     """The bounds that fields declare, by key and name."""
     return {key: {name: (f.low, f.high) for name, f in named.items()} for key, named in layout.fields.items()}
 

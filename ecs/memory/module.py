@@ -27,14 +27,15 @@ from typing import Any, ClassVar, Self, TypeVar
 from ..declarations.access import parameters
 from ..declarations.archetype import Archetype
 from ..declarations.component import Component, Singleton, snake_case
+from ..declarations.declared import RECORDS
 from ..declarations.fields import Field
+from ..declarations.layout import Layout
 from ..declarations.numbers import checked, kind_of
 from ..declarations.phase import Phase
 from ..declarations.system import Neighbour, System
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import annotated, check_random, is_outside
 from ..kernels.jit import kernel
-from .layout import Layout
 from .system_checks import check_twice, components, neighbours, redefines
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -69,6 +70,8 @@ class Module:
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
+        if RECORDS in vars(cls):  # see declarations.declared
+            return
         inherited = dataclasses.fields(cls)
         for item in inherited:
             given = vars(cls).get(item.name, dataclasses.MISSING)
@@ -267,7 +270,8 @@ class Module:
     @classmethod
     def imported(cls) -> list[type["Module"]]:
         """Return this class and all classes that extend it, in the order in which they were defined."""
-        return [cls, *(kind for subclass in cls.__subclasses__() for kind in subclass.imported())]
+        subclasses = (each for each in cls.__subclasses__() if RECORDS not in vars(each))
+        return [cls, *(kind for subclass in subclasses for kind in subclass.imported())]
 
     @staticmethod
     def providers(provides: Callable[["Module"], bool]) -> str:

@@ -10,7 +10,7 @@ from ..declarations.component import Action, Component
 from ..declarations.event import Event, EventMemory
 from ..kernels.errors import DeclarationError
 from .column_places import ALIGN
-from .layout import Layout
+from .layout import MemoryLayout
 
 
 class Tables:
@@ -27,7 +27,7 @@ class Tables:
         event_memory: The events of each world's last tick, as they lie in memory.
     """
 
-    def __init__(self, layout: Layout, count: int) -> None:
+    def __init__(self, layout: MemoryLayout, count: int) -> None:
         self.layout, self.count = layout, count
         self.block = _aligned(count, layout.world_bytes)
         self.block[:] = layout.initial_image

@@ -18,9 +18,9 @@ from ..declarations.system import System
 from ..kernels.errors import ScheduleError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.jit import compiled
-from ..memory.layout import Layout
+from ..memory.layout import MemoryLayout
 from ..memory.module import Module
-from ..memory.per_agent import differing_numbers
+from ..memory.numbers import differing_numbers
 
 KEPT = 16  # the most plans that are kept: those that were used last
 
@@ -53,7 +53,7 @@ class CompiledGame:
         units: The machine code of units, functions and parts.
     """
 
-    layout: Layout
+    layout: MemoryLayout
     schedule: Schedule
     segments: Sequence[Segment]
     units: CompiledUnits
@@ -82,7 +82,8 @@ def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_cod
 
 
 def _made(wanted: Wanted) -> CompiledGame:
-    layout = Layout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
+    layout = MemoryLayout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
+    layout.check_numbers()
     check_brought(layout.systems, layout.components)
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
@@ -100,7 +101,7 @@ def _made(wanted: Wanted) -> CompiledGame:
     return CompiledGame(layout, schedule, tick, CompiledUnits(units, functions, parts))
 
 
-def _widths(layout: Layout, module: str) -> dict[str, int]:
+def _widths(layout: MemoryLayout, module: str) -> dict[str, int]:
     """For each field that a mechanic adds, by name of its Offset, how many columns from there on are the mechanic's."""
     found = dict[str, int]()
     for mechanic in layout.modules:
@@ -113,7 +114,7 @@ def _widths(layout: Layout, module: str) -> dict[str, int]:
     return found
 
 
-def _applies(system: System, layout: Layout) -> bool:
+def _applies(system: System, layout: MemoryLayout) -> bool:
     """Whether a system is scheduled: the components that it needs are there, and none of its lists of rows is empty."""
     rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
     return {*system.needs} <= {*layout.components} and all(map(len, rows))

@@ -14,7 +14,6 @@ from ..compilation.tick import Unit
 from ..kernels.errors import EngineError
 from ..kernels.jit import interpreted
 from ..kernels.machine_code import exception_at
-from ..memory.column_places import touched_lines
 from .team import TEAM, Team, aligned
 
 # How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
@@ -63,7 +62,7 @@ class CompiledExecution:
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + together * worlds.layout.world_bytes
-            lines = touched_lines(worlds.layout, worlds.schedule.touched)
+            lines = worlds.layout.touched_lines(worlds.schedule.touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 

@@ -14,12 +14,10 @@ from ..declarations.phase import Phase
 from ..declarations.roles import Roles
 from ..kernels.errors import CapacityError, NumberError
 from ..memory.entity_view import EntityView
-from ..memory.given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
 from ..memory.live_numbers import changed_modules, differing
 from ..memory.module import Module, check_kind
-from ..memory.per_agent import agent_values
+from ..memory.numbers import AWAY, KEY, NO_LEVELS, ONCE, Given, Varied, agent_values, given_words
 from ..memory.tables import Tables
-from ..memory.varied import Varied
 from .compiled_game import Wanted, plan
 from .runner import Runner
 
@@ -234,7 +232,7 @@ class Worlds(Tables):
         """Make the next episode one of another key; those that follow have the worlds' own keys again.
 
         Args:
-            keys: (seed, world, episode) for each of the worlds `where`, uint64 (n, 3). NumberError unless Layout.keyed.
+            keys: (seed, world, episode) for each of the worlds `where`, uint64 (n, 3). NumberError unless layout.keyed.
             where: The worlds: mask, indices or slice.
         """
         if not self.layout.keyed:

@@ -14,7 +14,7 @@ from outlast.ecs import (
     DeclarationError,
     Event,
     Field,
-    Layout,
+    MemoryLayout,
     Observation,
     Signal,
     Statistic,
@@ -23,14 +23,14 @@ from outlast.ecs import (
 from outlast.ecs.declarations.fields import column_names
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.kernels.frozen_values import is_outside
-from outlast.ecs.memory.varied import NumbersView, extreme_layouts
+from outlast.ecs.memory.numbers import NumbersView
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
 DAMAGE_TYPES = ("damage_types",)  # dims of a statistic with an entry per damage type
 LARGEST = 8  # bytes of a number
-BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
+BOUNDS: WeakKeyDictionary[MemoryLayout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
 
 class StatisticPlaces(NamedTuple):
@@ -172,7 +172,7 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
 
 def _bounds(worlds: Worlds) -> dict[str, Ends]:
     layout, found = worlds.layout, {}
-    extremes = extreme_layouts(layout)
+    extremes = layout.at_extremes()
     stated = [(module.name, module.bounds(there)) for there in extremes for module in there.modules]
     for module, ends in stated:
         if unknown := sorted(ends.keys() - Observation.keys()):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import DeclarationError, Event, Layout
+from outlast.ecs import DeclarationError, Event, MemoryLayout
 from outlast.ecs.declarations.event import COUNT, TIMES
 
 Array = np.ndarray[Any, Any]
@@ -35,7 +35,7 @@ def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]
 
 
 def event_table(
-    layout: Layout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
+    layout: MemoryLayout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
 ) -> dict[str, Array]:
     """Return one table of the events of some worlds.
 
@@ -60,7 +60,7 @@ def event_table(
     return table
 
 
-def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
+def _part(layout: MemoryLayout, event: type[Event], rows: Array) -> dict[str, Array]:
     """The table of the events of one kind."""
     words = _words(layout)
     rest = [name for name in event.columns if name not in (COUNT, event.who, event.whom)]
@@ -109,7 +109,7 @@ def _same(value: object, rows: Array) -> Array:
 
 
 @functools.lru_cache(maxsize=16)
-def _words(layout: Layout) -> dict[str, Array]:
+def _words(layout: MemoryLayout) -> dict[str, Array]:
     """Return the names of what columns of these units refer to, by number, and at the end "" for -1, which is none."""
     names = {"entity": layout.entity_names, "damage type": layout.damage_types}
     return {unit: np.array([*each, ""], object) for unit, each in names.items()}

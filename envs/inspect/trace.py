@@ -34,7 +34,7 @@ from outlast.components import (
     Zone,
 )
 from outlast.components.sight import OMNISCIENT
-from outlast.ecs import Action, AgentRoles, Clock, Component, Layout, Worlds
+from outlast.ecs import Action, AgentRoles, Clock, Component, MemoryLayout, Worlds
 
 from ..core.spaces import published
 from ..rendering.layers.cameras import blind_until, cone_corners, seen_rows
@@ -76,7 +76,7 @@ class Bodies:
 
 
 @functools.lru_cache(maxsize=256)
-def bodies_of(layout: Layout) -> Bodies:
+def bodies_of(layout: MemoryLayout) -> Bodies:
     """Return the agents and objects of a layout, in order of rows."""
     agents = layout.rows(Body, Shape, Side).tolist()
     all_ = [(row, kind) for kind, span in layout.spans.items() for row in span]

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from outlast.ecs import RESET, STEP, Clock, Worlds
-from outlast.ecs.memory.given import GIVEN_DIM, Given
+from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..errors import RecordingError
 from ..scenarios.fingerprint import fingerprint
@@ -61,7 +61,7 @@ class Recorder:
             *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
             *(len(self._digests.names), self._digests.period),
             policy.dtype if policy else None,
-            worlds.dims.get(GIVEN_DIM, 0),
+            worlds.dims.get(GIVEN_WORDS, 0),
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
         if episodes is not None:

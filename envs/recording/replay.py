@@ -9,7 +9,7 @@ import numpy as np
 from outlast.components import End, Reward
 from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.kernels.integers import is_whole
-from outlast.ecs.memory.given import GIVEN_DIM, Given, wrongly_given
+from outlast.ecs.memory.numbers import GIVEN_WORDS, Given, wrongly_given
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable
@@ -65,7 +65,7 @@ class Replay:
         self.episodes = np.zeros(self.worlds.count, np.int64)
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
-        self._check("words of given numbers", recording.header["given"], self.worlds.dims.get(GIVEN_DIM, 0))
+        self._check("words of given numbers", recording.header["given"], self.worlds.dims.get(GIVEN_WORDS, 0))
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
         self._check("components", recording.components, self._digests.names)
         with announce_compilation(self.worlds, scenario.name):

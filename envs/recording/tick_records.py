@@ -29,7 +29,7 @@ class TickFormat:
     digest_size: int  # count of numbers in a digest
     digest_period: int  # after so many ticks, a digest is made of the same worlds again
     policy: np.dtype[Any] | None = None  # the record of what a policy thought, see policy_record; None: there is none
-    given: int = 0  # count of words of given numbers, see ecs.memory.varied.Given
+    given: int = 0  # count of words of given numbers, see ecs.memory.numbers.Given
 
     @property
     def key_size(self) -> int:
@@ -54,7 +54,7 @@ class TickRecord:
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
     keys: uint64 (n, 4 + given), worlds that got new keys or other numbers right before the tick, as (row, seed, world,
-        episode, words of numbers); see ecs.Clock and ecs.memory.given.Given.
+        episode, words of numbers); see ecs.Clock and ecs.memory.numbers.Given.
     digest: uint16 (digest_size,), digest of the state after the tick; see digests.
     policy: TickFormat.policy (worlds that took a STEP, agents), what the policy thought; None: not recorded.
     """

@@ -6,9 +6,8 @@ import math
 from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape, Side, Sides
-from outlast.ecs import Clock, Component, Entity, Event, Layout, Module, Worlds
-from outlast.ecs.memory.per_agent import agent_values, initial_image
-from outlast.ecs.memory.varied import Varied, VariedNumber
+from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
+from outlast.ecs.memory.numbers import Number, Varied, agent_values, initial_image
 
 from .style import SIZES
 
@@ -63,7 +62,7 @@ class Scene:
         return _rows(self.worlds.layout, components)
 
     def side_name(self, side: int) -> str:
-        """Return a side's name (see Layout.side_names), or its number if a mechanic of the user's makes the teams."""
+        """Return a side's name (see layout.side_names), or its number if a mechanic of the user's makes the teams."""
         layout, teams = self.worlds.layout, Sides in self and self[Sides].teams[0]
         names = layout.side_names if layout.groups() or not teams else ()
         return names[side] if side < len(names) else f"{'team' if teams else 'agent'} {side}"
@@ -82,7 +81,7 @@ class Scene:
         for k, module in enumerate(self.worlds.modules):
             if isinstance(module, kind):
                 own = [number for number in self.worlds.layout.varied.values() if number.module == k]
-                drawn = {number.number: self._drawn(number) for number in own}
+                drawn = {number.field: self._drawn(number) for number in own}
                 drawn |= self._of_agent(k, agent) if agent is not None else {}
                 return module.replace(**_in_range(module, drawn)) if drawn else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
@@ -95,7 +94,7 @@ class Scene:
         i = self.rows(Side).index(e)
         return {number.field: agent_values(self.worlds, number)[self.w, i].item() for number in own}
 
-    def _drawn(self, number: VariedNumber) -> Any:
+    def _drawn(self, number: Number) -> Any:
         """Return the value that a varied number has in this world."""
         words = self.worlds[Varied].words[self.w, :, None].copy()
         value = number.decode(words, self.worlds.modules[number.module])[0]
@@ -122,15 +121,15 @@ def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 @functools.lru_cache(maxsize=256)
-def _rows(layout: Layout, components: tuple[type[Component], ...]) -> tuple[int, ...]:
+def _rows(layout: MemoryLayout, components: tuple[type[Component], ...]) -> tuple[int, ...]:
     return tuple(layout.rows(*components).tolist())
 
 
 @functools.lru_cache(maxsize=64)
-def _birth(layout: Layout, component: type[Component]) -> Any:
+def _birth(layout: MemoryLayout, component: type[Component]) -> Any:
     return _table(layout, component, layout.initial_image)
 
 
-def _table(layout: Layout, component: type[Component], image: Any) -> Any:
+def _table(layout: MemoryLayout, component: type[Component], image: Any) -> Any:
     """Return the table of a component from the state of a world."""
     return component.Table(*(tuple(column[0].tolist()) for column in layout.columns(image[None], component)))

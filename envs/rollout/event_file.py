@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Layout
+from outlast.ecs import MemoryLayout
 
 from ..inspect.event_table import COLUMNS, event_table
 from .table_file import TableFile, table_file
@@ -19,7 +19,7 @@ TYPES = {"world": "int64", "episode": "int64", "tick": "int64", "amount": "float
 class EventFile:
     """A file that events are added to."""
 
-    def __init__(self, layout: Layout, table: TableFile, first_world: int) -> None:
+    def __init__(self, layout: MemoryLayout, table: TableFile, first_world: int) -> None:
         self._layout, self._table, self._first_world = layout, table, first_world
 
     def add(self, events: Mapping[str, Array], where: Array | None = None) -> None:
@@ -28,7 +28,7 @@ class EventFile:
 
 
 @contextlib.contextmanager
-def event_file(path: str, layout: Layout, first_world: int = 0) -> Iterator[EventFile]:
+def event_file(path: str, layout: MemoryLayout, first_world: int = 0) -> Iterator[EventFile]:
     """Open a new file for events, in the end complete or not there. Columns: see inspect.event_table.COLUMNS.
 
     Args:

@@ -5,8 +5,7 @@ from typing import Any
 
 from outlast.ecs import Module
 from outlast.ecs.declarations import distributions, roles
-from outlast.ecs.memory.per_agent import checked_roles
-from outlast.ecs.memory.varied import place
+from outlast.ecs.memory.numbers import checked_roles, place
 
 from ..errors import ScenarioError
 

@@ -13,8 +13,7 @@ from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
 from outlast.ecs.declarations.component import snake_case
 from outlast.ecs.declarations.roles import NEVER
 from outlast.ecs.kernels.errors import did_you_mean
-from outlast.ecs.memory.per_agent import checked_roles
-from outlast.ecs.memory.varied import place
+from outlast.ecs.memory.numbers import checked_roles, place
 from outlast.systems import ObserveRoles
 
 from ..errors import ScenarioError

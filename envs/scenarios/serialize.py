@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from outlast.ecs import Layout
+from outlast.ecs import MemoryLayout
 from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
@@ -29,9 +29,9 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
 def planned(scenario: Scenario) -> tuple[int, int]:
     """Return how many agents a world has, and how many bytes it takes, while allocating next to nothing.
 
-    Raises ScenarioError if a world is absurdly large or has no agents, and the errors of Layout.
+    Raises ScenarioError if a world is absurdly large or has no agents, and the errors of MemoryLayout.
     """
-    layout = Layout(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
+    layout = MemoryLayout(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
     if layout.world_bytes > LARGEST:

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from outlast.ecs import Event, Layout, Worlds
+from outlast.ecs import Event, MemoryLayout, Worlds
 from outlast.ecs.declarations.event import zero_unused
 
 from ..errors import StateError
@@ -190,7 +190,7 @@ def _events(worlds: Worlds) -> dict[str, Array]:
 
 
 @functools.lru_cache(maxsize=16)
-def _events_name(layout: Layout) -> str:
+def _events_name(layout: MemoryLayout) -> str:
     form = hashlib.blake2b(repr(layout.event_type.descr).encode(), digest_size=4).hexdigest()
     return f"events.{form}"
 

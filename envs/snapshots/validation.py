@@ -20,18 +20,17 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Side, Sight
-from outlast.ecs import Component, Entity, Layout, Singleton
+from outlast.ecs import Component, Entity, MemoryLayout, Singleton
 from outlast.ecs.declarations.event import COUNT, EventMemory, table
 from outlast.ecs.memory.column_places import Place
-from outlast.ecs.memory.given import Given, misfits, wrongly_given
-from outlast.ecs.memory.varied import Varied
+from outlast.ecs.memory.numbers import Given, Varied, misfits, wrongly_given
 
 from ..errors import StateError
 
 Array = np.ndarray[Any, Any]
 
 
-def check(layout: Layout, arrays: dict[str, Array]) -> None:
+def check(layout: MemoryLayout, arrays: dict[str, Array]) -> None:
     """Raise StateError unless the arrays of a state, including "world", are valid in worlds of that layout.
 
     Worlds that have not started are reset before anything runs in them, so they may hold initial values.
@@ -57,12 +56,12 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
     _check_absent(layout, block, started)
 
 
-def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
+def event_memory(layout: MemoryLayout, counts: Array, lists: Array) -> EventMemory:
     """Return the events in a state's arrays, int32 (worlds, kinds) and uint8 (worlds, bytes), as a view of these."""
     return EventMemory(counts, lists.view(layout.event_type).reshape(-1))
 
 
-def check_events(layout: Layout, counts: Array, given: Array) -> None:
+def check_events(layout: MemoryLayout, counts: Array, given: Array) -> None:
     """Raise StateError unless the events of a state are valid lists.
 
     counts: int32 (worlds, kinds). given: the lists, uint8 (worlds, bytes).
@@ -102,7 +101,7 @@ class Span:
 
 
 @functools.lru_cache(maxsize=16)
-def _spans(layout: Layout) -> tuple[Span, ...]:
+def _spans(layout: MemoryLayout) -> tuple[Span, ...]:
     """Return what to check in worlds of that layout; cached, as a search restores single worlds very often."""
     found = []
     for place in layout.places:
@@ -115,7 +114,7 @@ def _spans(layout: Layout) -> tuple[Span, ...]:
     return tuple(found)
 
 
-def _rows(layout: Layout, component: type[Component]) -> slice | Array:
+def _rows(layout: MemoryLayout, component: type[Component]) -> slice | Array:
     """Return the rows of entities that have the component: if they are adjacent a slice, as that copies nothing."""
     if issubclass(component, Singleton):
         return slice(None)
@@ -124,7 +123,7 @@ def _rows(layout: Layout, component: type[Component]) -> slice | Array:
     return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
 
 
-def _check_bags(layout: Layout, block: Array) -> None:
+def _check_bags(layout: MemoryLayout, block: Array) -> None:
     """Check that every slot of a bag below its count holds an item."""
     if Bag in layout.components:
         bag, rows = layout.columns(block, Bag), _rows(layout, Bag)
@@ -134,7 +133,7 @@ def _check_bags(layout: Layout, block: Array) -> None:
             raise _refusal("Bag.items", rows, items, bad, "a row is needed, as Bag.count says that the slot is in use")
 
 
-def _check_sight(layout: Layout, block: Array) -> None:
+def _check_sight(layout: MemoryLayout, block: Array) -> None:
     """Check that the sets of visible entities contain existing rows only."""
     if Sight in layout.components:
         visible = layout.columns(block, Sight).visible
@@ -142,13 +141,13 @@ def _check_sight(layout: Layout, block: Array) -> None:
             raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
 
 
-def _check_absent(layout: Layout, block: Array, started: Array) -> None:
+def _check_absent(layout: MemoryLayout, block: Array, started: Array) -> None:
     """Check that exactly the entities beyond a varied count are absent."""
     identity = layout.columns(block, Entity).identity
     absent = np.zeros_like(identity, dtype=bool)
     for number in layout.varied.values():
         words = layout.columns(block, Varied).words[:, number.start, None]
-        for name in number.archetypes:
+        for name in number.kinds:
             rows = np.array(layout.spans[name])
             absent[:, rows] = rows - rows[0] >= words
     if (bad := started[:, None] & ((identity < 0) != absent)).any():
@@ -163,7 +162,7 @@ def _check_absent(layout: Layout, block: Array, started: Array) -> None:
             raise _refusal("Side.side", rows, side, bad, f"0 to {layout.dims['sides'] - 1} is needed")
 
 
-def _check_varied(layout: Layout, block: Array, started: Array) -> None:
+def _check_varied(layout: MemoryLayout, block: Array, started: Array) -> None:
     """Check that varied and given numbers could have been drawn, as counts among them are used as indices."""
     if not layout.keyed:
         return

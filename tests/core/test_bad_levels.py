@@ -13,7 +13,7 @@ import outlast
 from outlast import FloorPlan, Level, ScenarioError, choice, integers, levels, log_uniform, role, uniform
 from outlast.ecs import NumberError
 from outlast.ecs.declarations.roles import plain
-from outlast.ecs.memory.given import Given
+from outlast.ecs.memory.numbers import Given
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import NotResetError
 from outlast.envs.scenarios.roles_file import with_roles

@@ -57,16 +57,16 @@ OTHERS: dict[str, Any] = {  # where another value than a little less is one that
     "rooms_blocks": 30, "physics_rate": 50.0, "physics_substeps": 3, "walls_blocks": 3, "inventory_capacity": 1,
     "boxes_least": 0.4, "agents_radius": 0.4, "heals_radius": 0.1, "melee_reach": 1.5, "cameras_depth": 2.0,
 }  # fmt: skip
-TABLES, BEGINS = "it decides how large tables are", "with which episodes begin, is computed from it"
-RUNS, BESIDE = "it decides which systems run", "means nothing beside"
+READ, RUNS = r"{}\(\) reads it when worlds are made", r"{}\.systems\(\) reads it: it decides which systems run"
+KINDS, BESIDE = READ.format("archetypes"), "means nothing beside"
 REFUSED = {
-    "inventory_slots": TABLES, "maze_columns": TABLES, "maze_rows": TABLES, "maze_blocks": TABLES,
-    "rooms_columns": TABLES, "rooms_rows": TABLES, "rooms_blocks": TABLES, "room_walls": TABLES,
-    "spawn_grid_cells": TABLES, "teams_count": f"{TABLES}|are 2 teams, but teams.count is 1",
-    "room_size": BEGINS, "room_thickness": BEGINS, "room_width": f"{BEGINS}|{TABLES}|{BESIDE}",
-    "room_height": f"{BEGINS}|{TABLES}|{BESIDE}", "preparation_frozen": RUNS, "preparation_blind": RUNS,
-    "physics_backend": "no system of physics gets it", "ending_rule": "agents come back, so an episode",
-    "teams_sizes": "tuples of one length are needed",
+    "inventory_slots": READ.format("dims"), "spawn_grid_cells": READ.format("dims"), "room_size": KINDS,
+    "maze_columns": KINDS, "maze_rows": KINDS, "maze_blocks": KINDS, "rooms_columns": KINDS, "rooms_rows": KINDS,
+    "rooms_blocks": KINDS, "room_walls": KINDS, "room_thickness": KINDS, "room_width": f"{KINDS}|{BESIDE}",
+    "room_height": f"{KINDS}|{BESIDE}", "preparation_frozen": RUNS.format("Preparation"),
+    "preparation_blind": RUNS.format("Preparation"), "physics_backend": RUNS.format("Physics"),
+    "teams_count": f"{READ.format('dims')}|are 2 teams, but teams.count is 1",
+    "ending_rule": "agents come back, so an episode", "teams_sizes": "tuples of one length are needed",
 }  # fmt: skip
 
 

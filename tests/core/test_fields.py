@@ -15,6 +15,7 @@ from outlast.ecs import (
     Entity,
     Field,
     Layout,
+    MemoryLayout,
     Module,
     Observation,
     Offset,
@@ -156,7 +157,7 @@ def test_the_range_of_a_field_is_the_widest_of_all_worlds() -> None:
 
 
 def test_a_field_is_as_long_as_a_dimension() -> None:
-    one, two = (Layout(adding("own", Field("a", size=size), Field("b")).modules).fields for size in (2, "agents"))
+    one, two = (MemoryLayout(adding("own", Field("a", size=size), Field("b")).modules).fields for size in (2, "agents"))
     assert one == two
 
 
@@ -220,11 +221,11 @@ REFUSED = {
 def test_fields_that_cannot_be_are_refused(case: str) -> None:
     make, words = REFUSED[case]
     with pytest.raises(DeclarationError, match=words):
-        Layout(make().modules)
+        MemoryLayout(make().modules)
 
 
 def test_columns_of_an_unknown_field_are_refused() -> None:
-    fields = Layout(variant("ffa_1").modules).fields["own"]
+    fields = MemoryLayout(variant("ffa_1").modules).fields["own"]
     with pytest.raises(KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"):
         columns_of(fields, "id", "team")
 

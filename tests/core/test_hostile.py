@@ -17,7 +17,7 @@ from outlast.ecs import (
     Archetype,
     Clock,
     Component,
-    Layout,
+    MemoryLayout,
     Module,
     Observation,
     Signal,
@@ -117,7 +117,7 @@ def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
     """A new column declares its range, and goes into RANGES, or it goes into HARMLESS."""
     checked, free = set(), set()
     for name in outlast.VARIANTS:
-        layout = Layout(outlast.variant(name).modules)
+        layout = MemoryLayout(outlast.variant(name).modules)
         for kind in layout.components:
             if kind.packed and not issubclass(kind, (Action, Observation, Signal, Statistic)):
                 for key, each in kind.columns.items():
@@ -195,7 +195,7 @@ class Nests(Module):
 
 def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns() -> None:
     """In numbers, by a unit, or by a dimension. A column without any is not checked."""
-    layout = Layout([Nests()])
+    layout = MemoryLayout([Nests()])
     block = np.stack([layout.initial_image] * 2)
     nests = layout.columns(block, Nest)
     nests.free[:] = 10**9

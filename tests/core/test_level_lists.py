@@ -12,7 +12,7 @@ import outlast
 from outlast import FloorPlan, Level, choice, free, integers, levels, log_uniform, uniform
 from outlast.components import Body
 from outlast.ecs import NumberError
-from outlast.ecs.memory.per_agent import AgentRoles
+from outlast.ecs.memory.numbers import AgentRoles
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import NotResetError, RecordingError, ScenarioError, StateError
 from outlast.envs.levels import check

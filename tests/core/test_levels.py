@@ -10,8 +10,7 @@ import pytest
 import outlast
 from outlast import choice, integers, log_uniform, systems, uniform
 from outlast.ecs import Clock, Component, Entity, NumberError, Observation
-from outlast.ecs.memory.given import Given
-from outlast.ecs.memory.varied import Varied
+from outlast.ecs.memory.numbers import Given, Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
 from outlast.envs.scenarios.scenario import Scenario
@@ -310,8 +309,8 @@ def test_states_that_no_draw_leads_to_are_refused() -> None:
         ({"safe_zone_radii": choice((5, 2), (5,))}, "tuples of one length are needed"),
         ({"n_agents": integers(1, 4)}, "2 teams, but there are only 1 agents"),
         ({"n_heals": integers(1, 80)}, "do not fit into spawn_grid.cells"),
-        ({"inventory_slots": integers(1, 4)}, "cannot vary: it decides how large tables are ('slots')"),
-        ({"room_size": uniform(20, 30)}, "does not fit into a room of side 20"),
+        ({"inventory_slots": integers(1, 4)}, "cannot vary: Inventory.dims() reads it when worlds are made"),
+        ({"room_size": uniform(20, 30)}, "cannot vary: Room.archetypes() reads it when worlds are made"),
     ],
 )
 def test_what_cannot_vary_is_refused(numbers: dict[str, Any], reason: str) -> None:

@@ -28,6 +28,7 @@ from outlast.ecs import (
     Write,
     column,
     number,
+    ref,
 )
 from outlast.envs.cli.main import main
 from outlast.envs.cli.schedule import uses
@@ -484,10 +485,10 @@ class Apples(Module):
 
     def archetypes(self) -> Any:
         parts = (Body(), Shape(radius=0.25), Spawned(), Item())
-        return [Archetype("apple", (*parts, Heal(amount=10)), self.count, order=25)]
+        return [Archetype("apple", (*parts, Heal(amount=10)), ref("count"), order=25)]
 
     def dims(self) -> dict[str, int | str]:
-        return {"heals": self.count}
+        return {"heals": ref("count")}
 
 
 def test_a_second_kind_of_item_is_none_of_the_first() -> None:

@@ -284,7 +284,7 @@ def test_what_is_computed_from_a_number_cannot_differ() -> None:
             return [Archetype("agent", (Pace(step=2 * self.size),))]
 
     given = roles(a=outlast.role(1, twice_size=3.0), b=outlast.role())
-    with pytest.raises(NumberError, match=r"twice_size cannot differ by role: Pace\.step is computed from it"):
+    with pytest.raises(NumberError, match=r"twice_size cannot differ by role: Twice\.archetypes\(\) reads it"):
         Worlds([*MODULES[:-1], Twice()], 1, roles=given)
 
 

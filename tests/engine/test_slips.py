@@ -18,7 +18,7 @@ from outlast.ecs import (
     EngineError,
     Event,
     Field,
-    Layout,
+    MemoryLayout,
     Module,
     NumberError,
     Observation,
@@ -64,8 +64,8 @@ def mechanic(name: str, **methods: Any) -> Module:
     return module
 
 
-def layout(*modules: Module) -> Layout:
-    return Layout([*DUEL.modules, *modules])
+def layout(*modules: Module) -> MemoryLayout:
+    return MemoryLayout([*DUEL.modules, *modules])
 
 
 # ---- dimensions

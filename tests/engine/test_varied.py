@@ -25,6 +25,7 @@ from outlast.ecs import (
     kernel,
     number,
     of,
+    ref,
 )
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
@@ -64,13 +65,13 @@ class Lab(Module):
     worth: int = number(2)
 
     def singletons(self) -> Any:
-        return [Note(start=self.start, small=self.small, share=self.share, coins=self.coins)]
+        return [Note(start=ref("start"), small=ref("small"), share=ref("share"), coins=ref("coins"))]
 
     def dims(self) -> dict[str, int | str]:
         return {"notes": 2}
 
     def archetypes(self) -> Any:
-        return [Archetype("coin", (Coin(worth=self.worth),), self.coins)]
+        return [Archetype("coin", (Coin(worth=ref("worth")),), ref("coins"))]
 
 
 @kernel
@@ -153,7 +154,7 @@ class Odd(Module):
         return [Pile(half=self.count / 2)]
 
     def archetypes(self) -> Any:
-        return [Archetype("pebble", (Coin(),), self.count)]
+        return [Archetype("pebble", (Coin(),), ref("count"))]
 
     def systems(self) -> Any:
         return [system for system in super().systems() if self.extra or system.name != "add"]
@@ -205,7 +206,10 @@ def stand(level: Write[Level], agents: Rows[Side], high: float, deep: int, plain
 
 @pytest.mark.parametrize(("name", "drawn"), [("high", uniform(1, 3)), ("deep", integers(0, 100))])
 def test_what_is_rounded_cannot_vary(name: str, drawn: Any) -> None:
-    with pytest.raises(NumberError, match=f"rounded_{name} cannot vary: Level.*is computed from it"):
+    with pytest.raises(
+        NumberError,
+        match=rf"rounded_{name} cannot vary: Rounded.archetypes\(\) reads it .* ref\('{name}'\)",
+    ):
         outlast.variant("ffa_1").with_(Rounded()).vary(**{f"rounded_{name}": drawn}).worlds(1)
 
 
@@ -217,9 +221,9 @@ def test_a_number_with_a_plain_default_varies() -> None:
 @pytest.mark.parametrize(
     ("name", "drawn", "reason"),
     [
-        ("count", integers(1, 4), "Pile.half, with which episodes begin, is computed from it"),
-        ("memory", integers(1, 4), "it decides how much memory systems have"),
-        ("extra", choice(True, False), "it decides which systems run"),
+        ("count", integers(1, 4), r"Odd.singletons\(\) reads it"),
+        ("memory", integers(1, 4), r"Odd.scratch\(\) reads it: it decides how much memory systems have"),
+        ("extra", choice(True, False), r"Odd.systems\(\) reads it: it decides which systems run"),
         ("idle", integers(1, 4), "no system of odd gets it"),
     ],
 )
@@ -230,7 +234,7 @@ def test_what_is_decided_once_cannot_vary(name: str, drawn: Any, reason: str) ->
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("reach", "it decides how much memory systems have"), ("nothing", "no system of its mechanic gets it")],
+    [("reach", r"Odd.scratch\(\) reads it"), ("nothing", "no system of odd gets it")],
 )
 def test_what_is_decided_once_cannot_differ_by_role(name: str, reason: str) -> None:
     role: Any = outlast.role(1, **{f"odd_{name}": 4.0})

@@ -25,7 +25,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.compilation.arguments import COUNT, LINES
 from outlast.ecs.kernels.random import uniform
-from outlast.ecs.memory.column_places import ALIGN, touched_lines
+from outlast.ecs.memory.column_places import ALIGN
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers import toy_game
 from tests.helpers.toy_game import (
@@ -340,7 +340,7 @@ def test_lines_that_steps_write_are_fetched_ahead(name: str) -> None:
         env.step(draw_actions(env, rng))
         changed = (before != worlds.block)[worlds.mode == STEP].any(axis=0)
         written.update(np.flatnonzero(changed) // ALIGN)
-    lines = touched_lines(worlds.layout, worlds.schedule.touched) // ALIGN
+    lines = worlds.layout.touched_lines(worlds.schedule.touched) // ALIGN
     assert written <= {*lines.tolist()}
     assert len(lines) < worlds.layout.world_bytes // ALIGN
     env.close()
@@ -353,7 +353,7 @@ def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: py
     worlds = walked(make(count=100), 10)
     assert digest(worlds) == expected
     found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds._runner.single().blocks]  # type: ignore[union-attr]
-    assert sorted(np.concatenate(found).tolist()) == touched_lines(worlds.layout, worlds.schedule.touched).tolist()
+    assert sorted(np.concatenate(found).tolist()) == worlds.layout.touched_lines(worlds.schedule.touched).tolist()
 
 
 def int64_at(address: int, count: int) -> Any:

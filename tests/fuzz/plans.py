@@ -6,7 +6,7 @@ from random import Random
 from typing import ClassVar
 
 from outlast import FloorPlan, ScenarioError, variant
-from outlast.ecs import Layout, NumberError
+from outlast.ecs import MemoryLayout, NumberError
 from tests.fuzz.mutations import mutated, mutated_json, to_json
 
 DRAWING = b"#####\n#A.B#\n#.#.#\n#.*.#\n#####\n"
@@ -42,4 +42,4 @@ class Plans:
         plan = FloorPlan.load(path)
         assert len(plan.layout(500)) == 3000
         others = [plan.room()] if plan.width and plan.height else []
-        Layout(variant("ffa_1").without("safe_zone").with_(*others, plan.mechanic()).modules)
+        MemoryLayout(variant("ffa_1").without("safe_zone").with_(*others, plan.mechanic()).modules)

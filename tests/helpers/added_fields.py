@@ -22,6 +22,7 @@ from outlast.ecs import (
     column,
     kernel,
     number,
+    ref,
 )
 from outlast.systems.observation_rows import write_rows
 
@@ -41,7 +42,7 @@ class Stamina(Module):
     most: int = number(100, low=1)
 
     def archetypes(self) -> Any:
-        return [Archetype("agent", (Breath(left=self.most),))]
+        return [Archetype("agent", (Breath(left=ref("most")),))]
 
     def fields(self) -> Mapping[str, tuple[Field, ...]]:
         return {"own": (Field("stamina", "ticks", scale=lambda layout: layout.numbers("stamina")["most"]),)}

@@ -5,7 +5,7 @@ from typing import Any
 
 from outlast.components import Body, Death, Died, Guard, Health, Hit, Phase, Shape, Spawned
 from outlast.components.health import hurt
-from outlast.ecs import Archetype, Array, Clock, Component, Module, Read, Rows, Write, column, number
+from outlast.ecs import Archetype, Array, Clock, Component, Module, Read, Rows, Write, column, number, ref
 
 
 class Beast(Component):
@@ -22,13 +22,13 @@ class Beasts(Module):
     def archetypes(self) -> Any:
         shape, life = Shape(radius=0.5, bound=0.5), Health(points=5)
         parts = (Body(), shape, life, Guard(), Died(), Spawned(), Beast())
-        return [Archetype("beast", parts, self.count, order=self.order)]
+        return [Archetype("beast", parts, ref("count"), order=self.order)]
 
     def singletons(self) -> Any:
         return [Hit(), Death()]
 
     def dims(self) -> Any:
-        return {"hits": self.count}
+        return {"hits": ref("count")}
 
 
 @Beasts.system(Phase.MELEE, after=Health)

@@ -33,6 +33,7 @@ from outlast.ecs import (
     Write,
     column,
     number,
+    ref,
 )  # fmt: skip
 from outlast.ecs.kernels.random import uniform
 
@@ -88,13 +89,13 @@ class Walkers(Toy):
     stride: float = number(0.5, above=0, high=10)
 
     def archetypes(self) -> Iterable[Archetype]:
-        return [Archetype("walker", (Place(), Energy(left=20)), self.count)]
+        return [Archetype("walker", (Place(), Energy(left=20)), ref("count"))]
 
     def singletons(self) -> Iterable[Singleton]:
         return [Pace(), Line(), Pay()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"walkers": self.count, "memory": 2}
+        return {"walkers": ref("count"), "memory": 2}
 
 
 @Walkers.system(Phase.BEGIN)

@@ -366,7 +366,7 @@ def test_numbers_that_cannot_be_are_refused() -> None:
     for numbers, reason in (({"cells": 0}, "behaviour.cells = 0"), ({"need": 1.5}, "behaviour.need = 1.5")):
         with pytest.raises(NumberError, match=reason):
             Behaviour(**numbers)  # type: ignore[arg-type]
-    with pytest.raises(NumberError, match="behaviour_cells cannot vary: it decides how large tables are"):
+    with pytest.raises(NumberError, match=r"behaviour_cells cannot vary: Behaviour.dims\(\) reads it"):
         FFA.with_(Behaviour()).vary(behaviour_cells=integers(4, 8)).worlds(1)
 
 

@@ -206,7 +206,7 @@ def test_the_blind_read_nothing_until_their_first_choice() -> None:
 
 
 def test_the_number_of_rays_is_the_same_everywhere() -> None:
-    with pytest.raises(NumberError, match="lidar_rays cannot vary: it decides how large tables are"):
+    with pytest.raises(NumberError, match=r"lidar_rays cannot vary: Lidar.dims\(\) reads it"):
         make_vec(EMPTY.with_(Lidar()).vary(lidar_rays=outlast.integers(3, 9)), 1)
     with pytest.raises(ValueError, match="lidar_rays is the same for all agents"):
         EMPTY.with_(Lidar()).roles(one=outlast.role(1, lidar_rays=3), other=outlast.role())

@@ -8,7 +8,7 @@ import pytest
 
 import outlast
 from outlast.components import Bag, Body, Died, Gift, Guard, Health, Item, Return, Shape, Side, Weapon
-from outlast.ecs import Archetype, DeclarationError, Module, number
+from outlast.ecs import Archetype, DeclarationError, Module, number, ref
 from outlast.ecs.checks.kernel_check import check
 from outlast.systems import DeathDrop, DropLast, Preparation, Respawn
 from tests.conftest import draw_actions
@@ -35,7 +35,7 @@ class Crates(Module):
     def archetypes(self) -> Any:
         here = Body(x=500.0, y=500.0), Shape(radius=0.5, bound=0.5)
         parts = (*here, Health(points=150), Guard(), Died(), Return(), Bag(), Gift(), Weapon())
-        return [Archetype("crate", parts, self.count, order=self.order)]
+        return [Archetype("crate", parts, ref("count"), order=self.order)]
 
 
 def play(scenario: Any) -> tuple[Any, list[Any]]:

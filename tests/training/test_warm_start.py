@@ -235,7 +235,7 @@ def test_rewards_are_those_of_the_moment() -> None:
     ("text", "wrong"),
     [
         ("rewards_kil=1:0", "no number 'rewards_kil'; did you mean rewards_kill"),
-        ("inventory_slots=4:8", "inventory_slots cannot change while worlds run: it decides how large tables are"),
+        ("inventory_slots=4:8", "inventory_slots cannot change while worlds run: Inventory.dims"),
         ("melee_damage=5:-1", "melee.damage = -1: must be >= 0"),
         ("melee_damage=5.5:1", "melee.damage = 5.5: an integer"),
         ("rewards_basis=1:0", "rewards_basis is 'side': only a single number can be annealed"),

@@ -7,7 +7,7 @@ import pytest
 
 import outlast
 from outlast.components import Health, Side
-from outlast.ecs import Clock, Layout
+from outlast.ecs import Clock, MemoryLayout
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import MessageError, PlayError
 from outlast.envs.inspect.observation_text import observation_text
@@ -25,7 +25,7 @@ KEYS = [  # held, tapped, and the environment's action: ahead, left, turn, attac
     ({"left": 1}, {"give": 1, "turn": -1}, (1, 2, 0, 0, 0, 1)),
     ({}, {}, (1, 1, 1, 0, 0, 0)),
 ]
-FIELDS = {name: Layout(outlast.variant(name).modules).fields for name in ("ffa_3", "teams_3")}
+FIELDS = {name: MemoryLayout(outlast.variant(name).modules).fields for name in ("ffa_3", "teams_3")}
 
 
 def play(game: Game, ticks: int) -> None:

@@ -4,7 +4,7 @@ import functools
 from dataclasses import dataclass
 
 from outlast.components import Body, Box, BoxItem, Heal, Side, Solid
-from outlast.ecs import Component, Layout
+from outlast.ecs import Component, MemoryLayout
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -100,20 +100,20 @@ def of_kind(scene: Scene, e: int) -> Color:
 
 
 @functools.lru_cache(maxsize=64)
-def _unknown(layout: Layout, shown: frozenset[type[Component]]) -> list[int]:
+def _unknown(layout: MemoryLayout, shown: frozenset[type[Component]]) -> list[int]:
     """Return rows of bodies, in the world or not, that have no component by which some layer shows them."""
     known = {e for component in shown.union(KNOWN) for e in layout.rows(component).tolist()}
     return [e for e in layout.rows(Body).tolist() if e not in known]
 
 
 @functools.lru_cache(maxsize=64)
-def kinds(layout: Layout) -> tuple[str, ...]:
+def kinds(layout: MemoryLayout) -> tuple[str, ...]:
     """Return the name of the kind of each row."""
     return tuple(kind for kind, span in layout.spans.items() for _ in span)
 
 
 @functools.lru_cache(maxsize=64)
-def own_kinds(layout: Layout) -> tuple[str, ...]:
+def own_kinds(layout: MemoryLayout) -> tuple[str, ...]:
     """Return the kinds without a component that outlast's own layers draw."""
     known = {e for component in KNOWN for e in layout.rows(component).tolist()}
     return tuple(kind for kind, span in layout.spans.items() if not known.intersection(span))

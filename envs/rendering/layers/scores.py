@@ -4,7 +4,7 @@ import functools
 from dataclasses import dataclass
 
 from outlast.components import Bag, Episode, Health, Side, Sides
-from outlast.ecs import Entity, Layout
+from outlast.ecs import Entity, MemoryLayout
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -153,7 +153,7 @@ def _board(scene: Scene, size: int) -> Board:
 
 
 @functools.lru_cache(maxsize=64)
-def _planned(layout: Layout, agents: int, teams: bool, size: int) -> Board:
+def _planned(layout: MemoryLayout, agents: int, teams: bool, size: int) -> Board:
     units = size / digit(size) - 1
     parts, width = _parts(layout, teams, units)
     columns = min(max(1, int(units / width)), agents)
@@ -164,7 +164,7 @@ def _planned(layout: Layout, agents: int, teams: bool, size: int) -> Board:
     return Board(parts, units / columns, rows, columns * rows, teams + rows + 1)
 
 
-def _parts(layout: Layout, teams: bool, units: float) -> tuple[dict[str, float], float]:
+def _parts(layout: MemoryLayout, teams: bool, units: float) -> tuple[dict[str, float], float]:
     """Return which parts of an agent's entry fit, each with the place where it begins, and the entry's width."""
 
     def has(component: type) -> bool:

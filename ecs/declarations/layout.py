@@ -1,0 +1,60 @@
+"""What mechanics can ask of a layout, which is made of all mechanics of a scenario: see memory.layout."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from ..kernels.jit import Array
+from .archetype import Archetype
+from .component import Component, Singleton
+from .fields import Field
+from .roles import Roles
+
+
+class Layout(Protocol):
+    """The memory layout of a scenario's worlds, as its mechanics see it."""
+
+    @property
+    def archetypes(self) -> Mapping[str, Archetype]:
+        """Archetypes by name, in the order of rows."""
+
+    @property
+    def spans(self) -> Mapping[str, range]:
+        """Ranges of rows by name of the archetype."""
+
+    @property
+    def dims(self) -> dict[str, int]:
+        """Sizes by name of the dimension."""
+
+    @property
+    def singletons(self) -> Mapping[type[Component], Singleton]:
+        """The per-world components of all mechanics, with their first values."""
+
+    @property
+    def fields(self) -> Mapping[str, Mapping[str, Field]]:
+        """Fields by key of the observation and by name, in order of their columns."""
+
+    @property
+    def roles(self) -> Roles | None:
+        """The roles of agents, if there are any."""
+
+    @property
+    def fewer(self) -> bool:
+        """Whether numbers have values as in a world, whose counts may be smaller than what other worlds have."""
+
+    def rows(self, *components: type[Component]) -> Array:
+        """Return the rows, int32, of all entities whose archetype has every one of `components`."""
+
+    def bitset(self, *components: type[Component]) -> Array:
+        """Return int32 (blocks,): bit j of block b is set if row 16 b + j is one of `rows(*components)`."""
+
+    def row_index(self, *components: type[Component]) -> Array:
+        """Return int32 (rows,): each row's index in `rows(*components)`, or -1 if it is not one of them."""
+
+    def numbers(self, module: str) -> dict[str, Any]:
+        """Return the numbers of the mechanic of that name, or of a subclass of it, by name; {} if there is none."""
+
+    def prefab_values(self, component: type[Component], column: str) -> dict[str, Any]:
+        """Return prefab values of a column (one, or one per entity) by name of the archetypes with the component."""
+
+    def check_count(self, component: type[Component], dim: str) -> None:
+        """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
