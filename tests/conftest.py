@@ -4,6 +4,7 @@ import hashlib
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -21,6 +22,11 @@ from outlast.envs.rollout.policies import Policy, noop_policy
 # Shells let background processes, and their children, ignore Ctrl-C, which some tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Tests of what repeats the paper, which is in the repository only, not in a package that was installed.
+OF_RESEARCH = ("docs/test_site.py", "robustness/test_hostile_results.py")
+OF_RESEARCH += tuple(f"training/test_{name}.py" for name in ("compare_runs", "curves", "jobs", "paper", "plot"))
+collect_ignore = [] if find_spec("outlast.training.research") else [*OF_RESEARCH]
 
 COMPILED = not numba.config.DISABLE_JIT
 

@@ -19,7 +19,7 @@ import numpy as np
 from outlast import make_vec
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.training.benchmark.tasks import Game, Task, tasks
+from outlast.training.benchmark.tasks import Task, TaskGame, tasks
 from tests.digests import numbered_actions, platform_name
 
 FILE = Path(__file__).parent / "data" / "benchmark_tasks.json"
@@ -27,9 +27,9 @@ WORLDS, TICKS = 16, 60
 Pinned = dict[str, dict[str, Any]]
 
 
-def games(task: Task) -> dict[str, Game]:
+def games(task: Task) -> dict[str, TaskGame]:
     """The games of a task by name, and as "training" the one that agents are trained in."""
-    train = Game("training", task.scenario, (), 0)
+    train = TaskGame("training", task.scenario, (), 0)
     return {game.name: game for game in (train, *task.games)}
 
 
@@ -39,17 +39,17 @@ def identity(scenario: Scenario) -> str:
     return _short(json.dumps(content, sort_keys=True).encode())
 
 
-def begins(game: Game) -> str:
+def begins(game: TaskGame) -> str:
     """A digest of the first observations."""
     return _play(game, 0)
 
 
-def goes_on(game: Game) -> str:
+def goes_on(game: TaskGame) -> str:
     """A digest of the observations of some ticks, with always the same actions."""
     return _play(game, TICKS)
 
 
-def _play(game: Game, ticks: int) -> str:
+def _play(game: TaskGame, ticks: int) -> str:
     env, total = make_vec(game.scenario, WORLDS, seed=game.seed, copy=False), hashlib.blake2b(digest_size=12)
     if game.given:
         env.set_numbers(game.numbers(WORLDS))

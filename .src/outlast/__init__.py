@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .envs.scenarios.floor_plan import FloorPlan
     from .envs.web.play.call import play
     from .envs.web.replay import replay_page
-    from .training.evaluation.evaluate import evaluate
+    from .training.arena.evaluation import evaluate
     from .training.plots.plot import plot
     from .training.policies.player import load_policy
     from .training.runs.train import train
@@ -121,7 +121,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "camper_policy": "envs.rollout.policies",
     "check": "envs.check",
     "draw": "envs.rendering.rgb",
-    "evaluate": "training.evaluation.evaluate",
+    "evaluate": "training.arena.evaluation",
     "film": "envs.films",
     "healer_policy": "envs.rollout.policies",
     "hoarder_policy": "envs.rollout.policies",

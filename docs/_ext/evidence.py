@@ -15,12 +15,12 @@ from sources import code, grid
 import outlast
 from outlast import systems
 from outlast.training.base.tables import NONE
-from outlast.training.paper.claims import claims_table, findings
-from outlast.training.paper.end_values import markdown
-from outlast.training.paper.report import side_by_side
-from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from outlast.training.plots.plot import compare
-from outlast.training.reproduction.experiments import Experiment, experiments
+from outlast.training.research.claims import claims_table, findings
+from outlast.training.research.end_values import markdown
+from outlast.training.research.experiments import Experiment, experiments
+from outlast.training.research.report import side_by_side
+from outlast.training.research.results import PaperGroup, group_runs, load_runs
 
 DOCS = Path(__file__).resolve().parent.parent
 RESULTS = DOCS.parent / "results"
@@ -100,7 +100,7 @@ def deviations() -> str:
     return grid(["number", "the paper's text", "its runs", "explained at"], rows)
 
 
-def kept(folder: str = ORIGINAL) -> list[RunGroup]:
+def kept(folder: str = ORIGINAL) -> list[PaperGroup]:
     """The results in a folder of results, by variant."""
     return group_runs(load_runs([RESULTS / folder]))
 

@@ -15,7 +15,7 @@ from benchmark_agents import LAYERS, mappo, train_sb3
 
 from outlast.training.benchmark.agents import Made
 from outlast.training.benchmark.matches import play
-from outlast.training.benchmark.tasks import Game
+from outlast.training.benchmark.tasks import TaskGame
 
 pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="worlds without compiled systems take minutes")
 EXAMPLE = Path(__file__).with_name("benchmark_agents.py")
@@ -28,7 +28,7 @@ def test_agents_play(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     if name == "sb3":
         pytest.importorskip("stable_baselines3")
         train_sb3("ffa_2-v1", seed=0, steps=1)  # steps are rounded up to one rollout
-    game = Game("trained", SHORT.titled_as(outlast.variant("ffa_2")), (), 0)
+    game = TaskGame("trained", SHORT.titled_as(outlast.variant("ffa_2")), (), 0)
     found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4, tmp_path / "self.rec")
     assert found["games"] == 4
 

@@ -23,11 +23,11 @@ import torch
 from outlast.envs.core.make import make_vec
 from outlast.envs.rollout.models import TABLE, Model, models
 from outlast.envs.storage.kept_results import RESULTS
+from outlast.training.arena.evaluation import Evaluation
+from outlast.training.arena.players import contenders
 from outlast.training.base import policy_file
 from outlast.training.base.files import write_files
 from outlast.training.benchmark import suite
-from outlast.training.evaluation.contenders import contenders
-from outlast.training.evaluation.evaluation import Evaluation
 from outlast.training.policies.player import Player, _logs, weights_of
 from outlast.training.runs.episode import recorded_scenario
 

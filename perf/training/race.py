@@ -22,11 +22,11 @@ import torch
 from outlast import variant
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.training.arena.evaluation import Evaluation
+from outlast.training.arena.players import contenders
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.hyperparameters import parse_hyperparameters
 from outlast.training.base.presets import PRESETS
-from outlast.training.evaluation.contenders import contenders
-from outlast.training.evaluation.evaluation import Evaluation
 from outlast.training.policies import checkpoint
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.resume import capture

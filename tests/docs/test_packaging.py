@@ -54,6 +54,7 @@ def tracked() -> list[Path]:
     return sorted(path for path in files if path.is_file() and not path.is_symlink())
 
 
+LEFT_OUT = "training/research"  # repeats the paper, from the repository
 SHIPPED = (".css", ".csv", ".html", ".js", ".json", ".py", ".xz")
 
 
@@ -63,7 +64,8 @@ def sources() -> dict[str, Path]:
     for package, folder in FOLDERS.items():
         for path in folder.rglob("*"):
             linked = package == "outlast" and len(path.relative_to(folder).parts) > 1
-            if (path.suffix in SHIPPED or path.name == "py.typed") and not linked:
+            shipped = path.suffix in SHIPPED or path.name == "py.typed"
+            if shipped and not linked and not path.is_relative_to(ROOT / LEFT_OUT):
                 found[f"{package.replace('.', '/')}/{path.relative_to(folder).as_posix()}"] = path
     return found
 

@@ -26,9 +26,9 @@ from outlast.components import Phase
 from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.training.paper.report import report
-from outlast.training.paper.results import group_runs, load_runs
 from outlast.training.plots.plot import compare
+from outlast.training.research.report import report
+from outlast.training.research.results import group_runs, load_runs
 from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -305,7 +305,7 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch:
 def test_figures_of_training_show_the_kept_results() -> None:
     """To update them: the commands of paper.md and evaluating.md."""
     image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
-    figures = pytest.importorskip("outlast.training.paper.figures", reason="needs matplotlib: outlast[plot]")
+    figures = pytest.importorskip("outlast.training.research.figures", reason="needs matplotlib: outlast[plot]")
     groups = group_runs(load_runs([ORIGINAL]))
     assert groups
     for group in groups:

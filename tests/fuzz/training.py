@@ -22,10 +22,10 @@ from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import unpacked
 from outlast.training.base.presets import preset
 from outlast.training.base.run_header import WEIGHTS
-from outlast.training.paper import end_values, figures, results
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import Player
 from outlast.training.ppo.trainer import Trainer
+from outlast.training.research import end_values, figures, results
 from outlast.training.runs import resume
 from outlast.training.runs.run import TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped

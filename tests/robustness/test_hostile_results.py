@@ -12,13 +12,13 @@ from outlast.training.base.curves import FILE, format_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed, unpacked
 from outlast.training.base.presets import preset
-from outlast.training.paper import results
 from outlast.training.plots.plot import plot
+from outlast.training.research import results
 
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
 
 
-def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.RunResult]:
+def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.PaperRun]:
     """The results read from a run of that name and log."""
     given = {"preset": "paper", "seed": 0} | plan
     scenario = fingerprint(preset("paper").scenario(variant("ffa_2"))) | {"name": name}

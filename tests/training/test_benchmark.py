@@ -19,10 +19,12 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.training.arena.match import Act  # noqa: E402
+from outlast.training.arena.players import Contender  # noqa: E402
+from outlast.training.arena.ratings import anchored  # noqa: E402
 from outlast.training.base import policy_file  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.ratings import anchored  # noqa: E402
 from outlast.training.benchmark import (  # noqa: E402
     anchors,
     crossplay,
@@ -44,8 +46,6 @@ from outlast.training.benchmark.games import Games  # noqa: E402
 from outlast.training.benchmark.matches import digest  # noqa: E402
 from outlast.training.benchmark.result import Content, Result  # noqa: E402
 from outlast.training.benchmark.verify import checks, cross_checks  # noqa: E402
-from outlast.training.evaluation.contenders import Contender  # noqa: E402
-from outlast.training.evaluation.matches import Act  # noqa: E402
 from outlast.training.policies.player import Player  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

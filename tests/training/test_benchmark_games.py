@@ -13,11 +13,11 @@ pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import variant
 from outlast.envs.errors import RecordingError
+from outlast.training.arena.match import Act
+from outlast.training.arena.players import Contender
 from outlast.training.base import policy_file
 from outlast.training.benchmark import games, matches, tasks
 from outlast.training.benchmark.games import Games
-from outlast.training.evaluation.contenders import Contender
-from outlast.training.evaluation.matches import Act
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -28,7 +28,7 @@ OTHER_TICK = r"tick {} is the first that is not as it is when the match is playe
 
 
 @pytest.fixture(scope="module")
-def game() -> tasks.Game:
+def game() -> tasks.TaskGame:
     """Episodes of about a hundred steps."""
     short = variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
     return tasks._task("short", "short episodes", short).games[0]
@@ -40,7 +40,7 @@ def pair() -> list[Contender]:
 
 
 @pytest.fixture(scope="module")
-def played(game: tasks.Game, pair: list[Contender], tmp_path_factory: pytest.TempPathFactory) -> tuple[Games, Any]:
+def played(game: tasks.TaskGame, pair: list[Contender], tmp_path_factory: pytest.TempPathFactory) -> tuple[Games, Any]:
     """A match of two policies in short, with doubtful actions, and its outcome."""
     path = tmp_path_factory.mktemp("games") / "a.rec"
     with pytest.MonkeyPatch.context() as patch:
@@ -54,14 +54,14 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matches, "ROUNDING", WIDE)
 
 
-def again(game: tasks.Game, pair: list[Contender], given: Games, folder: Path) -> matches.Repeated:
+def again(game: tasks.TaskGame, pair: list[Contender], given: Games, folder: Path) -> matches.Repeated:
     """Play a match again from its file."""
     given.write(folder / "a.npz")
     return games.repeat(game, pair, COUNT, folder / "a.npz")
 
 
 def test_games_are_played_again_as_they_were(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
 ) -> None:
     short, outcome = played
     repeated = again(game, pair, short, tmp_path)
@@ -82,7 +82,7 @@ def altered(short: Games, row: int, actions: Any) -> Games:
 
 
 def test_an_altered_digest_is_found(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
 ) -> None:
     digests = played[0].digests.copy()
     digests[[40, 50]] ^= 1
@@ -115,7 +115,7 @@ class Noted(Contender):
 
 @pytest.fixture(scope="module")
 def choices(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], tmp_path_factory: pytest.TempPathFactory
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path_factory: pytest.TempPathFactory
 ) -> dict[tuple[int, int, int], Any]:
     """All choices of a match until the first of its games ends: before that, ticks are numbered like calls."""
     noted = dict[tuple[int, int, int], Any]()
@@ -133,7 +133,7 @@ def doubtful(short: Games, choices: dict[Any, Any]) -> tuple[tuple[int, ...], tu
 
 
 def test_another_choice_within_rounding_is_found_by_the_digest(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], choices: dict[Any, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], choices: dict[Any, Any], tmp_path: Path
 ) -> None:
     """Whoever looks for lucky actions has to forge every digest from there on, too: then each counts as differing."""
     short, _ = played
@@ -144,7 +144,7 @@ def test_another_choice_within_rounding_is_found_by_the_digest(
 
 
 def test_actions_of_another_machine_are_counted(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], choices: dict[Any, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], choices: dict[Any, Any], tmp_path: Path
 ) -> None:
     """Its first doubtful choice was rounded otherwise, and all that followed in that game is as it was there."""
     short, _ = played
@@ -174,7 +174,7 @@ def test_actions_of_another_machine_are_counted(
 
 @pytest.mark.parametrize("row", ["doubtful", "certain"])
 def test_an_action_outside_of_rounding_is_found(
-    game: tasks.Game,
+    game: tasks.TaskGame,
     pair: list[Contender],
     played: tuple[Games, Any],
     choices: dict[Any, Any],
@@ -199,7 +199,7 @@ def test_an_action_outside_of_rounding_is_found(
 
 
 def test_an_action_of_nobody_is_found(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
 ) -> None:
     short, _ = played
     forged = replace(short, doubtful=np.concatenate([short.doubtful, [[9, COUNT, 0, 1, 1, 1, 0, 0, 0]]]))
@@ -208,7 +208,7 @@ def test_an_action_of_nobody_is_found(
 
 
 def test_other_weights_are_found_at_their_first_tick(
-    game: tasks.Game, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
+    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path
 ) -> None:
     """Not only at a later action that is outside of rounding, as the games are others by then."""
     header, (weights,) = policy_file.read(POLICIES / "fast-0.safetensors")
@@ -233,7 +233,7 @@ def test_other_weights_are_found_at_their_first_tick(
     ids=["types", "axes", "missing", "actions", "text"],
 )
 def test_a_file_that_holds_no_games_is_refused(
-    game: tasks.Game,
+    game: tasks.TaskGame,
     pair: list[Contender],
     played: tuple[Games, Any],
     tmp_path: Path,

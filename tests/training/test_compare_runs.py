@@ -15,10 +15,10 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training.base.averages import average, interval
 from outlast.training.base.curves import Curves
 from outlast.training.base.errors import TrainingError
-from outlast.training.paper import results
-from outlast.training.plots.groups import Group, group_runs
+from outlast.training.plots.groups import RunGroup, group_runs
 from outlast.training.plots.panels import chosen, drawn, hours
 from outlast.training.plots.runs import load
+from outlast.training.research import results
 from tests.helpers.outputs import rows_of
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
@@ -64,7 +64,7 @@ def labels(*places: Path, by: tuple[str, ...] = ()) -> list[str]:
     return [group.label for group in group_runs(load(places), by)]
 
 
-def groups(*places: Path) -> list[Group]:
+def groups(*places: Path) -> list[RunGroup]:
     return group_runs(load(places))
 
 

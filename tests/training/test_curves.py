@@ -12,12 +12,21 @@ from outlast import VARIANTS, variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training.base import log_file
 from outlast.training.base.averages import average, end_value, smooth
-from outlast.training.base.curves import FILE, Curves, curves_of_log, format_curves, read_curves, rounded
+from outlast.training.base.curves import (
+    BOXES,
+    FILE,
+    Curves,
+    curves_of_log,
+    format_curves,
+    is_known,
+    read_curves,
+    rounded,
+)
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.base.presets import preset
-from outlast.training.paper import curves, results
-from outlast.training.paper.curves import BOXES, is_known
+from outlast.training.research import published as curves
+from outlast.training.research import results
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
 PUBLISHED = [

@@ -17,14 +17,12 @@ from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.training.arena.evaluation import Evaluation, film_players  # noqa: E402
+from outlast.training.arena.match import Match, ratio  # noqa: E402
+from outlast.training.arena.players import Contender, contenders, labels  # noqa: E402
+from outlast.training.arena.ratings import anchored, elo  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.presets import PRESETS  # noqa: E402
-from outlast.training.base.ratings import anchored, elo  # noqa: E402
-from outlast.training.evaluation.contenders import Contender, contenders, labels  # noqa: E402
-from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
-from outlast.training.evaluation.matches import Match  # noqa: E402
-from outlast.training.evaluation.pairing import ratio  # noqa: E402
-from outlast.training.evaluation.showcase import film_players  # noqa: E402
 from outlast.training.policies import checkpoint  # noqa: E402
 from outlast.training.policies.player import Player  # noqa: E402
 from outlast.training.ppo.trainer import Trainer  # noqa: E402

@@ -13,12 +13,12 @@ import pytest
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import variant
+from outlast.training.arena import report
+from outlast.training.arena.evaluation import Evaluation
+from outlast.training.arena.groups import PolicyGroup, group_policies, rate_groups
+from outlast.training.arena.players import Contender, contenders
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
-from outlast.training.evaluation import report
-from outlast.training.evaluation.contenders import Contender, contenders
-from outlast.training.evaluation.evaluation import Evaluation
-from outlast.training.evaluation.groups import PolicyGroup, group_policies, rate_groups
 from outlast.training.policies import checkpoint
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs import resume

@@ -16,7 +16,8 @@ from outlast.envs.cli.main import main
 from outlast.envs.cli.options import STOPPED
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.processes import results
-from outlast.training.cli import benchmark, paper, train
+from outlast.training.cli import benchmark, train
+from outlast.training.research import command as paper
 
 PARENT = """
 import time

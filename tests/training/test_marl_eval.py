@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from outlast.training.base.errors import TrainingError
-from outlast.training.evaluation.marl_eval import RunMetrics, marl_eval_json
+from outlast.training.benchmark.marl_eval import RunMetrics, marl_eval_json
 
 
 def run(task: str, algorithm: str, seed: int) -> RunMetrics:

@@ -18,10 +18,10 @@ from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, OpponentPool  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.errors import TrainingError  # noqa: E402
 from outlast.training.policies.checkpoint import write_checkpoint  # noqa: E402
-from outlast.training.ppo.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
 from outlast.training.ppo.trainer import Trainer  # noqa: E402
 from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
 from outlast.training.runs.resume import capture, restore  # noqa: E402
@@ -39,15 +39,15 @@ def make(seed: int = 5, scenario: Any = SHORT, **options: Any) -> Trainer:
     return Trainer(TrainingConfig(scenario, "fast", seed=seed, **given, **often))
 
 
-def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[float, float]) -> Opponents:
+def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[float, float]) -> OpponentPool:
     """A pool with these games won and played."""
-    opponents = Opponents(weights, {}, make_vec(SHORT, 1), prioritised=prioritised)
+    opponents = OpponentPool(weights, {}, make_vec(SHORT, 1), prioritised=prioritised)
     for one in opponents.all.values():
         one.won, one.games = figures.get(one.name, (0.0, 0.0))
     return opponents
 
 
-def shares(opponents: Opponents) -> dict[str, float]:
+def shares(opponents: OpponentPool) -> dict[str, float]:
     indices, weights = opponents.chances()
     return {opponents.all[k].name: weight / weights.sum() for k, weight in zip(indices, weights, strict=True)}
 

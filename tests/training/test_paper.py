@@ -13,13 +13,14 @@ from outlast.envs.cli.main import main, parser
 from outlast.training.base.curves import FILE, format_curves, read_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
-from outlast.training.reproduction import experiments
-from outlast.training.reproduction.experiments import PARTS, expected_seconds, seconds_table
+from outlast.training.research import experiments
+from outlast.training.research.experiments import PARTS, expected_seconds, seconds_table
 
 for library in ("torch", "tensorboard", "matplotlib"):
     pytest.importorskip(library, reason=f"needs {library}: outlast[train,plot]")
 
-from outlast.training.reproduction import mended, output  # noqa: E402
+from outlast.training.research import corrected_games as mended  # noqa: E402
+from outlast.training.research import output  # noqa: E402
 from tests.training.test_run import outlast_train  # noqa: E402
 
 RESULTS = Path(__file__).parents[2] / "results"

@@ -25,12 +25,13 @@ from outlast.training.base.averages import average, end_value, smooth
 from outlast.training.base.curves import FILE, Curves, format_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.cli import plot
-from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
-from outlast.training.paper.curves import published_curves
-from outlast.training.paper.end_values import csv_table, markdown
-from outlast.training.paper.measures import over
-from outlast.training.paper.report import report
-from outlast.training.paper.results import RunGroup, group_runs, kept_runs, load_runs
+from outlast.training.plots.runs import kept_runs
+from outlast.training.research.claims import FFA, TEAMS, claims_table, findings
+from outlast.training.research.end_values import csv_table, markdown
+from outlast.training.research.measures import over
+from outlast.training.research.published import published_curves
+from outlast.training.research.report import report
+from outlast.training.research.results import PaperGroup, group_runs, load_runs
 from tests.conftest import call
 from tests.helpers.outputs import rows_of
 
@@ -39,7 +40,7 @@ matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast
 from PIL import Image  # noqa: E402
 
 from outlast.training.base.image import STYLE  # noqa: E402
-from outlast.training.paper import figures  # noqa: E402
+from outlast.training.research import figures  # noqa: E402
 
 outlast_plot = partial(call, plot, "--paper")
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
@@ -58,12 +59,12 @@ def keep(
     return folder / run
 
 
-def group(*paths: Path) -> RunGroup:
+def group(*paths: Path) -> PaperGroup:
     (found,) = group_runs(load_runs(paths))
     return found
 
 
-def drawn(of: RunGroup) -> Any:
+def drawn(of: PaperGroup) -> Any:
     with matplotlib.rc_context(STYLE):
         return figures.draw(of)
 
@@ -204,7 +205,7 @@ def test_claims_fail_for_other_curves(
     (run,) = group(keep(tmp_path, name)).runs
     flat = {tag: np.full(len(run.curves.steps), value, np.float32) for tag, value in spoil.items()}
     spoilt = replace(run, curves=Curves(run.curves.steps, run.curves.values | flat))
-    (found,) = (each for each in findings([RunGroup((spoilt,))]) if each.claim.text == text)
+    (found,) = (each for each in findings([PaperGroup((spoilt,))]) if each.claim.text == text)
     assert found.mean == pytest.approx(expected)
     assert found.holds == (expected in (0.04, 0.1) or text.startswith("Boxes"))
 
@@ -221,7 +222,7 @@ def test_a_claim_whose_divisor_is_0_has_no_interval_and_others_have_theirs(tmp_p
     late = np.where(np.arange(len(curves.steps)) < len(curves.steps) / 2, 0, 1).astype(np.float32)
     boxes = {tag: late for tag in curves.values if tag.startswith("rollout/boxes_placed")}
     runs[1] = replace(runs[1], curves=Curves(curves.steps, curves.values | boxes))
-    found = {each.claim.text: each.cells for each in findings([RunGroup(tuple(runs))])}
+    found = {each.claim.text: each.cells for each in findings([PaperGroup(tuple(runs))])}
     *_, mean, within, holds = found["Boxes placed increase slowly."]
     assert (mean, within, holds) == ("inf", "", "yes, 3 of 3 seeds")
     assert " to " in found["Heals stabilise at around 2 million steps."][-2]
@@ -284,7 +285,7 @@ def test_runs_that_are_kept_already_stay(tmp_path: Path) -> None:
 def test_the_command_needs_no_torch() -> None:
     text = (
         "import sys; from outlast.training.cli import plot; assert 'matplotlib' not in sys.modules\n"
-        "from outlast.training.paper import figures; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+        "from outlast.training.research import figures; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", text], check=True)
 

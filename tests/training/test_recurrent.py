@@ -19,11 +19,11 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast import load_policy  # noqa: E402
+from outlast.training.arena.evaluation import Evaluation  # noqa: E402
+from outlast.training.arena.players import contenders  # noqa: E402
 from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.base.observation_layout import ObservationLayout  # noqa: E402
 from outlast.training.base.presets import PRESETS, preset  # noqa: E402
-from outlast.training.evaluation.contenders import contenders  # noqa: E402
-from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.policies import checkpoint  # noqa: E402
 from outlast.training.policies.packer import Packer  # noqa: E402
 from outlast.training.policies.policy import ActorCritic  # noqa: E402

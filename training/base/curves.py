@@ -42,7 +42,16 @@ class Quantity:
         return int(tag[len(self.tag) :]) if self.sided else -1
 
 
+RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")
+HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
+BOXES = Quantity("boxes placed", "rollout/boxes_placed")
+QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)  # of the paper; each is a finite number wherever it is logged
 NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode has ended has them
+
+
+def is_known(tag: str) -> bool:
+    """Whether the tag is one of the paper's quantities."""
+    return any(quantity.has(tag) for quantity in QUANTITIES)
 
 
 @dataclass(frozen=True)
@@ -84,23 +93,6 @@ def _means(values: Array, starts: Array) -> Array:
     sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
     means: Array = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
     return means
-
-
-class Logged:
-    """What every run that was read has: the plan of run.json, and curves."""
-
-    plan: dict[str, Any]
-    curves: Curves
-
-    @property
-    def seed(self) -> int:
-        """The seed of the run."""
-        return int(self.plan["seed"])
-
-    @property
-    def steps(self) -> int:
-        """The agent-steps done."""
-        return int(self.curves.steps[-1])
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:

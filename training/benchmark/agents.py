@@ -12,10 +12,10 @@ from outlast.envs.rollout.policies import Policy
 from outlast.envs.rollout.saved import SAVED_AS, is_saved, located
 from outlast.envs.scenarios.imports import module_of
 
+from ..arena.match import Act
+from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.presets import PRESETS
-from ..evaluation.contenders import Contender
-from ..evaluation.matches import Act
 from .result import AGENT
 
 PRESET, FILE, FUNCTION = "preset", "file", "function"

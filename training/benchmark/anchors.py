@@ -8,10 +8,10 @@ import numpy as np
 from outlast.envs.rollout.saved import checkpoints, runs_in
 from outlast.envs.scenarios.fingerprint import fingerprint
 
+from ..arena.players import Contender, labels
+from ..arena.ratings import elo
 from ..base import policy_file
 from ..base.errors import TrainingError
-from ..base.ratings import elo
-from ..evaluation.contenders import Contender, labels
 from ..policies.player import weights_of
 from .matches import play
 from .result import Content, made, read_json, recording_name, write_json

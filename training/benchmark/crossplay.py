@@ -7,9 +7,9 @@ from pathlib import Path
 
 from outlast.envs.scenarios.fingerprint import is_word
 
+from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
-from ..evaluation.contenders import Contender
 from . import kept, result
 from .agents import Agent
 from .matches import digest, play

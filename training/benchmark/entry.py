@@ -16,13 +16,13 @@ from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import newest
 from outlast.envs.storage.folder_lock import FolderLock
 
+from ..arena.players import Contender
 from ..base import log_file, policy_file
 from ..base.config import FAST, OPPONENTS, TrainingConfig
 from ..base.config import SELF as OWN
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.run_size import Workload
-from ..evaluation.contenders import Contender
 from ..policies.player import weights_of
 from ..runs.run import TrainingRun
 from . import result
@@ -31,7 +31,7 @@ from .described import STEPS, described, response_config
 from .matches import digest, play
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import suite
-from .tasks import Game, Task, check_training_seed, response_steps
+from .tasks import Task, TaskGame, check_training_seed, response_steps
 
 RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
 TRAINED = "trained"  # the folder of a run
@@ -75,7 +75,7 @@ class Entry:
         return self.out / str(self.budget) / self.task.name / self.agent.name / str(self.seed)
 
     @property
-    def wanted(self) -> list[tuple[Game, str]]:
+    def wanted(self) -> list[tuple[TaskGame, str]]:
         """The matches to be played: in every game, against itself and the suite."""
         names = [SELF, *(member.name for member in suite(self.task))]
         return [(game, name) for game in self.task.games for name in names]
@@ -223,7 +223,7 @@ class EntryRun:
             return entry.agent.made(entry.task.name, entry.seed)
         return Contender(entry.agent.name, str(entry.folder / POLICY))
 
-    def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
+    def _play(self, game: TaskGame, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
         """Play a match, and enter it. other, known: An opponent beside itself and the suite, and its digest."""
         if other is None and name != SELF:
             member = next(member for member in suite(self.entry.task) if member.name == name)

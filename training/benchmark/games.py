@@ -23,12 +23,12 @@ from outlast.envs.recording import Recording, record
 from outlast.envs.recording.tick_records import TickRecord
 from outlast.envs.storage import safe_npz
 
+from ..arena.match import Act, AgentIndices, Match
+from ..arena.players import Contender
 from ..base.files import write_files
-from ..evaluation.contenders import Contender
-from ..evaluation.matches import Act, AgentIndices, Match
 from . import matches
 from .matches import Array, Asked, Repeated, outcome
-from .tasks import Game
+from .tasks import TaskGame
 
 LARGEST = 2**24  # bytes of a file
 PLACE = 3  # numbers that say where an action is: tick, world, agent
@@ -67,7 +67,7 @@ class Games:
         write_files({path: file.getvalue()})
 
 
-def shorten(game: Game, pair: Sequence[Contender], games: int, path: Path) -> Games:
+def shorten(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Games:
     """Return what is kept of a recorded match, which is verified on the way; see `matches.repeat`.
 
     Args:
@@ -83,7 +83,7 @@ def shorten(game: Game, pair: Sequence[Contender], games: int, path: Path) -> Ga
     return Games(_digests(path), repeated.doubtful)
 
 
-def repeat(game: Game, pair: Sequence[Contender], games: int, path: Path) -> Repeated:
+def repeat(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Repeated:
     """Play a match again: policies choose as they did, and take the kept choice where theirs may be rounded otherwise.
 
     Args:

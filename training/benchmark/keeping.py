@@ -6,10 +6,10 @@ policy, the policy and its games against itself, so that these can be verified.
 
 from pathlib import Path
 
+from ..arena.players import Contender
 from ..base import policy_file
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..evaluation.contenders import Contender
 from . import crossplay, games, kept, scores
 from .kept import KeptResult, place_of
 from .matches import digest

@@ -21,12 +21,11 @@ from outlast.envs.rollout.saved import common_scenario, forms
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write
 
+from ..arena.evaluation import Evaluation
+from ..arena.match import Act, AgentIndices, Match, MatchResults, Pairing
+from ..arena.players import Contender
 from ..base.errors import TrainingError
-from ..evaluation.contenders import Contender
-from ..evaluation.evaluation import Evaluation
-from ..evaluation.matches import Act, AgentIndices, Match, MatchResults
-from ..evaluation.pairing import Pairing
-from .tasks import Game
+from .tasks import TaskGame
 
 Array = np.ndarray[Any, Any]
 Asked = tuple[str, Act]  # a policy that is asked what it would choose, and its name in messages
@@ -44,7 +43,11 @@ def digest(path: Path) -> str:
 
 
 def play(
-    game: Game, pair: Sequence[Contender], games: int, path: Path, progress: Callable[[int], None] = lambda ended: None
+    game: TaskGame,
+    pair: Sequence[Contender],
+    games: int,
+    path: Path,
+    progress: Callable[[int], None] = lambda ended: None,
 ) -> dict[str, Any]:
     """Play a match and record it.
 
@@ -105,7 +108,7 @@ class Repeated:
     doubtful: Array
 
 
-def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
+def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
     """Play the recorded actions of a match in worlds that are made anew, and ask the policies what they would do.
 
     Args:
@@ -241,7 +244,7 @@ def _same(one: TickRecord, two: TickRecord) -> bool:
 
 @contextlib.contextmanager
 def worlds(
-    game: Game, pair: Sequence[Contender], games: int, recording: Recording | None = None
+    game: TaskGame, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
     """The worlds of a match, which all policies can play in. recording: Of such worlds; it tells their cameras_mode."""
     if games % ROLES:
@@ -256,12 +259,12 @@ def worlds(
         evaluation.close()
 
 
-def asked(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv) -> Asked:
+def asked(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv) -> Asked:
     """Return a policy that is asked what it would choose in a role, as `repeat` asks it."""
     return policy.text, _act(game, role, policy, env, ROUNDING)
 
 
-def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv, slack: float = 0.0) -> Act:
+def _act(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv, slack: float = 0.0) -> Act:
     """The function that plays a policy in a role; its random numbers depend on the game and the role only."""
     (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
     return policy.act(env, int(seed), keyed=True, slack=slack)

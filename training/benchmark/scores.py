@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..arena.ratings import anchored
 from ..base import statistics
 from ..base.errors import TrainingError
-from ..base.ratings import anchored
 from . import crossplay
 from .kept import TRAINED, find
 from .result import BEST, SELF, Content, Result

@@ -17,9 +17,9 @@ import numpy as np
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
+from ..arena.players import Contender
 from ..base import policy_file, run_header
 from ..base.errors import TrainingError
-from ..evaluation.contenders import Contender
 from ..policies.player import Player
 from .result import BEST, SELF, Content, Result, are_finite
 from .tasks import PROTOCOL, Task
@@ -34,7 +34,7 @@ Anchor = tuple[run_header.Header, Weights]  # run.json and the weights
 
 
 @dataclass(frozen=True)
-class Member:
+class SuiteOpponent:
     """An opponent of the suite.
 
     Attributes:
@@ -63,14 +63,14 @@ class Member:
         return found
 
 
-def suite(task: Task) -> list[Member]:
+def suite(task: Task) -> list[SuiteOpponent]:
     """The suite of a task: styles, then anchors.
 
     Raises TrainingError if its file is none, or was made in another game; UsageError if it cannot be fetched.
     """
     place = _place(task)
     if not place.exists():
-        return [Member(name) for name in STYLES]
+        return [SuiteOpponent(name) for name in STYLES]
     rated, anchors = read_anchors(place)
     if other := difference(rated["fingerprint"], fingerprint(task.games[0].scenario)):
         raise TrainingError(f"{place}: its ratings are of another game {other}")
@@ -87,10 +87,12 @@ def _place(task: Task) -> Path:
     return kept_file(f"anchors/{place.name}", known[task.name], f"the anchors of {task.name}")
 
 
-def _member(entry: Content, place: Path, anchor: Anchor | None) -> Member:
+def _member(entry: Content, place: Path, anchor: Anchor | None) -> SuiteOpponent:
     """A member of a suite. entry: What the file says of it. anchor: None for a style."""
     name, rating = entry["name"], float(entry["elo"])
-    return Member(name, rating=rating) if anchor is None else Member(name, place, digest_of(*anchor), rating)
+    return (
+        SuiteOpponent(name, rating=rating) if anchor is None else SuiteOpponent(name, place, digest_of(*anchor), rating)
+    )
 
 
 def digest_of(header: run_header.Header, weights: Weights) -> str:

@@ -9,9 +9,9 @@ from pathlib import Path
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.tables import markdown_table
-from ..evaluation.marl_eval import RunMetrics, marl_eval_json
 from . import scores
 from .kept import TRAINED
+from .marl_eval import RunMetrics, marl_eval_json
 
 HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
 TASK_HEADS = (

@@ -27,7 +27,7 @@ LIDAR = Lidar(rays=16, depth=10.0)
 
 
 @dataclass(frozen=True)
-class Game:
+class TaskGame:
     """A game that agents are tested in.
 
     Attributes:
@@ -61,9 +61,9 @@ class Task:
     name: str
     about: str
     scenario: Scenario
-    games: tuple[Game, ...]
+    games: tuple[TaskGame, ...]
 
-    def game(self, name: str) -> Game:
+    def game(self, name: str) -> TaskGame:
         """Return the game of that name."""
         return next(game for game in self.games if game.name == name)
 
@@ -105,7 +105,7 @@ def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | No
     for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):
         scenario, given = entry if isinstance(entry, tuple) else (entry, {})
         described = scenario.with_(Behaviour()).titled_as(scenario)  # it measures, and changes nothing
-        games.append(Game(name_of_game, described, tuple(given.items()), seed))
+        games.append(TaskGame(name_of_game, described, tuple(given.items()), seed))
     return Task(f"{name}-v1", about, trained, tuple(games))
 
 

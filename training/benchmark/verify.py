@@ -11,16 +11,16 @@ from typing import Any
 
 from outlast.envs.errors import RecordingError, UsageError
 
+from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
-from ..evaluation.contenders import Contender
 from . import crossplay, games, scores
 from .described import described, wrong_with_response
 from .kept import SHORT, find
 from .matches import digest, repeat
 from .result import BEST, RESPONSE, SELF, Content, Result, read_json
-from .suite import Member, missing, other_games, suite
-from .tasks import Game, Task, task_of
+from .suite import SuiteOpponent, missing, other_games, suite
+from .tasks import Task, TaskGame, task_of
 
 NEAR = 1e-4  # relative: figures that differ by less are the same, as machines round sums differently
 # Of the actions of saved policies, the share that may differ where another machine rounds otherwise, beside a few. Of
@@ -29,7 +29,7 @@ SHARE, FEW = 5e-6, 3
 
 
 @dataclass(frozen=True)
-class Finding:
+class Verification:
     """What was found out about a match, or about an entry or a cross-play as a whole.
 
     Attributes:
@@ -53,12 +53,12 @@ class Finding:
         share = f" ({self.differing / self.drawn:.1e})" if self.differing else ""
         return f"{text}; {self.differing:,} of {self.drawn:,} actions differ by rounding{share}"
 
-    def of(self, matches: Sequence["Finding"]) -> "Finding":
+    def of(self, matches: Sequence["Verification"]) -> "Verification":
         """Return the finding about what these matches belong to, in which more may differ than rounding explains."""
         differing, drawn = (sum(getattr(match, name) for match in matches) for name in ("differing", "drawn"))
         wrong, missing = (sum(bool(getattr(match, name)) for match in matches) for name in ("wrong", "missing"))
         rest = "more of its actions differ than rounding explains" if differing > FEW + SHARE * drawn else ""
-        return Finding(
+        return Verification(
             self.what,
             self.wrong or (f"of {len(matches)} matches, {wrong} are wrong" if wrong else rest),
             self.missing or (f"of {len(matches)} matches, {missing} are not verified" if missing else ""),
@@ -67,10 +67,10 @@ class Finding:
         )
 
 
-Check = Callable[[], Finding]  # can be pickled
+Check = Callable[[], Verification]  # can be pickled
 
 
-def verify(place: Path, at_once: int = 1) -> Iterator[Finding]:
+def verify(place: Path, at_once: int = 1) -> Iterator[Verification]:
     """Verify all results in a folder, and yield the findings: of matches and then of what they belong to.
 
     Args:
@@ -96,14 +96,14 @@ def verify(place: Path, at_once: int = 1) -> Iterator[Finding]:
         yield _of_scores(place)
 
 
-def _of_scores(place: Path) -> Finding:
+def _of_scores(place: Path) -> Verification:
     """Compare the scores beside the results with those that follow from the results."""
     what = str(place / scores.NAME)
     try:
         same = json.loads(json.dumps(scores.scores(place))) == read_json(place / scores.NAME, lambda content: "")
     except TrainingError as error:
-        return Finding(what, missing=str(error))
-    return Finding(what, "" if same else "the results have other scores: run `outlast benchmark score` again")
+        return Verification(what, missing=str(error))
+    return Verification(what, "" if same else "the results have other scores: run `outlast benchmark score` again")
 
 
 def checks(entry: Result) -> list[Check]:
@@ -114,8 +114,8 @@ def checks(entry: Result) -> list[Check]:
         members = {member.name: member for member in suite(task)}
         own = _wrong_with_entry(entry, task), _missing_of_entry(entry, task, members)
     except TrainingError as error:
-        return [partial(Finding, name, str(error))]
-    found: list[Check] = [partial(Finding, name, *own)]
+        return [partial(Verification, name, str(error))]
+    found: list[Check] = [partial(Verification, name, *own)]
     for match in entry.matches:
         what = f"{name}, {match['game']} against {match['against']}"
         found.append(partial(_of_match, what, entry.recording(match), _of_entry, entry, match, task, members))
@@ -144,21 +144,21 @@ def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str
             continue
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
         if gone := [name for name in (one, other) if name not in by_name]:
-            found.append(partial(Finding, what, missing=f"the entry {gone[0]} is not here"))
+            found.append(partial(Verification, what, missing=f"the entry {gone[0]} is not here"))
         else:
             found.append(partial(_of_match, what, path, _of_cross, task, match, path, by_name[one], by_name[other]))
-    whole = partial(Finding, f"{folder.name}, cross-play", missing=absent)
+    whole = partial(Verification, f"{folder.name}, cross-play", missing=absent)
     return [whole, *found] if wanted else []
 
 
-def _of_match(what: str, recording: Path, judge: Callable[..., Finding], *arguments: Any) -> Finding:
+def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *arguments: Any) -> Verification:
     """The finding about a match. judge: Returns it without `what`."""
     if not recording.exists():
-        return Finding(what, missing="its recording is not here")
+        return Verification(what, missing="its recording is not here")
     try:
         return replace(judge(*arguments), what=what)
     except (RecordingError, UsageError) as error:
-        return Finding(what, str(error))
+        return Verification(what, str(error))
 
 
 def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
@@ -188,10 +188,10 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
     return ""
 
 
-def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, Member]) -> Finding:
+def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, SuiteOpponent]) -> Verification:
     game = next((game for game in task.games if game.name == match["game"]), None)
     if game is None:
-        return Finding("", f"{task.name} has no game '{match['game']}'")
+        return Verification("", f"{task.name} has no game '{match['game']}'")
     own, against = _saved(entry.policy), match["against"]
     if against == SELF:
         return _of_games(game, [own], match, entry.recording(match))
@@ -200,15 +200,15 @@ def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, M
     elif against in members:
         known, other = members[against].digest, members[against].contender()
     else:
-        return Finding("", f"there is no {against} in the suite of {task.name}")
+        return Verification("", f"there is no {against} in the suite of {task.name}")
     if match["opponent"] != known:
-        return Finding("", f"it was played against another {against} than that of the suite, or of the entry")
+        return Verification("", f"it was played against another {against} than that of the suite, or of the entry")
     return _of_games(game, [own, other], match, entry.recording(match))
 
 
-def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Finding:
+def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Verification:
     if not crossplay.is_of(match, one, other):
-        return Finding("", "it was played by other policies than those of the entries")
+        return Verification("", "it was played by other policies than those of the entries")
     pair = [_saved(entry.policy) for entry in (one, other)]
     return _of_games(task.games[0], pair, match, path)
 
@@ -218,10 +218,10 @@ def _saved(path: Path) -> Contender | None:
     return Contender(path.stem, str(path)) if path.exists() else None
 
 
-def _of_games(game: Game, pair: list[Contender | None], match: Content, path: Path) -> Finding:
+def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path: Path) -> Verification:
     """Compare a match with its recording."""
     if digest(path) != match["recording"]:
-        return Finding("", "its recording is another file than the one that was made")
+        return Verification("", "its recording is another file than the one that was made")
     known = [policy for policy in pair if policy is not None]
     missing = (
         "" if len(known) == len(pair) else "a policy that played it is not here, and is not asked what it would do"
@@ -229,10 +229,10 @@ def _of_games(game: Game, pair: list[Contender | None], match: Content, path: Pa
     if path.suffix != SHORT:
         found = repeat(game, pair, match["games"], path)
     elif missing:
-        return Finding("", missing=missing)
+        return Verification("", missing=missing)
     else:
         found = games.repeat(game, known, match["games"], path)
-    return Finding("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
+    return Verification("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
 
 
 def _wrong_with_outcome(match: Content, outcome: Content) -> str:

@@ -66,10 +66,9 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Evaluate and report; the exit status."""
     try:
-        from ..evaluation.contenders import contenders
-        from ..evaluation.evaluate import checked_folder
-        from ..evaluation.evaluation import Evaluation
-        from ..evaluation.report import check_folder
+        from ..arena.evaluation import Evaluation, checked_folder
+        from ..arena.players import contenders
+        from ..arena.report import check_folder
     except ModuleNotFoundError as error:
         raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
     folder = checked_folder(options.out, options.film)
@@ -85,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _evaluate(evaluation: Any, folder: Path | None, options: argparse.Namespace) -> int:
     """As outlast.evaluate, and report what is complete, also after an error; the exit status."""
-    from ..evaluation.evaluate import play, recordings
+    from ..arena.evaluation import play, recordings
 
     with recordings(options.film) as hidden:
         start, status = time.perf_counter(), 0
@@ -104,7 +103,7 @@ def _evaluate(evaluation: Any, folder: Path | None, options: argparse.Namespace)
 
 def _make_films(evaluation: Any, hidden: Path, folder: Path) -> int:
     """Make films and pages, and print the path of each when it is there; the exit status."""
-    from ..evaluation.evaluate import films
+    from ..arena.evaluation import films
 
     try:
         for made in films(evaluation, hidden, folder):
@@ -117,7 +116,7 @@ def _make_films(evaluation: Any, hidden: Path, folder: Path) -> int:
 
 def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
     """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError."""
-    from ..evaluation import report
+    from ..arena import report
 
     print(report.text(evaluation, terminal_width()))
     print(f"\n{seconds:,.0f} s", flush=True)

@@ -8,10 +8,9 @@ from outlast.envs.cli.options import output
 
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
-from ..paper.report import figures_and_tables, report
-from ..paper.results import files_to_keep, group_runs, load_runs
 from ..plots.comparison import AXES
 from ..plots.plot import FORMS, plot
+from .paper import MISSING
 
 
 def add(commands: Any) -> None:
@@ -84,6 +83,13 @@ def run(options: argparse.Namespace) -> int:
 def _beside_the_paper(options: argparse.Namespace) -> int:
     if options.by or options.curves or options.x != AXES[0]:
         raise TrainingError("with --paper, the curves and the groups are the paper's: leave out --by, --curves and --x")
+    try:
+        from ..research.report import figures_and_tables, report
+        from ..research.results import files_to_keep, group_runs, load_runs
+    except ModuleNotFoundError as error:
+        if error.name != f"{__package__.rpartition('.')[0]}.research":
+            raise
+        raise TrainingError(f"--paper: {MISSING}") from error
     runs = load_runs(options.runs)
     groups = group_runs(runs)
     contents = files_to_keep(runs, options.keep) if options.keep else {}

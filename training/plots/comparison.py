@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.averages import end_value, interval
 from ..base.tables import markdown_table, number
-from .groups import Group, common, untold
+from .groups import RunGroup, common, untold
 from .panels import Panel, drawn
 from .runs import PRESET, SCENARIO, Run
 
@@ -59,7 +59,7 @@ class Comparison:
         files: The paths of the files that were written.
     """
 
-    groups: tuple[Group, ...]
+    groups: tuple[RunGroup, ...]
     panels: tuple[Panel, ...]
     x: str = "steps"
     files: list[Path] = field(default_factory=list)
@@ -115,7 +115,7 @@ class Comparison:
         unfinished = f"Unfinished: {named}{more}; end values are of the finished runs of a group that has any"
         return [*notes, unfinished] if short else notes
 
-    def ends(self, group: Group) -> Iterator[EndValues]:
+    def ends(self, group: RunGroup) -> Iterator[EndValues]:
         """Yield the end values of a group, for each curve."""
         curves = [drawn(run, self.panels) for run in group.ended]
         for panel in self.panels:
@@ -160,13 +160,13 @@ class Comparison:
         return total.hexdigest()
 
 
-def _values(group: Group) -> list[str]:
+def _values(group: RunGroup) -> list[str]:
     return [*group.values.values()] or [group.label]
 
 
-def _seeds(group: Group) -> str:
+def _seeds(group: RunGroup) -> str:
     return ", ".join(dict.fromkeys(str(run.seed) for run in group.ended))
 
 
-def _steps(group: Group) -> str:
+def _steps(group: RunGroup) -> str:
     return f"{min(run.steps for run in group.ended):,}"

@@ -16,7 +16,7 @@ from ..base.curves import Array, Curves
 from ..base.image import GREY, encoded, literal
 from ..base.run_summary import RATING
 from .comparison import Comparison
-from .groups import Group
+from .groups import RunGroup
 from .panels import drawn, hours
 
 WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
@@ -68,7 +68,7 @@ def look(number: int) -> tuple[str, Any]:
     return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
 
 
-def _curve(axes: Axes, comparison: Comparison, group: Group, name: str, number: int, scale: float) -> None:
+def _curve(axes: Axes, comparison: Comparison, group: RunGroup, name: str, number: int, scale: float) -> None:
     """The moving average over the runs of a group; behind it the points of a single run, or the range of several."""
     curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if name in own]
     if not curves:
@@ -84,7 +84,7 @@ def _curve(axes: Axes, comparison: Comparison, group: Group, name: str, number: 
         axes.plot(curves[0].steps, curves[0].values[name], color=ink, linewidth=0.5, alpha=0.3, zorder=1)
 
 
-def _curves(comparison: Comparison, group: Group) -> Iterator[tuple[Array, dict[str, Array]]]:
+def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, dict[str, Array]]]:
     """Where the points of each run are on the axis, agent-steps or hours, and its curves there."""
     for run in group.runs:
         where = run.curves.steps if comparison.x == "steps" else hours(run)

@@ -8,15 +8,14 @@ from outlast.ecs.kernels.errors import did_you_mean
 
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
-from .runs import PRESET, SCENARIO, Run, shown
+from .runs import ABSENT, PRESET, SCENARIO, Run, shown
 
 SEED = "seed"
-ABSENT = "not there"
 OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # what comes with a preset
 
 
 @dataclass(frozen=True)
-class Group:
+class RunGroup:
     """Runs of one setting, in order of seeds.
 
     Attributes:
@@ -48,7 +47,7 @@ class Group:
         return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
 
 
-def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
+def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
     """Put runs into groups, in order of their values.
 
     Args:
@@ -68,14 +67,14 @@ def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
     return [_group(grouped[key], dict(zip(names, key, strict=True))) for key in keys]
 
 
-def _group(runs: Sequence[Run], values: dict[str, str]) -> Group:
+def _group(runs: Sequence[Run], values: dict[str, str]) -> RunGroup:
     ordered = sorted(runs, key=lambda run: run.seed)
     mixed = untold(ordered)
     for one, other in itertools.pairwise(ordered):
         if one.seed == other.seed and not mixed:
             both = f"{one.origin} and {other.origin}"
             raise TrainingError(f"{both} are the same run, or both of seed {one.seed}: give one")
-    return Group(tuple(ordered), values, tuple(mixed))
+    return RunGroup(tuple(ordered), values, tuple(mixed))
 
 
 def differing(runs: Sequence[Run]) -> list[str]:

@@ -1,5 +1,9 @@
-"""Runs to be compared, of any scenario: what was trained, with which settings, and all curves."""
+"""Runs to be compared, of any scenario: what was trained, with which settings, and all curves. Needs no PyTorch.
 
+They are in folders of their own, or kept: the curves of several in one file.
+"""
+
+import logging
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property
@@ -7,26 +11,34 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.variants import base, variant
 
 from ..base import log_file, run_header
 from ..base.config import HOW, SELF, TrainingConfig
-from ..base.curves import Curves, Logged, curves_of_log
-from ..base.errors import TrainingError
+from ..base.curves import FILE, NEEDED, Curves, Described, curves_of_log, is_known, read_curves
+from ..base.errors import EmptyRunError, TrainingError
 from ..base.presets import preset
-from ..paper import results
-from ..paper.curves import is_known
 
 HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are no settings
 USUAL = {
     each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
 }  # for what the plans of earlier versions do not say
 SCENARIO, PRESET = "scenario", "preset"
+RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is recognised
+ABSENT = "not there"  # in place of a number that a game lacks
+BEYOND = {
+    "varied": "numbers that vary",
+    "observed": "numbers that agents observe",
+    "roles": "roles",
+    "order": "systems in another order",
+    "code": "mechanics of one's own",
+}  # keys of fingerprints that describe more than a variant with other numbers, in words
+logger = logging.getLogger("outlast")
 
 
 @dataclass(frozen=True)
-class Run(Logged):
+class Run:
     """A run.
 
     Attributes:
@@ -37,6 +49,7 @@ class Run(Logged):
         curves: Everything that was logged, by tag; of kept runs, the paper's quantities.
         label: The scenario's name with what was changed: "ffa_2-melee_damage=50"; "" if that is the name alone.
         asked: Agent-steps that were asked for; None if that is not recorded.
+        beyond: What the game has that no variant has, in words; see BEYOND.
     """
 
     origin: Path
@@ -46,6 +59,17 @@ class Run(Logged):
     curves: Curves
     label: str = ""
     asked: int | None = None
+    beyond: tuple[str, ...] = ()
+
+    @property
+    def seed(self) -> int:
+        """The seed of the run."""
+        return int(self.plan["seed"])
+
+    @property
+    def steps(self) -> int:
+        """The agent-steps done."""
+        return int(self.curves.steps[-1])
 
     @cached_property
     def settings(self) -> dict[str, Any]:
@@ -69,21 +93,100 @@ def shown(value: Any) -> str:
 
 
 def load(places: Iterable[Path]) -> list[Run]:
-    """Return the runs in these places; see `results.read_runs`. Raises TrainingError."""
-    return results.read_runs(places, lambda path: _of_folder(path) if path.is_dir() else _of_kept(path))
+    """Read all runs. Those in which no episode has ended yet are left out, and named in a warning.
+
+    Args:
+        places: Folders of runs, folders around them, studies (folders with runs that are kept), or single runs of a
+            study, as if they were folders in it.
+
+    Raises:
+        TrainingError: A place holds no runs, or none with a curve.
+    """
+    found, reasons = list[Run](), list[str]()
+    for path in dict.fromkeys(path for place in places for path in _found(place)):
+        try:
+            found.append(_of_folder(path) if path.is_dir() else read_kept(path))
+        except EmptyRunError as error:
+            reasons.append(str(error))
+    if reasons and not found:
+        raise TrainingError(f"there is nothing to draw: {reasons[0]}")
+    for reason in reasons:
+        logger.warning("left out: %s", reason)
+    return found
+
+
+def _found(place: Path) -> list[Path]:
+    """Folders of runs and kept runs in a place, which may itself be one."""
+    if any((place / name).exists() for name in RUN_FILES):
+        return [place]
+    if not place.exists():
+        return [_kept_run(place)]
+    if place.is_file():
+        raise TrainingError(f"{place} is a file: give the folder of a run, or one with runs in it or in its {FILE}")
+    runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
+    found = sorted([*(place / name for name in kept_runs(place)), *runs])
+    if not found:
+        wanted = f"neither {log_file.NAME} nor {FILE} nor folders of runs"
+        raise TrainingError(f"there are no runs in {place}: {wanted}")
+    return found
+
+
+def kept_runs(study: Path) -> dict[str, Described]:
+    """What is kept of the runs of a study, by name; nothing if there is none. Raises TrainingError."""
+    return read_curves(study / FILE) if (study / FILE).exists() else {}
+
+
+def _kept_run(place: Path) -> Path:
+    """The place, if it is that of a kept run. Raises TrainingError."""
+    known = kept_runs(place.parent)
+    if not known:
+        raise TrainingError(f"there is no folder {place}")
+    if place.name not in known:
+        raise TrainingError(f"{place.parent / FILE} has no run {place.name}, but {', '.join(known)}")
+    return place
 
 
 def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
     """Return the run that a header describes, with its curves. Raises TrainingError if its plan is not valid."""
     scenario, plan = header["scenario"], header["plan"]
-    if type(plan.get("seed")) is not int or not run_header.is_plan(plan):
+    _check_plan(origin, plan)
+    asked = plan.get("steps", header.get(run_header.ASKED))
+    beyond = tuple(words for key, words in BEYOND.items() if scenario.get(key))
+    return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""), asked, beyond)
+
+
+def read_kept(path: Path) -> Run:
+    """Return a run of a study, as if it were a folder in it. Raises TrainingError."""
+    about, curves = read_curves(path.parent / FILE)[path.name]
+    wrong = f"{path} does not hold the curves of a run"
+    try:
+        name, plan, changed = variant(about["variant"]).name, about["plan"], about["changed"]
+        _check_plan(path, plan)
+        usual = usual_numbers(name, plan[PRESET])
+    except (KeyError, TypeError, ScenarioError) as error:
+        raise TrainingError(f"{wrong}: {error}") from error
+    if missing := [tag for tag in NEEDED if tag not in curves.values]:
+        raise TrainingError(f"{wrong}: it has no {missing[0]}")
+    if not is_fingerprint({"name": name, "numbers": changed}) or "$" in str(changed):
+        raise TrainingError(f"{wrong}: what was changed in it is not numbers")
+    numbers = {key: value for key, value in (usual | changed).items() if value != ABSENT}
+    return Run(path, name, numbers, plan, curves, asked=plan.get("steps"))
+
+
+def usual_numbers(name: str, of: str) -> dict[str, Any]:
+    """Return the numbers of a variant without ablations, with the observations of a preset. Raises ScenarioError."""
+    found: dict[str, Any] = fingerprint(preset(of).scenario(variant(base(name))))["numbers"]
+    return found
+
+
+def _check_plan(origin: Path, plan: Any) -> None:
+    """Raise TrainingError if it is not the plan of a run."""
+    if not run_header.is_plan(plan) or type(plan.get("seed")) is not int:
         raise TrainingError(f"{origin} does not hold a run: its plan is none")
     try:
         preset(plan.get(PRESET))
     except ScenarioError as error:
         raise TrainingError(f"{origin} does not hold a run: {error}") from error
-    asked = plan.get("steps", header.get(run_header.ASKED))
-    return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""), asked)
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
@@ -107,10 +210,3 @@ def _played(scenario: dict[str, Any]) -> dict[str, Any]:
 def _of_folder(folder: Path) -> Run:
     header = run_header.read_run_folder(folder)
     return run_of(folder, header, curves_of_log(folder / log_file.NAME, is_known))
-
-
-def _of_kept(path: Path) -> Run:
-    kept = results.read_kept(path)
-    usual = fingerprint(preset(kept.plan[PRESET]).scenario(variant(base(kept.variant))))["numbers"]
-    numbers = {name: value for name, value in (usual | kept.changed).items() if value != results.MISSING}
-    return Run(path, kept.variant, numbers, kept.plan, kept.curves, asked=kept.plan.get("steps"))

@@ -13,7 +13,7 @@ from outlast.envs.errors import ClusterError
 from outlast.envs.rollout.ray import connected
 
 from ..base.errors import TrainingError
-from .crew import GRACE, POLL, WRONG, Crew, Member, join, joined, listening
+from .crew import GRACE, POLL, WRONG, Crew, CrewProcess, join, joined, listening
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
@@ -28,7 +28,7 @@ def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *argu
         run = ray.remote(num_cpus=1, max_retries=0)(_join_from_worker)
         given = (outlast.__version__, here, store.port, work, *arguments)
         tasks = [run.remote(rank, size, *given) for rank in range(1, size)]
-        return Member(0, size, here, store, Tasks(tasks, store, opened.pop_all()))
+        return CrewProcess(0, size, here, store, Tasks(tasks, store, opened.pop_all()))
 
 
 class Tasks:

@@ -61,7 +61,7 @@ class Crew:
         """Leave the others; the first process stops them."""
 
 
-class Member(Crew):
+class CrewProcess(Crew):
     """One of several processes."""
 
     def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
@@ -206,7 +206,7 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
     if size == 1:
         return Crew()
     store = listening(HOST)
-    return Member(0, size, HOST, store, Children(size, work, arguments, store))
+    return CrewProcess(0, size, HOST, store, Children(size, work, arguments, store))
 
 
 def joined(store: Any, size: int) -> bool:
@@ -235,7 +235,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
     """
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
     store.set(BEGUN.format(rank), "")
-    crew = Member(rank, size, host, store)
+    crew = CrewProcess(rank, size, host, store)
     try:
         work(crew, *arguments)
     except Exception as error:

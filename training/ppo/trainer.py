@@ -21,6 +21,7 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
 
+from ..arena.opponent_pool import OpponentPool, Plain, plain
 from ..base import run_header
 from ..base.config import IMITATED, TrainingConfig
 from ..base.errors import TrainingError
@@ -35,7 +36,6 @@ from .collector import Collector
 from .crew import Crew
 from .curriculum import Curriculum, TrainingProgress, joined
 from .learner import Imitator, Learner
-from .opponents import Opponents, Plain, plain
 from .rollout import Rollout
 from .world_slice import Lane
 
@@ -120,7 +120,7 @@ class Trainer:
             Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
             for number, policy in enumerate(first)
         ]
-        self.opponents = Opponents(
+        self.opponents = OpponentPool(
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
         )
         if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:

@@ -15,6 +15,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.lineup import draw, key_of, own_side
 from outlast.envs.rollout.outcome import living_sides, shares_outlived
 
+from ..arena.opponent_pool import OpponentPool, Plain
 from ..base.config import CHUNK
 from ..base.errors import TrainingError
 from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
@@ -25,14 +26,13 @@ from ..policies.policy import ActorCritic
 from ..policies.rows import Observed
 from ..policies.torch_settings import FLOAT, playing
 from .curriculum import Curriculum, Ended, just_ended
-from .opponents import Opponents, Plain
 
 Array = np.ndarray[Any, Any]
 NOBODY = -1  # the learner of a sample on which nobody is trained
 
 
 @dataclass
-class Samples:
+class CollectedSamples:
     """What a lane collects: arrays (steps, agents), and `actions` (steps, agents, actions).
 
     Attributes:
@@ -69,7 +69,7 @@ class Samples:
     games: list[tuple[int, int, float]]
 
 
-class Group(NamedTuple):
+class AgentGroup(NamedTuple):
     """Agents that one network plays: their indices (a slice if these are all agents), and the same as a tensor."""
 
     where: Any
@@ -84,7 +84,7 @@ class Lane:
 
     Attributes:
         env: The worlds, with autoreset DISABLED.
-        opponent: int (worlds,), the index of the opponent in each world, see Opponents.
+        opponent: int (worlds,), the index of the opponent in each world, see OpponentPool.
         own: int (worlds,), the side that learners play where `opponent` is not 0.
         teacher: If not None, learners play, but the actions that this policy chooses are kept, to be imitated.
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
@@ -97,7 +97,7 @@ class Lane:
         env: SurvivalVectorEnv,
         packer: Packer,
         team: Array,
-        opponents: Opponents,
+        opponents: OpponentPool,
         *,
         seed: int,
         dead: str,
@@ -134,7 +134,7 @@ class Lane:
     def open(self, steps: int, memory: int) -> None:
         """Make room for the samples of `steps` steps. memory: Width of the memory of the learners' policies."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
-        self.samples = Samples(
+        self.samples = CollectedSamples(
             seen=[],
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
@@ -242,7 +242,7 @@ class Lane:
         self.env.reset(options={"reset_mask": where})
         self._draw(where)
 
-    def close(self, policies: Sequence[ActorCritic]) -> Samples:
+    def close(self, policies: Sequence[ActorCritic]) -> CollectedSamples:
         """Return the samples, completed by the values of what is observed now."""
         self.samples.last[:] = self._values(policies)
         return self.samples
@@ -280,7 +280,7 @@ class Lane:
         self._sides = side(self.env.worlds)
         self.assign()
 
-    def _remembered(self, policy: ActorCritic, group: Group) -> tuple[Tensor | None, Tensor | None]:
+    def _remembered(self, policy: ActorCritic, group: AgentGroup) -> tuple[Tensor | None, Tensor | None]:
         """What some agents remember, and where their memory begins anew, as their policy takes both."""
         if not policy.memory:
             return None, None
@@ -304,7 +304,7 @@ class Lane:
             seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
         return seen
 
-    def _part(self, seen: Observed, group: Group) -> Observed:
+    def _part(self, seen: Observed, group: AgentGroup) -> Observed:
         """What some of the agents observe."""
         return seen if len(group.members) == self.agents else seen.select(group.members)
 
@@ -347,8 +347,8 @@ class Lane:
         pairs = np.unique(np.stack([index, number], 1), axis=0)
         self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
 
-    def _group(self, members: Array) -> Group:
+    def _group(self, members: Array) -> AgentGroup:
         index = torch.from_numpy(np.flatnonzero(members))
         if members.all():
-            return Group(slice(None), index)
-        return Group(index.numpy(), index)
+            return AgentGroup(slice(None), index)
+        return AgentGroup(index.numpy(), index)

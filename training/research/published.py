@@ -1,14 +1,10 @@
-"""The paper's quantities, and its own learning curves of them. Needs numpy only."""
+"""The paper's own learning curves, and what else of our runs is kept beside them. Needs numpy only."""
 
 from importlib.resources import as_file, files
 
-from ..base.curves import FILE, Curves, Quantity, read_curves
+from ..base.curves import FILE, Curves, Quantity, is_known, read_curves
 
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
-RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")
-HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
-BOXES = Quantity("boxes placed", "rollout/boxes_placed")
-QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)
 
 
 def behaviour(name: str) -> Quantity:
@@ -27,11 +23,6 @@ SEEN = (
 def is_kept(tag: str) -> bool:
     """Whether kept results have this tag."""
     return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
-
-
-def is_known(tag: str) -> bool:
-    """Whether the tag is one of the paper's quantities."""
-    return any(quantity.has(tag) for quantity in QUANTITIES)
 
 
 def published_curves(variant: str) -> Curves:

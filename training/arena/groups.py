@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..base.curves import Curves
-from ..base.ratings import chained, elo
 from ..base.statistics import Estimate, percentile_interval
 from ..plots.groups import group_runs
 from ..plots.runs import Run, run_of
-from .contenders import Contender
+from .players import Contender
+from .ratings import chained, elo
 
 Array = np.ndarray[Any, Any]
 
@@ -25,7 +25,7 @@ class PolicyGroup:
     """Policies that differ by the seeds of their training only; or a single other policy.
 
     Attributes:
-        label: What sets the group apart, see plots.groups.Group; for a policy that is no run, its own label.
+        label: What sets the group apart, see plots.groups.RunGroup; for a policy that is no run, its own label.
         members: The indices of its policies.
         trained: Whether they are runs.
     """

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.curves import Curves, Quantity
+from ..base.curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
 from ..base.tables import markdown_table, number, spread
-from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, behaviour, published_curves
 from .measures import Runs, at, curve, end, grows, left, over, part, peak, peak_at, together
-from .results import RunGroup
+from .published import behaviour, published_curves
+from .results import PaperGroup
 
 FFA, TEAMS = tuple(f"ffa_{k}" for k in range(1, 5)), tuple(f"teams_{k}" for k in range(1, 5))
 HEADS = ("claim", "of", "measured", "asked", "the paper", "outlast", "95 %", "holds")
@@ -53,7 +53,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimResult:
     """A claim with its number in the paper's curves, NaN if they do not say, and in the runs of each of our seeds."""
 
     claim: Claim
@@ -81,7 +81,7 @@ class Finding:
         return [claim.text, _listed(claim.variants), claim.what, *numbers, verdict]
 
 
-def findings(groups: Sequence[RunGroup]) -> Iterator[Finding]:
+def findings(groups: Sequence[PaperGroup]) -> Iterator[ClaimResult]:
     """Yield a finding for every claim for whose variants there are runs of one seed as long as the paper's.
 
     Args:
@@ -97,10 +97,10 @@ def findings(groups: Sequence[RunGroup]) -> Iterator[Finding]:
         seeds = [runs for _, runs in sorted(by_seed.items()) if set(claim.variants) <= runs.keys()]
         values = [value for runs in seeds if not np.isnan(value := claim.measure(runs))]
         if values:
-            yield Finding(claim, claim.measure(published), tuple(values))
+            yield ClaimResult(claim, claim.measure(published), tuple(values))
 
 
-def claims_table(found: Sequence[Finding]) -> str:
+def claims_table(found: Sequence[ClaimResult]) -> str:
     """The table of findings, in Markdown."""
     return markdown_table(HEADS, [each.cells for each in found])
 

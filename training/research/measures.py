@@ -6,8 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..base.averages import smooth
-from ..base.curves import Array, Curves, Quantity
-from .curves import KILLS
+from ..base.curves import KILLS, Array, Curves, Quantity
 
 Runs = Mapping[str, Curves]  # a run of each variant, by its name
 SUMMED = (KILLS,)  # over sides; other quantities are averaged

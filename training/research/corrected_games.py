@@ -15,12 +15,12 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage import strict_json
 from outlast.systems import Behaviour
 
+from ..arena.evaluation import Evaluation
+from ..arena.players import contenders
+from ..arena.report import TABLES, write_tables
 from ..base.errors import TrainingError
 from ..base.files import packed, read_bytes, read_text, unpacked
 from ..base.tables import NONE, markdown_table, with_spread
-from ..evaluation.contenders import contenders
-from ..evaluation.evaluation import Evaluation
-from ..evaluation.report import TABLES, write_tables
 
 EPISODES = 640  # of each pairing
 FOLDER = "measured"  # the folder of a run with what was measured of it

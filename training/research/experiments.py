@@ -18,10 +18,9 @@ from ..base.errors import TrainingError
 from ..base.log_file import NAME as LOG
 from ..base.log_file import last_step
 from ..base.policy_file import SUFFIX
-from ..paper.curves import PAPER_STEPS
-from ..paper.results import kept_runs
 from ..plots.panels import hours
-from ..plots.runs import load
+from ..plots.runs import kept_runs, load
+from .published import PAPER_STEPS
 
 PARTS = {
     "original": "the eight variants, with the authors' networks and numbers",

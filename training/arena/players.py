@@ -21,7 +21,7 @@ from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in, text
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise
 from ..policies.player import Player
-from .matches import Act, AgentIndices
+from .match import Act, AgentIndices
 
 Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a run or around several, or a function
 

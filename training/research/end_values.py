@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..base.averages import EndValue, MovingAverage, average, end_value
-from ..base.curves import Quantity
+from ..base.curves import LENGTH, QUANTITIES, RETURN, Quantity
 from ..base.tables import decimals, markdown_table, number, spread
-from .curves import LENGTH, QUANTITIES, RETURN
-from .results import RunGroup
+from .results import PaperGroup
 
 TOLERANCE = 0.15  # returns and lengths that are no further from the paper's end value agree with it
 WITHIN = f"within {TOLERANCE:.0%}"
@@ -51,7 +50,7 @@ class EndRow:
         return self.mean / self.theirs.mean - 1
 
 
-def rows(group: RunGroup) -> Iterator[EndRow]:
+def rows(group: PaperGroup) -> Iterator[EndRow]:
     """A row for each curve of the group's runs."""
     for quantity in QUANTITIES:
         for tag in group.runs[0].curves.tags(quantity):
@@ -66,7 +65,7 @@ def rows(group: RunGroup) -> Iterator[EndRow]:
             )
 
 
-def verdict(group: RunGroup, row: EndRow) -> str:
+def verdict(group: PaperGroup, row: EndRow) -> str:
     """Whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
     if row.apart is None or group.ablated:
         return ""
@@ -75,24 +74,24 @@ def verdict(group: RunGroup, row: EndRow) -> str:
     return "yes" if abs(row.apart) <= TOLERANCE else "no"
 
 
-def side_name(group: RunGroup) -> str:
+def side_name(group: PaperGroup) -> str:
     """What a side is called: "team" or "agent"."""
     return "team" if group.variant.startswith("teams") else "agent"
 
 
-def markdown(group: RunGroup) -> str:
+def markdown(group: PaperGroup) -> str:
     """The end values of a group: a paragraph and a table."""
     return f"{title(group)}\n\n{markdown_table(HEADS, _cells(group))}"
 
 
-def title(group: RunGroup) -> str:
+def title(group: PaperGroup) -> str:
     """Variant, preset, seeds, and the notes."""
     seeds = ", ".join(str(run.seed) for run in group.runs)
     notes = "".join(f" {note}." for note in group.notes())
     return f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
 
 
-def _cells(group: RunGroup) -> Iterator[list[str]]:
+def _cells(group: PaperGroup) -> Iterator[list[str]]:
     for row in rows(group):
         name = row.quantity.name + (f", {side_name(group)} {row.side}" if row.side >= 0 else "")
         yield [
@@ -116,7 +115,7 @@ def with_deviation(mean: float, deviation: float) -> str:
     return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
 
 
-def csv_table(groups: Iterable[RunGroup]) -> str:
+def csv_table(groups: Iterable[PaperGroup]) -> str:
     """The table as CSV, with a row for each quantity and all digits that mean something."""
     records = [record(group, row) for group in groups for row in rows(group)]
     text = io.StringIO()
@@ -126,7 +125,7 @@ def csv_table(groups: Iterable[RunGroup]) -> str:
     return text.getvalue()
 
 
-def record(group: RunGroup, row: EndRow) -> dict[str, Any]:
+def record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
     """A row of the CSV file."""
     theirs, curve, each = row.theirs, row.their_curve, [one.mean for one in row.ours]
     return {

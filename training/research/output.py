@@ -14,12 +14,13 @@ from ..base import policy_file
 from ..base.curves import FILE, format_curves, rounded, thinned
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..paper.report import figures_and_tables
-from ..paper.results import curves_to_keep, group_runs, kept_runs, load_runs
 from ..plots.plot import plot
+from ..plots.runs import kept_runs
 from ..policies.player import weights_of
-from . import mended
+from . import corrected_games as mended
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
+from .report import figures_and_tables
+from .results import curves_to_keep, group_runs, load_runs
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games

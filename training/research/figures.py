@@ -15,11 +15,10 @@ from matplotlib.lines import Line2D
 from outlast.envs.rendering import style
 
 from ..base.averages import average, window_size
-from ..base.curves import Curves, Quantity
+from ..base.curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
 from ..base.image import GREY, colour, encoded, literal
-from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN
 from .end_values import side_name
-from .results import RunGroup
+from .results import PaperGroup
 
 WIDTH, HEIGHT = 7.6, 5.7  # inches
 COLOURS = 128  # colours of a PNG
@@ -29,12 +28,12 @@ DASHES: tuple[Any, ...] = ("-", (0, (2.2, 1.4)), ":", "-.")  # for the sides
 OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
 
-def picture(group: RunGroup, form: str) -> bytes:
+def picture(group: PaperGroup, form: str) -> bytes:
     """The figure of a group as a file: "png" or "svg". It holds the digest of what it shows, as Source."""
     return encoded(lambda: draw(group), form, {"Title": group.name, "Source": digest(group)}, COLOURS)
 
 
-def digest(group: RunGroup) -> str:
+def digest(group: PaperGroup) -> str:
     """A digest of what a figure shows: all curves, and the settings that are not the paper's."""
     total = hashlib.blake2b(digest_size=16)
     for run in group.runs:
@@ -46,7 +45,7 @@ def digest(group: RunGroup) -> str:
     return total.hexdigest()
 
 
-def draw(group: RunGroup) -> Figure:
+def draw(group: PaperGroup) -> Figure:
     """Four panels under a heading."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
     FigureCanvasAgg(figure)
@@ -62,13 +61,13 @@ def draw(group: RunGroup) -> Figure:
     return figure
 
 
-def panel_quantities(group: RunGroup) -> tuple[Quantity, ...]:
+def panel_quantities(group: PaperGroup) -> tuple[Quantity, ...]:
     """The paper's four quantities; where there are no boxes, the length of episodes instead of them."""
     boxes = any(run.curves.tags(BOXES) for run in group.runs)
     return (RETURN, HEALS, KILLS, BOXES) if boxes else (RETURN, LENGTH, HEALS, KILLS)
 
 
-def panel(axes: Axes, group: RunGroup, quantity: Quantity) -> None:
+def panel(axes: Axes, group: PaperGroup, quantity: Quantity) -> None:
     """Draw one quantity: the paper's behind ours."""
     axes.set_title(quantity.name + (f", each {side_name(group)}" if quantity.sided else ""))
     for runs, ink, order in (([group.paper], THEIRS, 2), ([run.curves for run in group.runs], OURS, 3)):
@@ -91,7 +90,7 @@ def _curve(axes: Axes, runs: Sequence[Curves], tag: str, ink: str, order: int, d
         axes.fill_between(_millions(line.steps), line.low, line.high, color=ink, alpha=0.18, linewidth=0, zorder=1)
 
 
-def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
+def _heading(figure: Figure, group: PaperGroup, notes: Sequence[str]) -> None:
     """The title, how curves are smoothed, the notes of the group, and the legend."""
     count = len(group.runs)
     title = f"{group.variant}, preset {group.preset}, {'one seed' if count == 1 else f'{count} seeds'}"
@@ -112,7 +111,7 @@ def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
     )
 
 
-def _handles(group: RunGroup) -> Iterator[Line2D]:
+def _handles(group: PaperGroup) -> Iterator[Line2D]:
     """Entries of the legend: colours for ours and the paper's, dashes for sides."""
     yield Line2D([], [], color=OURS, linewidth=2.4, label="outlast")
     yield Line2D([], [], color=THEIRS, linewidth=2.4, label="the paper")
@@ -121,7 +120,7 @@ def _handles(group: RunGroup) -> Iterator[Line2D]:
         yield Line2D([], [], color=GREY, linewidth=1.4, linestyle=DASHES[side % len(DASHES)], label=label)
 
 
-def _all(group: RunGroup) -> list[Curves]:
+def _all(group: PaperGroup) -> list[Curves]:
     return [group.paper, *(run.curves for run in group.runs)]
 
 
@@ -130,7 +129,7 @@ def _tags(runs: Sequence[Curves], quantity: Quantity) -> list[str]:
     return list(dict.fromkeys(tag for curves in runs for tag in curves.tags(quantity)))
 
 
-def _negative(group: RunGroup, quantity: Quantity) -> bool:
+def _negative(group: PaperGroup, quantity: Quantity) -> bool:
     return any(np.nanmin(one.values[tag]) < 0 for one in _all(group) for tag in one.tags(quantity))
 
 

@@ -16,9 +16,9 @@ from outlast.envs.text_table import text_table
 
 from ..base.errors import TrainingError
 from ..base.files import check_results, read_text, write_files
-from .contenders import Contender
 from .groups import Groups, group_policies
-from .pairing import Array, Estimates, Pairing
+from .match import Array, Estimates, Pairing
+from .players import Contender
 
 RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
 FILES = TABLES, FIGURES, RATINGS, GROUPS = "evaluation.json", "figures.csv", "ratings.csv", "groups.csv"
@@ -30,7 +30,7 @@ OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
 UNBOUNDED = "; inf: no game bounds the rating on that side"
 
 
-class Played(Protocol):
+class EvaluationResult(Protocol):
     """What a report needs of an Evaluation."""
 
     scenario: Scenario
@@ -59,7 +59,7 @@ class Played(Protocol):
         """Return ratings and wins of groups of runs. Raises TrainingError."""
 
 
-def text(evaluation: Played, width: int | None = None) -> str:
+def text(evaluation: EvaluationResult, width: int | None = None) -> str:
     """Return all tables under a heading; of an incomplete evaluation, the tables of what is complete.
 
     width: characters in a line of a table, see envs.text_table.
@@ -75,7 +75,7 @@ def text(evaluation: Played, width: int | None = None) -> str:
     return "\n\n".join(filter(None, parts))
 
 
-def _heading(evaluation: Played) -> str:
+def _heading(evaluation: EvaluationResult) -> str:
     """What was played, and the files of those policies whose labels do not name them."""
     name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
@@ -85,7 +85,7 @@ def _heading(evaluation: Played) -> str:
     return "\n".join(lines)
 
 
-def write_tables(evaluation: Played, folder: Path) -> list[Path]:
+def write_tables(evaluation: EvaluationResult, folder: Path) -> list[Path]:
     """Write evaluation.json with everything; figures.csv, ratings.csv and groups.csv with the numbers.
 
     Raises TrainingError.
@@ -101,7 +101,7 @@ def write_tables(evaluation: Played, folder: Path) -> list[Path]:
     return [folder / name for name in contents]
 
 
-def check_folder(evaluation: Played, folder: Path) -> None:
+def check_folder(evaluation: EvaluationResult, folder: Path) -> None:
     """Raise TrainingError if tables cannot be written, or would replace those of another evaluation.
 
     That is one of another game or of other policies.
@@ -122,13 +122,13 @@ def check_folder(evaluation: Played, folder: Path) -> None:
         raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")
 
 
-def _ratings(evaluation: Played) -> str:
+def _ratings(evaluation: EvaluationResult) -> str:
     rows = sorted(_rated(evaluation), key=lambda row: -row[1])
     cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rows]
     return text_table(cells, ("Elo (mean 1000)", "rating", "std. error"), left=1) if cells else ""
 
 
-def _wins(evaluation: Played, width: int | None) -> str:
+def _wins(evaluation: EvaluationResult, width: int | None) -> str:
     """Shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
@@ -138,7 +138,7 @@ def _wins(evaluation: Played, width: int | None) -> str:
     return text_table(rows, ("wins of, against", *labels), left=1, width=width)
 
 
-def _sides(evaluation: Played) -> str:
+def _sides(evaluation: EvaluationResult) -> str:
     """A line on the pairing in which the share of wins depends most on the side played; "" if it does in none."""
     found = {}
     for pair, figures in _rows(evaluation):
@@ -154,7 +154,7 @@ def _sides(evaluation: Played) -> str:
     return f"the side matters in {many} of {len(evaluation.pairings)} pairings, see wins_first and wins_second: {wins}"
 
 
-def _groups(evaluation: Played, width: int | None) -> Iterator[str]:
+def _groups(evaluation: EvaluationResult, width: int | None) -> Iterator[str]:
     """Tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
@@ -169,7 +169,7 @@ def _groups(evaluation: Played, width: int | None) -> Iterator[str]:
         yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
 
 
-def _group_ratings(evaluation: Played, found: Groups) -> str:
+def _group_ratings(evaluation: EvaluationResult, found: Groups) -> str:
     rows = [
         (group.label, str(len(group.members)) if group.trained else "-", f"{value:.0f}", f"[{low:.0f}, {high:.0f}]")
         for group, value, low, high in zip(found.groups, *found.ratings, strict=True)
@@ -193,7 +193,7 @@ def _between(value: float, low: float, high: float) -> str:
     return "-" if np.isnan(value) else f"{value:.3f} [{low:.3f}, {high:.3f}]"
 
 
-def _group_rows(evaluation: Played) -> list[tuple[Any, ...]]:
+def _group_rows(evaluation: EvaluationResult) -> list[tuple[Any, ...]]:
     """The rows of groups.csv; none where there is no table of groups."""
     try:
         found = evaluation.groups()
@@ -213,7 +213,7 @@ def _group_rows(evaluation: Played) -> list[tuple[Any, ...]]:
     return rows
 
 
-def _figures(evaluation: Played, names: Sequence[str], width: int | None) -> str:
+def _figures(evaluation: EvaluationResult, names: Sequence[str], width: int | None) -> str:
     known = [name for name in names if name in evaluation.pairings[0].results.figures]
     rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
     return text_table(rows, (*FIRST, *known), left=len(FIRST), width=width)
@@ -231,21 +231,21 @@ def _cell(mean: float, error: float) -> str:
     return f"{mean:.{digits}f} ± {error:.{digits}f}"
 
 
-def _rated(evaluation: Played) -> list[tuple[str, float, float]]:
+def _rated(evaluation: EvaluationResult) -> list[tuple[str, float, float]]:
     """Label, rating and its error of each policy; empty until games join all policies."""
     found = evaluation.ratings()
     labels = [contender.label for contender in evaluation.chosen]
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
 
 
-def _estimates(evaluation: Played) -> Iterable[tuple[tuple[int, int], Estimates]]:
+def _estimates(evaluation: EvaluationResult) -> Iterable[tuple[tuple[int, int], Estimates]]:
     """The estimates of each policy, by its index and that of its opponent; against itself once."""
     for pairing in evaluation.pairings:
         for role in range(len(set(pairing.pair))):
             yield pairing.pair if role == 0 else pairing.pair[::-1], pairing.estimates(role)
 
 
-def _rows(evaluation: Played) -> list[tuple[tuple[str, str], Estimates]]:
+def _rows(evaluation: EvaluationResult) -> list[tuple[tuple[str, str], Estimates]]:
     chosen = evaluation.chosen
     return [
         ((chosen[i].label, chosen[j].label), figures)
@@ -253,7 +253,7 @@ def _rows(evaluation: Played) -> list[tuple[tuple[str, str], Estimates]]:
     ]
 
 
-def _everything(evaluation: Played) -> dict[str, Any]:
+def _everything(evaluation: EvaluationResult) -> dict[str, Any]:
     return {
         **_played(evaluation),
         "seed": evaluation.seed,
@@ -269,13 +269,13 @@ def _everything(evaluation: Played) -> dict[str, Any]:
     }
 
 
-def _played(evaluation: Played) -> dict[str, Any]:
+def _played(evaluation: EvaluationResult) -> dict[str, Any]:
     """What tells one evaluation from another."""
     policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
     return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
 
 
-def _pairing(evaluation: Played, pairing: Pairing) -> dict[str, Any]:
+def _pairing(evaluation: EvaluationResult, pairing: Pairing) -> dict[str, Any]:
     names = [evaluation.chosen[k].label for k in pairing.pair]
     figures = [{name: {"mean": m, "error": e} for name, (m, e) in pairing.estimates(role).items()} for role in (0, 1)]
     return {"policies": names, "won, drawn, lost": pairing.won_drawn_lost(), "figures": figures}

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 
 from outlast.envs.errors import install
 
+from ..base.curves import KILLS
 from ..base.errors import TrainingError
 from ..base.tables import ENDS, markdown_table, number, with_spread
 from .claims import claims_table, findings
-from .curves import KILLS
 from .end_values import csv_table, markdown, rows
-from .results import RunGroup
+from .results import PaperGroup
 
 PAPER = "the paper"
 
 
-def side_by_side(groups: Sequence[RunGroup]) -> str:
+def side_by_side(groups: Sequence[PaperGroup]) -> str:
     """End values of every variant, with all presets beside each other and 95 % intervals over seeds, in Markdown.
 
     Values of sides are averaged; kills are summed.
@@ -35,7 +35,7 @@ def side_by_side(groups: Sequence[RunGroup]) -> str:
     return markdown_table(heads, lines)
 
 
-def report(groups: Sequence[RunGroup], beside: Sequence[RunGroup] = ()) -> str:
+def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> str:
     """End values of all presets beside each other, those of each group, and the paper's claims, in Markdown."""
     parts = [markdown(group) for group in groups]
     if len({group.preset for group in (*beside, *groups)}) > 1:
@@ -46,7 +46,7 @@ def report(groups: Sequence[RunGroup], beside: Sequence[RunGroup] = ()) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def figures_and_tables(groups: Sequence[RunGroup], form: str, beside: Sequence[RunGroup] = ()) -> dict[str, bytes]:
+def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
     """The contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
     Args:

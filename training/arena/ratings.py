@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import TrainingError
+from ..base.errors import TrainingError
 
 Array = np.ndarray[Any, Any]
 

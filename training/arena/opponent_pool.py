@@ -15,11 +15,11 @@ from outlast.envs.rollout.policies import POLICIES
 
 from ..base.config import PAST, SELF
 from ..base.errors import TrainingError
-from ..base.ratings import MEAN
 from ..policies.checkpoint import REST, check_state, load_weights
 from ..policies.packer import Packer
 from ..policies.player import Player
 from ..policies.policy import ActorCritic
+from .ratings import MEAN
 
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
@@ -83,7 +83,7 @@ class Opponent:
         return (self.won + 0.5) / (self.games + 1)
 
 
-class Opponents:
+class OpponentPool:
     """The pool that opponents are drawn from, by index, and the ratings of all in it.
 
     Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay

@@ -1,6 +1,7 @@
-"""Matches: two policies against each other in many worlds; each plays each side equally often."""
+"""Matches: two policies against each other in many worlds, each side equally often; and estimates of what happened."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from outlast.envs.rollout.summary import MOMENTS
 from ..base.metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
+Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
 Act = Callable[
     [dict[str, Array], AgentIndices], Array
@@ -134,3 +136,38 @@ class Match:
             if values.ndim == 1 and name not in self.metrics.totals:  # for the world: the same for both roles
                 known = values[rows, None] > 0 if name in MOMENTS else 1.0
                 self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """A pairing that was played: the indices of its policies, which may be the same policy, and all its episodes."""
+
+    pair: tuple[int, int]
+    results: MatchResults
+
+    def estimates(self, role: int) -> Estimates:
+        """Estimates for the policy in that role. NaN where there was nothing to measure."""
+        return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
+
+    def won_drawn_lost(self) -> tuple[int, int, int]:
+        """Return how many episodes the first policy won, drew and lost."""
+        wins = self.results.figures["wins"][:, :, 0, 0]
+        return int((wins == 1).sum()), int((wins == 0.5).sum()), int((wins == 0).sum())
+
+
+def ratio(pairs: Array) -> tuple[float, float]:
+    """The sum of all sums over the sum of all counts, and its standard error to first order.
+
+    pairs: float64 (episodes, 2), sums and counts; if all counts are 1, this is a mean and its error. Both are NaN if
+    all counts are 0; the error also if all but one are.
+    """
+    total, count = pairs.sum(0)
+    there = np.count_nonzero(pairs[:, 1])
+    if not count:
+        return float("nan"), float("nan")
+    mean = total / count
+    rest = pairs[:, 0] - mean * pairs[:, 1]
+    if there < 2:
+        return float(mean), float("nan")
+    spread = (rest * rest).sum() * there / (there - 1)
+    return float(mean), float(np.sqrt(spread) / count)

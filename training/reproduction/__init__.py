@@ -1,1 +1,0 @@
-"""The paper's experiments and those past it: what is trained, measured and written by `outlast paper`."""
