@@ -4,6 +4,7 @@ from .agent import OthersView, SelfView, Side, Sides
 from .behaviour import Aggression, Care, Condition, Cover, Encounters, Exposure, Track, Travelled
 from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
 from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, BoxView
+from .contact import Driven, Filter, Material
 from .heal import Heal, HealsUsed, HealView
 from .health import Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
@@ -36,12 +37,14 @@ __all__ = [
     "Death",
     "Died",
     "Drive",
+    "Driven",
     "Drop",
     "Encounters",
     "End",
     "Episode",
     "Exposure",
     "Fault",
+    "Filter",
     "Floor",
     "Gift",
     "Give",
@@ -57,6 +60,7 @@ __all__ = [
     "ItemPicked",
     "ItemUsed",
     "LidarView",
+    "Material",
     "ObservationMasks",
     "OthersView",
     "Phase",

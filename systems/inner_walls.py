@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import (
     Before,
     Body,
+    Filter,
     Floor,
     Phase,
     Shape,
@@ -158,6 +159,8 @@ def keep_out(
     solid: Read[Solid],
     wall: Read[Wall],
     entities: Read[Entity],
+    filters: Read[Filter] | None,
+    filtered: RowIndex[Filter] | None,
     solids: Bitset[Solid],
     walls: Bitset[Wall],
 ) -> None:
@@ -169,7 +172,7 @@ def keep_out(
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            hold_back(body, before, shape, wall, entities, walls, span, e)
+            hold_back(body, before, shape, wall, entities, filters, filtered, walls, span, e)
 
 
 @InnerWalls.system(Phase.MELEE, after="melee.aim", before="melee.strike")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Fault, Phase, Push, Shape, Solid
+from outlast.components import Body, Driven, Fault, Filter, Material, Phase, Push, Shape, Solid
 from outlast.components.body import inverse
 from outlast.components.limits import STRONG
 from outlast.ecs import (
@@ -24,6 +24,7 @@ from outlast.ecs import (
     NumberError,
     Read,
     Real,
+    RowIndex,
     Rows,
     Scratch,
     Singleton,
@@ -36,8 +37,21 @@ from outlast.ecs.kernels.jit import compiled, noinline_kernel
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits
 
 from .box2d import native, portable
-from .box2d.batch import ANGLE, COLUMNS, LIMITS, LONGEST, MAX_TRAVEL, OMEGA, SOLVED, VX, IncompatibleBox2D, Settings, X
-from .box2d.transfer import gather, scatter
+from .box2d.batch import (
+    ANGLE,
+    COLUMNS,
+    LIMITS,
+    LONGEST,
+    MAX_TRAVEL,
+    OMEGA,
+    SOLVED,
+    TRAITS,
+    VX,
+    IncompatibleBox2D,
+    Settings,
+    X,
+)
+from .box2d.transfer import describe, gather, own, scatter
 from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
 from .geometry.bounds import clamp, count_kinds
@@ -110,6 +124,8 @@ class Physics(Module):
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         if name == "batch":
             return np.zeros((dims["rows"], COLUMNS), np.float32)
+        if name == "traits":
+            return np.zeros((dims["rows"], TRAITS), np.float32)
         if name == "workspace":
             return (native if self.native() else portable).make_workspace()
         return make_scratch(name, dims)
@@ -140,6 +156,7 @@ def broad_phase(
     push: Read[Push],
     entities: Read[Entity],
     solids: Bitset[Solid],
+    driven: Rows[Driven] | None,
     half_extents: Scratch,
     blocks: Scratch,
     sides: Scratch,
@@ -160,6 +177,10 @@ def broad_phase(
             e = first_row(b, pending)
             pending &= pending - 1
             solid.max_travel[e] = min(travel(body, push, solid, e, substeps / rate), LONGEST * substeps) + MARGIN
+    if driven is not None:
+        for e in driven:
+            if entities.alive[e] and not solid.dynamic[e]:
+                solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
     aabbs = compute_aabbs(half_extents, body, shape)  # not earlier: the processor stores the distances meanwhile
     index, crowded = (blocks, sides, scale, words, rows), count > FEW
     if crowded:
@@ -176,6 +197,13 @@ def broad_phase(
                     mark_pair(solid, body, shape, e, rows[n])
             else:
                 mark_pairs(solid, aabbs, body, shape, blocks, count, e, far)
+
+
+@kernel
+def sweep(body: Array, push: Array, solid: Array, shape: Array, e: int, substeps: int, time: Real) -> Real:
+    """Return how far any point of body `e`, which turns as it moves, gets in a tick, metres."""
+    turning = abs(body.omega[e]) * time * outer_radius(shape, e)
+    return min(travel(body, push, solid, e, time), LONGEST * substeps) + np.float32(turning) + MARGIN
 
 
 @kernel
@@ -219,9 +247,15 @@ def collider(solve: Any) -> Any:
         push: Read[Push],
         entities: Read[Entity],
         solids: Bitset[Solid],
+        filters: Read[Filter] | None,
+        filtered: RowIndex[Filter] | None,
+        materials: Read[Material] | None,
+        made: RowIndex[Material] | None,
+        driven: RowIndex[Driven] | None,
         half_extents: Scratch,
         workspace: Scratch,
         batch: Scratch,
+        traits: Scratch,
         rate: float,
         substeps: int,
         velocity_iterations: int,
@@ -233,9 +267,6 @@ def collider(solve: Any) -> Any:
         continuous: bool,
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
-        count = gather(batch, half_extents, body, shape, push, solid, entities, solids, substeps)
-        if count == 0:
-            return
         settings = Settings(
             ONE / rate,
             substeps,
@@ -247,12 +278,24 @@ def collider(solve: Any) -> Any:
             np.float32(angular_damping),
             int(continuous),
         )
-        if solve(workspace, settings, batch, count) != SOLVED:
-            for e in range(solid.may_collide.size):
-                solid.may_collide[e] = entities.alive[e]
-            count = gather(batch, half_extents, body, shape, push, solid, entities, solids, substeps)
-            batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
-            fault.physics[0] = solve(workspace, settings, batch, count) != SOLVED
+        result = SOLVED
+        for everything in (False, True):
+            if everything:
+                for e in range(solid.may_collide.size):
+                    solid.may_collide[e] = entities.alive[e]
+            count = gather(batch, half_extents, body, shape, push, solid, entities, solids, driven, substeps)
+            if count == 0:
+                return
+            if everything:
+                batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
+            if filters is None and materials is None:
+                result = solve(workspace, settings, batch, count)
+            else:
+                describe(traits, settings, solid, entities, solids, filters, filtered, materials, made)
+                result = solve(workspace, settings, batch, count, traits)
+            if result == SOLVED:
+                break
+        fault.physics[0] = result != SOLVED
         scatter(batch, body, solid, entities, solids)
 
     return collide
@@ -271,6 +314,9 @@ def fly(
     solid: Read[Solid],
     entities: Read[Entity],
     solids: Bitset[Solid],
+    materials: Read[Material] | None,
+    made: RowIndex[Material] | None,
+    driven: Rows[Driven] | None,
     rate: float,
     substeps: int,
     linear_damping: float,
@@ -278,21 +324,43 @@ def fly(
 ) -> None:
     """Move all other bodies by Box2D's integration without contacts, in its order of operations; then set headings."""
     dt, parts = ONE / rate, np.float32(substeps)
-    linear_scale = min(max(ONE - dt * linear_damping, ZERO), ONE)
-    angular_scale = min(max(ONE - dt * angular_damping, ZERO), ONE)
+    linear_scale, angular_scale = kept(dt, linear_damping), kept(dt, angular_damping)
     for b in range(solids.size):
         pending = alive_bits(entities, solids, b) & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
             if not solid.may_collide[e]:
+                linear, angular = linear_scale, angular_scale
+                if materials is not None and made is not None and made[e] >= 0:
+                    linear = kept(dt, own(materials.linear_damping[e], np.float32(linear_damping)))
+                    angular = kept(dt, own(materials.angular_damping[e], np.float32(angular_damping)))
                 inverse_mass, inverse_inertia = inverse(solid.mass[e]), inverse(solid.inertia[e])
                 for _ in range(substeps):
-                    integrate(body, push, inverse_mass, inverse_inertia, e, dt, linear_scale, angular_scale, parts)
-            place, speed = abs(body.x[e]) + abs(body.y[e]), abs(body.vx[e]) + abs(body.vy[e])
-            if not place + speed + abs(body.angle[e]) + abs(body.omega[e]) < USUAL:
-                fault.physics[0] |= not contain(body, e)
-            body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
+                    integrate(body, push, inverse_mass, inverse_inertia, e, dt, linear, angular, parts)
+            finish(body, fault, e)
+    if driven is not None:
+        for e in driven:
+            if entities.alive[e] and not solid.dynamic[e]:
+                if not solid.may_collide[e]:
+                    for _ in range(substeps):
+                        integrate(body, push, ZERO, ZERO, e, dt, ONE, ONE, parts)
+                finish(body, fault, e)
+
+
+@kernel
+def kept(dt: Real, damping: Real) -> Real:
+    """Return the share of its speed that a body keeps in a substep."""
+    return min(max(ONE - dt * damping, ZERO), ONE)
+
+
+@kernel
+def finish(body: Array, fault: Array, e: int) -> None:
+    """Keep a body that has moved where physics can take it, and set its heading."""
+    place, speed = abs(body.x[e]) + abs(body.y[e]), abs(body.vx[e]) + abs(body.vy[e])
+    if not place + speed + abs(body.angle[e]) + abs(body.omega[e]) < USUAL:
+        fault.physics[0] |= not contain(body, e)
+    body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
 
 
 @kernel

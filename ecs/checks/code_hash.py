@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..declarations.access import Parameter
 from ..declarations.component import Component
 from ..declarations.declared import declare
 from ..declarations.fields import Field
@@ -65,7 +66,7 @@ def _describe_module(module: Module) -> Iterator[str]:
     functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
     for system in sorted(module.systems(), key=lambda system: system.label):
         yield _describe_declaration(system)
-        components.update(component for parameter in system.parameters for component in parameter.components)
+        components.update(component for parameter in _described(system) for component in parameter.components)
         functions += [system.function] if system.outside else []
     for component in sorted(components, key=full_name):
         yield _describe_component(component)
@@ -93,11 +94,19 @@ def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
     return [each if isinstance(each, str) else (each.name, each.size, each.order) for each in fields]
 
 
+def _described(system: System) -> list[Parameter]:
+    """Its parameters; without optional ones of outlast's own, as games that lack these components are as before."""
+    return [each for each in system.parameters if system.outside or not each.optional]
+
+
 def _describe_declaration(system: System) -> str:
     def names(neighbours: tuple[Neighbour, ...]) -> list[str]:
         return [each if isinstance(each, str) else full_name(each) for each in neighbours]
 
-    parameters = [(p.name, p.kind, [full_name(c) for c in p.components], p.type.__name__) for p in system.parameters]
+    parameters = [
+        (p.name, p.kind, [full_name(c) for c in p.components], p.type.__name__, *(["optional"] if p.optional else []))
+        for p in _described(system)
+    ]
     return (
         f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
         + (f" {names(system.needs)}" if system.needs else "")

@@ -232,6 +232,8 @@ class Generator:
 
     def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:
+            case "none":
+                return "None"
             case "read":
                 return self._table(parameter.components[0], "r")
             case "write" | "add":

@@ -19,13 +19,16 @@ Offset          the first column of an observation's field, which the parameter'
                 the system touches only these fields; systems that touch different fields may run in any order
 int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: float
 tuple[float..]  the same for several numbers, as a read-only float32 array
+... | None      one of the first six, or None in a scenario that lacks the component. What `if table is not None:`
+                guards is then no part of the machine code, so what a scenario does without costs it nothing
 =============== =====================================================================================
 """
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, replace
+from types import NoneType, UnionType
+from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, Union, get_args, get_origin, get_type_hints
 
 from ..kernels.errors import DeclarationError
 from .component import Clock, Component, Singleton
@@ -68,12 +71,17 @@ SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_ind
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system. `kind`: an annotation of the table above in snake case, "number" or "numbers"."""
+    """One parameter of a system.
+
+    `kind`: an annotation of the table above in snake case, "number" or "numbers"; "none" for an optional one that a
+    scenario lacks.
+    """
 
     name: str
     kind: str
     components: tuple[type[Component], ...] = ()
     type: type = object  # the type of a number: int, float, bool or tuple
+    optional: bool = False  # whether the kernel takes None where the scenario lacks the component
 
 
 def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
@@ -101,6 +109,11 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
 
 
 def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
+    if get_origin(hint) in (Union, UnionType) and NoneType in get_args(hint):
+        inner = next(each for each in get_args(hint) if each is not NoneType)
+        found = _parameter(function, name, inner)
+        if len(get_args(hint)) == 2 and found.components:
+            return replace(found, optional=True)
     if get_origin(hint) is Annotated:
         inner, kind = get_args(hint)[:2]
         if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
@@ -144,5 +157,5 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
         "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
-        "DamageType, Offset, int, float, bool, tuple"
+        "DamageType, Offset, int, float, bool, tuple, and one that names components or None, as in Read[C] | None"
     )

@@ -42,6 +42,14 @@ class System:
         """Whether its function is from outside this package: part of a user's mechanic."""
         return is_outside(self.function)
 
+    def among(self, brings: Callable[[Parameter], bool]) -> "System":
+        """The same system in a scenario: `brings` says what a parameter finds there. Optional ones get None instead."""
+        lacking = {each for each in self.parameters if each.optional and not brings(each)}
+        if not lacking:
+            return self
+        own = (Parameter(each.name, "none") if each in lacking else each for each in self.parameters)
+        return dataclasses.replace(self, parameters=tuple(own))
+
     def touches(self, component: type[Component], *kinds: str) -> bool:
         """Whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
         return any(component in p.components and p.kind in kinds for p in self.parameters)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..declarations.access import SELECTIONS, Parameter
 from ..declarations.archetype import merge
 from ..declarations.component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from ..declarations.declared import declare
@@ -255,7 +256,13 @@ class MemoryLayout:
             more = [system for system in module.systems() if system.label not in known]
             known |= {system.label for system in more}
             found += more
-        return tuple(found)
+        return tuple(system.among(self.brings) for system in found)
+
+    def brings(self, parameter: Parameter) -> bool:
+        """Return whether these worlds have the components that a parameter names, and rows if it selects any."""
+        if parameter.kind in SELECTIONS.values():
+            return len(self.rows(*parameter.components)) > 0
+        return {*parameter.components} <= {*self.components}
 
     def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, fewer: bool = False) -> "MemoryLayout":
         """Return the layout of the same worlds with other numbers.

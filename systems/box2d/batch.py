@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from outlast.ecs.kernels.errors import OutlastError
 
 ContactBatch = NDArray[np.float32]
+Traits = NDArray[np.float32] | None
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
@@ -19,12 +20,20 @@ VX, VY = 3, 4  # metres per second; read and written
 OMEGA = 5  # radians per second; read and written
 RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle
 HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle
-DYNAMIC = 9  # 1 moves, 0 stays where it is
+DYNAMIC = 9  # MOVED: can be pushed; DRIVEN: keeps its velocity, whatever it touches; 0: stays where it is
 MASS, INERTIA = 10, 11  # kilograms, kilogram square metres about the centre; above 0 if dynamic, else 0
 MAX_TRAVEL = 12  # metres that a dynamic body may be from its start after any substep; beyond, the call is abandoned
 JX, JY = 13, 14  # newton seconds, at the centre, at the start of EVERY substep; both 0 for none
 JTURN = 15  # newton metre seconds, likewise
 COLUMNS = 16
+MOVED, DRIVEN = 1, 2
+
+# Traits, for games in which bodies differ: a second float32 array (capacity, 7), with a row for each body
+FRICTION, RESTITUTION = 0, 1
+LINEAR_DAMPING, ANGULAR_DAMPING = 2, 3  # per second
+LAYER, HITS = 4, 5  # bit masks below 65,536: two bodies touch if the layer of each is among what the other hits
+SENSOR = 6  # 1: touches, but neither pushes nor stops anything
+TRAITS = 7
 
 SOLVED = 0  # the batch holds the state after the tick
 ABANDONED = 1  # a body went further than its MAX_TRAVEL; the batch is untouched
@@ -34,6 +43,7 @@ LIMITS = np.full(COLUMNS, 1e6, np.float32)  # the largest numbers; of still larg
 LIMITS[[VX, VY, OMEGA]] = 1e15, 1e15, 1e19
 LIMITS[[MASS, INERTIA]] = 1e17, 1e26
 LIMITS[MAX_TRAVEL] = np.inf
+TRAIT_LIMITS = np.array([1e5, 1e5, 1e5, 1e5, 0xFFFF, 0xFFFF, 1], np.float32)  # the largest; the least are 0
 LONGEST = np.float32(2)  # metres: how far Box2D lets a body fly in a substep (b2_maxTranslation)
 SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it
 

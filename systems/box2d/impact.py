@@ -23,6 +23,7 @@ def may_hit(workspace: int) -> bool:
             box, circle = at.load_i8(first + at.FIXTURE_SHAPE), at.load_i8(second + at.FIXTURE_SHAPE)
             usual = at.load_i4(b + at.BODY_TYPE) == at.MOVING and at.load_i4(circle + at.SHAPE_TYPE) == at.CIRCLE
             usual = usual and at.load_i4(box + at.SHAPE_TYPE) == at.POLYGON
+            usual = usual and at.load_i4(a + at.BODY_TYPE) == at.STATIC
             if not usual or not _passes(a, b, box, at.load_f4(circle + at.CIRCLE_RADIUS)):
                 return True  # unusual: a moving box, or a static circle
         contact = at.load_i8(contact + at.CONTACT_NEXT)

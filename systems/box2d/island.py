@@ -10,7 +10,7 @@ import numpy as np
 from outlast.ecs.kernels.jit import noinline_kernel
 
 from . import layout as at
-from .batch import Settings
+from .batch import Settings, Traits
 from .workspace import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
 
 _MAX_TURN = np.float32(0.5 * 3.14159265359)  # b2_maxRotation
@@ -19,19 +19,19 @@ _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float
 
 
 @noinline_kernel
-def solve_islands(workspace: int, settings: Settings) -> None:
-    """Advance every dynamic body by one substep; new contacts are found at the end."""
+def solve_islands(workspace: int, settings: Settings, traits: Traits) -> None:
+    """Advance every body that moves by one substep; new contacts are found at the end."""
     _clear_flags(workspace)
     seed = at.load_i8(workspace + at.WORLD_BODIES)
     while seed:
-        moving = at.load_i4(seed + at.BODY_TYPE) == at.MOVING
+        moving = at.load_i4(seed + at.BODY_TYPE) != at.STATIC
         if moving and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
-            bodies, contacts = _gather(workspace, seed)
-            _solve_island(workspace, settings, bodies, contacts)
+            bodies, contacts = _gather(workspace, seed, traits)
+            _solve_island(workspace, settings, bodies, contacts, traits)
         seed = at.load_i8(seed + at.BODY_NEXT)
     body = at.load_i8(workspace + at.WORLD_BODIES)
     while body:
-        if at.load_i4(body + at.BODY_TYPE) == at.MOVING:
+        if at.load_i4(body + at.BODY_TYPE) != at.STATIC:
             at.synchronize_fixtures(body)
         body = at.load_i8(body + at.BODY_NEXT)
     at.find_new_contacts(workspace + at.WORLD_MANAGER)
@@ -50,7 +50,7 @@ def _clear_flags(workspace: int) -> None:
 
 
 @noinline_kernel
-def _gather(workspace: int, seed: int) -> tuple[int, int]:
+def _gather(workspace: int, seed: int, traits: Traits) -> tuple[int, int]:
     """Collect what touches `seed`, depth first as Box2D does, but not beyond static bodies.
 
     Returns:
@@ -71,6 +71,8 @@ def _gather(workspace: int, seed: int) -> tuple[int, int]:
         while edge:
             contact = at.load_i8(edge + at.EDGE_CONTACT)
             flags = at.load_i4(contact + at.CONTACT_FLAGS)
+            if traits is not None and _is_sensor(contact):
+                flags = 0
             if flags & (at.SOLID | at.IN_ISLAND) == at.SOLID:
                 at.store_i4(contact + at.CONTACT_FLAGS, flags | at.IN_ISLAND)
                 at.store_i8(workspace + CONTACTS + 8 * contacts, contact)
@@ -85,11 +87,27 @@ def _gather(workspace: int, seed: int) -> tuple[int, int]:
 
 
 @noinline_kernel
-def _solve_island(workspace: int, settings: Settings, bodies: int, contacts: int) -> None:
-    linear = max(_ZERO, min(_ONE - settings.dt * settings.linear_damping, _ONE))
-    angular = max(_ZERO, min(_ONE - settings.dt * settings.angular_damping, _ONE))
+def _is_sensor(contact: int) -> int:
+    """Whether one of the two that touch pushes nothing."""
+    a, b = at.load_i8(contact + at.CONTACT_FIXTURE_A), at.load_i8(contact + at.CONTACT_FIXTURE_B)
+    return int(at.load_u1(a + at.FIXTURE_SENSOR) | at.load_u1(b + at.FIXTURE_SENSOR))
+
+
+@noinline_kernel
+def _damping(dt: np.float32, rate: np.float32) -> np.float32:
+    """The share of its speed that a body keeps in a substep."""
+    return max(_ZERO, min(_ONE - dt * rate, _ONE))
+
+
+@noinline_kernel
+def _solve_island(workspace: int, settings: Settings, bodies: int, contacts: int, traits: Traits) -> None:
+    linear = _damping(settings.dt, settings.linear_damping)
+    angular = _damping(settings.dt, settings.angular_damping)
     for k in range(bodies):
         body = at.load_i8(workspace + GROUP + 8 * k)
+        if traits is not None:
+            linear = _damping(settings.dt, at.load_f4(body + at.BODY_LINEAR_DAMPING))
+            angular = _damping(settings.dt, at.load_f4(body + at.BODY_ANGULAR_DAMPING))
         _load(body, workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k, linear, angular)
     solver = workspace + SOLVER
     if contacts:

@@ -14,7 +14,8 @@ FILE: Final[str] = Box2D._Box2D.__file__
 with contextlib.suppress(OSError):  # then its symbols are missing, which `verify` reports
     load_library(FILE)  # at import, so that kernels from the disk cache find the symbols, too
 
-load_f4, load_i4, load_i8, load_u2 = loader("float32"), loader("int32"), loader("intp"), loader("uint16")
+load_f4, load_i4, load_i8 = loader("float32"), loader("int32"), loader("intp")
+load_u1, load_u2 = loader("uint8"), loader("uint16")
 store_f4, store_i4, store_i8 = storer("float32"), storer("int32"), storer("intp")
 store_u1, store_u2 = storer("uint8"), storer("uint16")
 
@@ -38,13 +39,15 @@ BODY_TYPE, BODY_FLAGS, BODY_INDEX, BODY_POSITION, BODY_SIN, BODY_COS = 0x00, 0x0
 BODY_LOCAL, BODY_CENTER0, BODY_CENTER, BODY_ANGLE0, BODY_ANGLE = 0x1C, 0x24, 0x2C, 0x34, 0x38
 BODY_VELOCITY, BODY_OMEGA, BODY_WORLD, BODY_NEXT = 0x40, 0x48, 0x58, 0x68
 BODY_FIXTURES, BODY_FIXTURE_COUNT, BODY_EDGES = 0x70, 0x78, 0x88
-BODY_INVERSE_MASS, BODY_INVERSE_INERTIA, BODY_SIZE = 0x94, 0x9C, 0xB8
-STATIC, MOVING = 0, 2  # b2BodyType
+BODY_INVERSE_MASS, BODY_INVERSE_INERTIA = 0x94, 0x9C
+BODY_LINEAR_DAMPING, BODY_ANGULAR_DAMPING, BODY_SIZE = 0xA0, 0xA4, 0xB8
+STATIC, KINEMATIC, MOVING = 0, 1, 2  # b2BodyType
 IN_ISLAND = 1  # bit of the flags of bodies and contacts
 # b2Fixture
 FIXTURE_BODY, FIXTURE_SHAPE = 0x10, 0x18
 FIXTURE_FRICTION, FIXTURE_RESTITUTION = 0x20, 0x24
 FIXTURE_PROXIES, FIXTURE_PROXY_COUNT, FIXTURE_SIZE = 0x28, 0x30, 0x48
+FIXTURE_LAYER, FIXTURE_HITS, FIXTURE_SENSOR = 0x34, 0x36, 0x3A  # 16 bits each, and a byte
 PROXY_SIZE: Final = 0x20  # b2FixtureProxy
 # b2CircleShape, b2PolygonShape
 SHAPE_TYPE, CIRCLE_RADIUS, CIRCLE_SIZE = 0x08, 0x0C, 0x18

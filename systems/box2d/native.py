@@ -12,35 +12,47 @@ from . import layout as at
 from .batch import (
     ABANDONED,
     ANGLE,
+    ANGULAR_DAMPING,
     CAPACITY,
     COLUMNS,
+    DRIVEN,
     DYNAMIC,
+    FRICTION,
     HALF_HEIGHT,
     HALF_WIDTH,
+    HITS,
     INERTIA,
     INVALID,
     JTURN,
     JX,
     JY,
+    LAYER,
     LIMITS,
+    LINEAR_DAMPING,
     MASS,
     MAX_TRAVEL,
+    MOVED,
     OMEGA,
     RADIUS,
+    RESTITUTION,
+    SENSOR,
     SMALLEST,
     SOLVED,
+    TRAIT_LIMITS,
+    TRAITS,
     VX,
     VY,
     ContactBatch,
     IncompatibleBox2D,
     Settings,
+    Traits,
     X,
     Y,
 )
 from .impact import may_hit
 from .island import solve_islands
 from .verify import verify
-from .workspace import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_workspace
+from .workspace import BODY_DEF, BOX, DISC, FILTER, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_workspace
 
 __all__ = ["CAPACITY", "available", "make_workspace", "solve", "verify"]
 
@@ -57,8 +69,12 @@ def available() -> bool:
 
 
 @noinline_kernel
-def solve(workspace: NDArray[np.uint8], settings: Settings, batch: ContactBatch, count: int) -> int:
-    """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of the dynamic ones.
+def solve(
+    workspace: NDArray[np.uint8], settings: Settings, batch: ContactBatch, count: int, traits: Traits = None
+) -> int:
+    """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
+
+    traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
@@ -66,19 +82,28 @@ def solve(workspace: NDArray[np.uint8], settings: Settings, batch: ContactBatch,
     base = workspace.ctypes.data
     if not _valid(batch, count):
         return INVALID
+    filtering = base + at.WORLD_MANAGER + at.MANAGER_FILTER
+    if traits is not None:
+        if not _fair(traits, count):
+            return INVALID
+        at.store_i8(filtering, at.load_i8(base + FILTER))
     for k in range(count):
-        _build(base, settings, batch, k)
+        _build(base, settings, batch, k, traits)
     at.store_i4(base + at.WORLD_BODY_COUNT, count)
     at.find_new_contacts(base + at.WORLD_MANAGER)
     result = SOLVED
     for substep in range(settings.substeps):
-        _step(base, settings, batch, count, substep)
+        _step(base, settings, batch, count, substep, traits)
         result = _check_travel(base, batch, count)
         if result != SOLVED:
             break
     if result == SOLVED:
         _read(base, batch, count)
     _reset(base, count)
+    if traits is not None:
+        at.store_i8(filtering, 0)
+        for k in range(count):
+            at.store_u1(base + SLOTS + SLOT * k + FIXTURE + at.FIXTURE_SENSOR, np.uint8(0))
     return result
 
 
@@ -93,34 +118,54 @@ def _valid(batch: ContactBatch, count: int) -> bool:
             valid &= abs(batch[k, column]) <= LIMITS[column]
         box = batch[k, HALF_WIDTH] > SMALLEST and batch[k, HALF_HEIGHT] > SMALLEST
         valid &= batch[k, RADIUS] > SMALLEST or (batch[k, RADIUS] == 0 and box)
-        valid &= batch[k, DYNAMIC] == 0 or (batch[k, MASS] > 0 and batch[k, INERTIA] > 0)
+        valid &= batch[k, DYNAMIC] != MOVED or (batch[k, MASS] > 0 and batch[k, INERTIA] > 0)
     return valid
 
 
 @noinline_kernel
-def _build(base: int, settings: Settings, batch: ContactBatch, k: int) -> None:
+def _fair(traits: NDArray[np.float32], count: int) -> bool:
+    """Whether all traits are in bounds, and none is NaN."""
+    valid = True
+    for k in range(count):
+        for column in range(TRAITS):
+            valid &= traits[k, column] >= 0 and traits[k, column] <= TRAIT_LIMITS[column]
+    return valid
+
+
+@noinline_kernel
+def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: Traits) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
-    at.store_i4(definition + at.DEF_TYPE, at.MOVING if batch[k, DYNAMIC] != 0 else at.STATIC)
+    kind = at.MOVING if batch[k, DYNAMIC] == MOVED else at.KINEMATIC if batch[k, DYNAMIC] == DRIVEN else at.STATIC
+    at.store_i4(definition + at.DEF_TYPE, kind)
     at.store_f4(definition + at.DEF_POSITION, batch[k, X])
     at.store_f4(definition + at.DEF_POSITION + 4, batch[k, Y])
     at.store_f4(definition + at.DEF_ANGLE, batch[k, ANGLE])
     at.store_f4(definition + at.DEF_VELOCITY, batch[k, VX])
     at.store_f4(definition + at.DEF_VELOCITY + 4, batch[k, VY])
     at.store_f4(definition + at.DEF_OMEGA, batch[k, OMEGA])
-    at.store_f4(definition + at.DEF_LINEAR_DAMPING, settings.linear_damping)
-    at.store_f4(definition + at.DEF_ANGULAR_DAMPING, settings.angular_damping)
-    at.construct_body(body, definition, base)
     fixture = body + FIXTURE
-    at.store_f4(fixture + at.FIXTURE_FRICTION, settings.friction)
-    at.store_f4(fixture + at.FIXTURE_RESTITUTION, settings.restitution)
+    if traits is None:
+        at.store_f4(definition + at.DEF_LINEAR_DAMPING, settings.linear_damping)
+        at.store_f4(definition + at.DEF_ANGULAR_DAMPING, settings.angular_damping)
+        at.store_f4(fixture + at.FIXTURE_FRICTION, settings.friction)
+        at.store_f4(fixture + at.FIXTURE_RESTITUTION, settings.restitution)
+    else:
+        at.store_f4(definition + at.DEF_LINEAR_DAMPING, traits[k, LINEAR_DAMPING])
+        at.store_f4(definition + at.DEF_ANGULAR_DAMPING, traits[k, ANGULAR_DAMPING])
+        at.store_f4(fixture + at.FIXTURE_FRICTION, traits[k, FRICTION])
+        at.store_f4(fixture + at.FIXTURE_RESTITUTION, traits[k, RESTITUTION])
+        at.store_u2(fixture + at.FIXTURE_LAYER, np.uint16(traits[k, LAYER]))
+        at.store_u2(fixture + at.FIXTURE_HITS, np.uint16(traits[k, HITS]))
+        at.store_u1(fixture + at.FIXTURE_SENSOR, np.uint8(traits[k, SENSOR]))
+    at.construct_body(body, definition, base)
     at.store_i4(fixture + at.FIXTURE_PROXY_COUNT, 0)
     at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, batch, k))
     at.create_proxies(fixture, base + at.WORLD_MANAGER, body + at.BODY_POSITION)
     at.store_i8(body + at.BODY_FIXTURES, fixture)
     at.store_i4(body + at.BODY_FIXTURE_COUNT, 1)
     at.reset_mass(body)
-    if batch[k, DYNAMIC] != 0:
+    if batch[k, DYNAMIC] == MOVED:
         at.store_f4(body + at.BODY_INVERSE_MASS, _ONE / batch[k, MASS])
         at.store_f4(body + at.BODY_INVERSE_INERTIA, _ONE / batch[k, INERTIA])
     at.store_i8(body + at.BODY_NEXT, at.load_i8(base + at.WORLD_BODIES))
@@ -147,10 +192,10 @@ def _shape(body: int, batch: ContactBatch, k: int) -> int:
 
 
 @noinline_kernel
-def _step(base: int, settings: Settings, batch: ContactBatch, count: int, substep: int) -> None:
+def _step(base: int, settings: Settings, batch: ContactBatch, count: int, substep: int, traits: Traits) -> None:
     """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
-        if batch[k, DYNAMIC] != 0:
+        if batch[k, DYNAMIC] == MOVED:
             _push(base + SLOTS + SLOT * k, batch, k)
     inverse = _ONE / settings.dt
     for step in (base + STEP, base + SOLVER_DEF):
@@ -161,7 +206,7 @@ def _step(base: int, settings: Settings, batch: ContactBatch, count: int, subste
         at.store_i4(step + at.STEP_POSITION, settings.position_iterations)
         at.store_u1(step + at.STEP_WARM, 1)
     at.collide(base + at.WORLD_MANAGER)
-    solve_islands(base, settings)
+    solve_islands(base, settings, traits)
     if settings.continuous and may_hit(base):
         at.solve_impacts(base, base + STEP)
 
@@ -183,7 +228,7 @@ def _check_travel(base: int, batch: ContactBatch, count: int) -> int:
     for k in range(count):
         position = base + SLOTS + SLOT * k + at.BODY_POSITION
         x, y = at.load_f4(position) - batch[k, X], at.load_f4(position + 4) - batch[k, Y]
-        if batch[k, DYNAMIC] != 0 and x * x + y * y > batch[k, MAX_TRAVEL] * batch[k, MAX_TRAVEL]:
+        if batch[k, DYNAMIC] == MOVED and x * x + y * y > batch[k, MAX_TRAVEL] * batch[k, MAX_TRAVEL]:
             return ABANDONED
     return SOLVED
 

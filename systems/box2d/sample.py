@@ -53,12 +53,16 @@ class Sample:
 
     def __init__(self) -> None:
         self.world = Box2D.b2World(gravity=(0, 0), continuousPhysics=False)
-        self.floor = self.world.CreateStaticBody(position=(0, -1), shapes=Box2D.b2PolygonShape(box=(9, 1)))
+        self.floor = self.world.CreateStaticBody(
+            position=(0, -1), shapes=Box2D.b2PolygonShape(box=(9, 1)), linearDamping=0.2, angularDamping=0.7
+        )
         self.disc = self.world.CreateDynamicBody(
             position=(1, 0.4), angle=0.5, linearVelocity=(0.1, -3), angularVelocity=2
         )
         shape = Box2D.b2CircleShape(radius=0.5, pos=(0.1, 0.05))
-        self.disc.CreateFixture(shape=shape, density=2, friction=0.3, restitution=0.1, userData=self)
+        self.disc.CreateFixture(
+            shape=shape, density=2, friction=0.3, restitution=0.1, userData=self, categoryBits=3, maskBits=5
+        )
         spares = [self.world.CreateStaticBody(position=(20, y), shapes=Box2D.b2CircleShape()) for y in range(3)]
         self.crate = self.world.CreateDynamicBody(position=(-3, 0.19), linearVelocity=(1, -4))
         self.crate.CreateFixture(shape=Box2D.b2PolygonShape(box=(0.75, 0.2)), density=1)
@@ -67,3 +71,4 @@ class Sample:
         self.start = (*self.disc.worldCenter, self.disc.angle)
         self.moved = read(int(self.world.contactManager.this), "MOVE_COUNT", ctypes.c_int32)
         self.world.Step(1 / 60, 10, 10)
+        self.disc.fixtures[0].sensor = True

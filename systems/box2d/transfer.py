@@ -1,8 +1,11 @@
 """Gather the marked bodies of a world into a contact batch, and scatter their new state back."""
 
+from typing import Any
+
 import numpy as np
 
-from outlast.ecs import Array, kernel
+from outlast.components.contact import ALL
+from outlast.ecs import Array, Real, kernel
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
 from ..geometry.aabb import compute_aabbs
@@ -10,20 +13,29 @@ from ..geometry.blocks import alive_bits, first_row
 from ..geometry.broad_phase import clearance
 from .batch import (
     ANGLE,
+    ANGULAR_DAMPING,
+    DRIVEN,
     DYNAMIC,
+    FRICTION,
     HALF_HEIGHT,
     HALF_WIDTH,
+    HITS,
     INERTIA,
     JTURN,
     JX,
     JY,
+    LAYER,
+    LINEAR_DAMPING,
     LONGEST,
     MASS,
     MAX_TRAVEL,
     OMEGA,
     RADIUS,
+    RESTITUTION,
+    SENSOR,
     VX,
     VY,
+    Settings,
     X,
     Y,
 )
@@ -47,6 +59,7 @@ def gather(
     solid: Array,
     entities: Array,
     solids: Array,
+    driven: Any,
     substeps: int,
 ) -> int:
     """Write the marked bodies into `batch` in order of rows; returns how many."""
@@ -66,6 +79,8 @@ def gather(
             batch[count, RADIUS] = shape.radius[e]
             batch[count, HALF_WIDTH], batch[count, HALF_HEIGHT] = shape.half_width[e], shape.half_height[e]
             batch[count, DYNAMIC] = solid.dynamic[e]
+            if driven is not None and driven[e] >= 0 and not solid.dynamic[e]:
+                batch[count, DYNAMIC] = DRIVEN
             batch[count, JX], batch[count, JY] = push.x[e] / substeps, push.y[e] / substeps
             batch[count, JTURN] = push.turn[e] / substeps
             batch[count, MASS], batch[count, INERTIA], batch[count, MAX_TRAVEL] = ZERO, ZERO, ZERO
@@ -78,14 +93,53 @@ def gather(
 
 @kernel
 def scatter(batch: Array, body: Array, solid: Array, entities: Array, solids: Array) -> None:
-    """Read the marked dynamic bodies back from `batch`."""
+    """Read the marked bodies that move back from `batch`."""
     k = 0
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            if solid.dynamic[e]:
+            if batch[k, DYNAMIC] != ZERO:
                 body.x[e], body.y[e], body.angle[e] = batch[k, X], batch[k, Y], batch[k, ANGLE]
                 body.vx[e], body.vy[e], body.omega[e] = batch[k, VX], batch[k, VY], batch[k, OMEGA]
             k += 1
+
+
+@kernel
+def describe(
+    traits: Array,
+    settings: Settings,
+    solid: Array,
+    entities: Array,
+    solids: Array,
+    filters: Any,
+    filtered: Any,
+    materials: Any,
+    made: Any,
+) -> None:
+    """Write the traits of the marked bodies in order of rows; filtered, made: which rows have these components."""
+    k = 0
+    for b in range(solids.size):
+        pending = marked(solid, entities, solids, b)
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            traits[k, FRICTION], traits[k, RESTITUTION] = settings.friction, settings.restitution
+            traits[k, LINEAR_DAMPING], traits[k, ANGULAR_DAMPING] = settings.linear_damping, settings.angular_damping
+            traits[k, LAYER], traits[k, HITS], traits[k, SENSOR] = 1, ALL, 0
+            if materials is not None and made[e] >= 0:
+                traits[k, FRICTION] = own(materials.friction[e], settings.friction)
+                traits[k, RESTITUTION] = own(materials.restitution[e], settings.restitution)
+                traits[k, LINEAR_DAMPING] = own(materials.linear_damping[e], settings.linear_damping)
+                traits[k, ANGULAR_DAMPING] = own(materials.angular_damping[e], settings.angular_damping)
+            if filters is not None and filtered[e] >= 0:
+                traits[k, LAYER], traits[k, HITS] = filters.layer[e], filters.hits[e]
+                traits[k, SENSOR] = filters.sensor[e]
+            k += 1
+
+
+@kernel
+def own(value: Real, usual: Real) -> Real:
+    """Return a body's own number, or the usual one if that is below 0. NaN stays, and is refused by Box2D's batch."""
+    return usual if value < ZERO else value

@@ -75,6 +75,7 @@ def _body(sample: Sample) -> Iterator[Check]:
     yield from floats(disc, BODY_SIN=(disc.transform.q.s,), BODY_COS=(disc.transform.q.c,))
     yield from floats(disc, BODY_VELOCITY=disc.linearVelocity, BODY_OMEGA=(disc.angularVelocity,))
     yield from floats(disc, BODY_INVERSE_MASS=(float(1 / np.float32(disc.mass)),))
+    yield from floats(sample.floor, BODY_LINEAR_DAMPING=(0.2,), BODY_ANGULAR_DAMPING=(0.7,))
     inertia = disc.inertia - disc.mass * disc.localCenter.lengthSquared
     found = read(int(disc.this), "BODY_INVERSE_INERTIA")
     yield "BODY_INVERSE_INERTIA", math.isclose(found, 1 / inertia, rel_tol=1e-4), True
@@ -98,6 +99,9 @@ def _links(sample: Sample) -> Iterator[Check]:
 def _fixture(sample: Sample) -> Iterator[Check]:
     fixture, box = sample.disc.fixtures[0], sample.crate.fixtures[0].shape
     yield from floats(fixture, FIXTURE_FRICTION=(0.3,), FIXTURE_RESTITUTION=(0.1,))
+    yield "FIXTURE_LAYER", read(int(fixture.this), "FIXTURE_LAYER", ctypes.c_uint16), 3
+    yield "FIXTURE_HITS", read(int(fixture.this), "FIXTURE_HITS", ctypes.c_uint16), 5
+    yield "FIXTURE_SENSOR", read(int(fixture.this), "FIXTURE_SENSOR", ctypes.c_uint8), 1
     yield pointer(fixture, "FIXTURE_BODY", sample.disc)
     yield pointer(fixture, "FIXTURE_SHAPE", fixture.shape)
     yield integer(fixture, "FIXTURE_PROXY_COUNT", 1)

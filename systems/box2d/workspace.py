@@ -17,6 +17,7 @@ _PAIRS = CAPACITY * (CAPACITY - 1) // 2
 STEP = 103_424  # b2TimeStep
 SOLVER_DEF = STEP + 64  # b2ContactSolverDef
 SOLVER = SOLVER_DEF + 64  # b2ContactSolver
+FILTER = SOLVER + 120  # the address of Box2D's own b2ContactFilter
 BODY_DEF = SOLVER + 128  # b2BodyDef
 GROUP = BODY_DEF + 64  # the bodies of the island being solved
 STACK = GROUP + 8 * CAPACITY  # bodies whose contacts are still to be followed
@@ -86,6 +87,7 @@ def _copy(memory: NDArray[np.uint8], offset: int, item: Any, size: int) -> None:
 
 def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
     words = workspace.view(np.int64)
+    words[FILTER // 8] = words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8]  # used for bodies with traits
     words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8] = 0  # none: every pair may touch
     words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8] = 0
     words[(SOLVER_DEF + at.SOLVER_CONTACTS) // 8] = base + CONTACTS

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.components.contact import pushes
 from outlast.ecs import Array, kernel
 
 from .aabb import aabbs_hit_by_ray, aabbs_near_point
@@ -54,9 +55,18 @@ def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
 
 @kernel
 def hold_back(
-    body: Array, before: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, e: int
+    body: Array,
+    before: Array,
+    shape: Array,
+    wall: Array,
+    entities: Array,
+    filters: Any,
+    filtered: Any,
+    walls: Array,
+    span: Any,
+    e: int,
 ) -> None:
-    """Keep body `e` on the side of all walls where it was before it moved.
+    """Keep body `e` on the side of all walls where it was before it moved, except those that its filter passes.
 
     walls: bitset of the rows of walls. span: the blocks of rows in which it is not empty, see `block_span`.
     """
@@ -69,7 +79,7 @@ def hold_back(
             while pending:
                 o = first_row(b, pending)
                 pending &= pending - 1
-                if crossed(body, before, shape, e, o):
+                if pushes(filters, filtered, e, o) and crossed(body, before, shape, e, o):
                     step_back(body, before, shape, e, o)
                     free = False
         if free:

@@ -27,6 +27,7 @@ from outlast.ecs import (
     Offset,
     RangeError,
     Read,
+    RowIndex,
     Rows,
     Signal,
     Singleton,
@@ -34,6 +35,7 @@ from outlast.ecs import (
     Write,
     column,
     exists,
+    kernel,
 )
 from outlast.systems import Motors, Rewards
 from tests.conftest import COMPILED
@@ -123,6 +125,15 @@ def test_what_is_kept_of_actions_replays(mode: str, tmp_path: Path) -> None:
     assert len(list(replay.ticks())) > 14
 
 
+class Rare(Component):
+    worth: Array = column("f4", fill=3)
+
+
+class Brings(Module):
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("agent", (Rare(),))]
+
+
 class Pays(Module):
     def singletons(self) -> list[Singleton]:
         return [Reward()]
@@ -139,6 +150,38 @@ def test_rewards_that_are_added_to_begin_at_0() -> None:
     env.reset()
     paid = [env.step(say_nothing(env))[1].tolist() for _ in range(8)]
     assert paid == [[[1, 2]] * 2] * 5 + [[[0, 0]] * 2] + [[[1, 2]] * 2] * 2
+
+
+class PaysMore(Pays):
+    pass
+
+
+@kernel
+def worth(rare: Any, e: int) -> Any:
+    return 1 if rare is None else rare.worth[e]
+
+
+@PaysMore.system(Phase.REWARD)
+def add_more(
+    reward: Write[Reward],
+    rare: Read[Rare] | None,
+    some: Rows[Rare] | None,
+    of: RowIndex[Rare] | None,
+    agents: Rows[Side],
+) -> None:
+    for i in range(agents.size):
+        reward.reward[i] += worth(rare, agents[i])
+        if of is not None and some is not None:
+            reward.reward[i] += 10 * some.size + 100 * of[agents[i]]
+
+
+@pytest.mark.parametrize("interpret", [(), ("pays_more.add_more",)])
+def test_what_a_game_lacks_is_none(interpret: tuple[str, ...]) -> None:
+    for more, paid in ((), [2, 3]), ((Brings(),), [24, 125]):
+        game = DUEL.without(Rewards).with_(PaysMore(), *more).ordered("pays_more.add", "pays_more.add_more")
+        env = outlast.make_vec(game, 1, seed=0, interpret=interpret)
+        env.reset()
+        assert env.step(say_nothing(env))[1].tolist() == [paid]
 
 
 class LastPaid(Observation):

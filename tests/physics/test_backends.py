@@ -19,7 +19,15 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]
 
-CONSTANTS = {"STATIC", "MOVING", "IN_ISLAND", "CIRCLE", "POLYGON", "SOLID"}  # Box2D's own numbers, not places
+CONSTANTS = {
+    "STATIC",
+    "KINEMATIC",
+    "MOVING",
+    "IN_ISLAND",
+    "CIRCLE",
+    "POLYGON",
+    "SOLID",
+}  # Box2D's own numbers, not places
 UNREAD = {"STEP_INVERSE_DT", "STEP_POSITION"}  # written, but by nothing that is called here ever read
 IN_PLACE = {"WORLD_SIZE", "BODY_SIZE"}  # found out to the next word
 OFFSETS = sorted(name for name, value in vars(layout).items() if name.isupper() and isinstance(value, int))

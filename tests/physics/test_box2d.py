@@ -280,7 +280,7 @@ def deviation(batch: ContactBatch, drive: Callable[[ContactBatch, int], None]) -
     """Metres between 300 ticks of solved batches and of one pybox2d world that is kept; the largest of all."""
     backend = box2d_native if box2d_native.available() else box2d_portable
     world, workspace, largest = Box2D.b2World(gravity=(0, 0)), backend.make_workspace(), 0.0
-    bodies = [box2d_portable._build(world, SETTINGS, row) for row in batch]
+    bodies = [box2d_portable._build(world, row, box2d_portable._usual(SETTINGS)) for row in batch]
     for tick in range(300):
         drive(batch, tick)
         for _ in range(SETTINGS.substeps):

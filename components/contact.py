@@ -1,0 +1,81 @@
+"""What touches what, and how: components that a solid may have. A game without them pays nothing for them."""
+
+from typing import Any
+
+from outlast.ecs import Array, Component, column, kernel
+
+from .body import Solid
+
+ALL = 0xFFFF  # a mask of all sixteen layers
+
+
+class Filter(Component):
+    """Which solids a solid touches: two touch if the layer of each is among what the other hits.
+
+    A solid without this component is in layer 1 and hits all. What a solid does not hit, it passes through, but nothing
+    leaves the room. One in layer 0, or that hits 0, touches nothing.
+    """
+
+    requires = (Solid,)
+    layer: Array = column("u2", fill=1)  # bit mask of its layers
+    hits: Array = column("u2", fill=ALL)  # bit mask of the layers that it hits
+    sensor: Array = column("u1", high=1)  # 1: it touches without pushing: what overlaps it passes through
+
+
+class Material(Component):
+    """How a solid rubs, bounces and slows down. -1, and for a solid without this component: as numbers of physics say.
+
+    Of two that touch, the friction is the geometric mean, and the restitution the larger one.
+    """
+
+    requires = (Solid,)
+    friction: Array = column("f4", fill=-1)  # coefficient
+    restitution: Array = column("f4", fill=-1)  # 0: it stops, 1: it bounces off as fast as it came
+    linear_damping: Array = column("f4", fill=-1)  # per second
+    angular_damping: Array = column("f4", fill=-1)  # per second
+
+
+class Driven(Component):
+    """A static solid that moves at the velocity of its body, whatever it touches: a door, a moving wall.
+
+    It pushes what is dynamic, and is never pushed. It passes through static solids, and may leave the room.
+    """
+
+    requires = (Solid,)
+
+
+@kernel
+def hits(filters: Any, filtered: Any, e: int, o: int) -> bool:
+    """Return whether solid `o` is in a layer that solid `e` hits. See `pushes`."""
+    mask = int(filters.hits[e]) if filtered[e] >= 0 else ALL
+    return (mask & (int(filters.layer[o]) if filtered[o] >= 0 else 1)) != 0
+
+
+@kernel
+def pushes(filters: Any, filtered: Any, e: int, o: int) -> bool:
+    """Return whether two solids would push each other if they touched.
+
+    Args:
+        filters: The table `Read[Filter] | None`.
+        filtered: `RowIndex[Filter] | None`.
+        e: The row of a solid.
+        o: The row of another solid.
+    """
+    if filters is None:
+        return True
+    if filters.sensor[e] or filters.sensor[o]:
+        return False
+    return hits(filters, filtered, e, o) and hits(filters, filtered, o, e)
+
+
+@kernel
+def fix(solid: Any, body: Any, e: int) -> None:
+    """Make solid `e` static from now on: nothing moves it until `free` does."""
+    solid.dynamic[e] = 0
+    body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
+
+
+@kernel
+def free(solid: Any, e: int) -> None:
+    """Make solid `e` dynamic from now on: what touches it can push it."""
+    solid.dynamic[e] = 1

@@ -1,0 +1,60 @@
+"""Tests of the small examples of physics. Run them: python -m pytest docs/examples/test_physics_examples.py."""
+
+import numpy as np
+import pytest
+from bouncing_ball import BOUNCING_BALL
+from one_way_door import ONE_WAY_DOOR
+from ramp import RAMP
+
+import outlast
+from outlast.components import Body
+
+STAY, AHEAD, BACK = (1, 1, 1), (2, 1, 1), (0, 1, 1)
+
+
+def placed(scenario, *places):
+    """One world, in which agents stand at these places, at rest, and look to the right."""
+    env = outlast.make_vec(scenario, 1, seed=0)
+    env.reset()
+    body = env.worlds[Body]
+    body.x[0, : len(places)], body.y[0, : len(places)] = np.transpose(places)
+    return env, body, env.worlds.span
+
+
+def walk(env, ticks, *actions):
+    """Ticks in which the agents do this; the places of the first one afterwards."""
+    for _ in range(ticks):
+        env.step(np.array([actions]))
+    return env.worlds[Body].x[0, 0], env.worlds[Body].y[0, 0]
+
+
+@pytest.mark.parametrize("scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL], ids=lambda scenario: scenario.name)
+def test_nothing_is_wrong_with_it(scenario):
+    assert outlast.check(scenario) == []
+
+
+def test_a_one_way_door_lets_nobody_back():
+    env, *_ = placed(ONE_WAY_DOOR, (-3, 0))
+    assert walk(env, 60, AHEAD)[0] > 3
+    assert walk(env, 90, BACK)[0] == pytest.approx(0.6, abs=0.02)
+
+
+@pytest.mark.parametrize(("y", "crosses"), [(0, True), (3, False)])
+def test_only_a_ramp_leads_over_a_low_wall(y, crosses):
+    env, *_ = placed(RAMP, (-3, y))
+    x = walk(env, 90, AHEAD)[0]
+    assert x == pytest.approx(5.44 if crosses else 0.8, abs=0.02)
+
+
+def test_a_ball_goes_on_bouncing_and_a_door_sliding():
+    env, body, span = placed(BOUNCING_BALL, (-5, -5))
+    ball, door = span("ball").start, span("door").start
+    places = []
+    for _ in range(290):
+        walk(env, 1, STAY)
+        places.append(body.y[0, door])
+    speed = np.hypot(body.vx[0, ball], body.vy[0, ball])
+    assert 4 < speed < 9
+    assert max(places) == pytest.approx(3, abs=0.1)
+    assert min(places) == pytest.approx(-3, abs=0.1)
+    assert np.abs(np.diff(places)).max() == pytest.approx(1 / 30, rel=1e-3)
