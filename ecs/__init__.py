@@ -57,6 +57,7 @@ from .memory.entity_view import EntityView
 from .memory.layout import MemoryLayout
 from .memory.module import Module
 from .memory.numbers import AgentRoles
+from .running.step import Observer, Stepper
 from .running.worlds import Worlds
 
 __all__ = [
@@ -90,6 +91,7 @@ __all__ = [
     "Module",
     "NumberError",
     "Observation",
+    "Observer",
     "Offset",
     "Phase",
     "Random",
@@ -105,6 +107,7 @@ __all__ = [
     "Signal",
     "Singleton",
     "Statistic",
+    "Stepper",
     "System",
     "When",
     "Worlds",

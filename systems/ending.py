@@ -89,10 +89,9 @@ def count(
 
 @Ending.system(Phase.END)
 def end(end: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
-    """Terminate by the rule, or else truncate at the limit; never in the tick that starts an episode."""
+    """Terminate by the rule, or else truncate at the limit."""
     sides_alive = 0
     for s in range(score.alive.size):
         sides_alive += score.alive[s] > 0
-    tick = clock.tick[0]
-    end.terminated[0] = tick > 0 and rule != NEVER and sides_alive <= (1 if rule == LAST_ALIVE else 0)
-    end.truncated[0] = tick > 0 and not end.terminated[0] and limit > 0 and tick >= limit
+    end.terminated[0] = rule != NEVER and sides_alive <= (1 if rule == LAST_ALIVE else 0)
+    end.truncated[0] = not end.terminated[0] and limit > 0 and clock.tick[0] >= limit

@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import Phase, Reward, Score, Side
 from outlast.components.limits import MUCH
-from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number, of
+from outlast.ecs import Module, Read, Rows, Singleton, Write, kernel, number, of
 
 MEMBERS = 1  # index into the choices of Rewards.basis
 
@@ -74,7 +74,6 @@ def pay(
     reward: Write[Reward],
     score: Read[Score],
     side: Read[Side],
-    clock: Read[Clock],
     agents: Rows[Side],
     alive: float,
     dead: float,
@@ -84,7 +83,7 @@ def pay(
     basis: int,
     outlive: float,
 ) -> None:
-    """Pay every member what its side gets; nothing in the tick that starts an episode."""
+    """Pay every member what its side gets."""
     gone = 0
     for s in range(score.alive.size):
         gone += score.deaths[s] > 0 and score.alive[s] == 0
@@ -103,4 +102,4 @@ def pay(
         if score.alive[s] > 0:
             pay += gone * of(outlive, e)
         pay += score.deaths[s] * of(death, e)
-        reward.reward[i] = pay if clock.tick[0] > 0 else 0
+        reward.reward[i] = pay

@@ -25,7 +25,6 @@ from outlast.components.sight import is_set
 from outlast.ecs import (
     Archetype,
     Array,
-    Clock,
     Component,
     Entity,
     Event,
@@ -204,17 +203,16 @@ def pay(
     reward: Write[Reward],
     player: Read[Player],
     body: Read[Body],
-    clock: Read[Clock],
     agents: Rows[Player],
     base: float,
     it_reward: float,
     free_reward: float,
 ) -> None:
-    """Nothing in the tick that starts an episode."""
+    """Whoever is it loses, and others gain outside of the base."""
     for i in range(agents.size):
         e = agents[i]
         free = 0 if in_base(body, e, base) else free_reward
-        reward.reward[i] = 0 if clock.tick[0] == 0 else it_reward if player.it[e] else free
+        reward.reward[i] = it_reward if player.it[e] else free
 
 
 @Tag.system(Phase.RECORD)

@@ -34,7 +34,7 @@ MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
 MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
-AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see run_units
+AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see compiled_step
 SLOT = ir.IntType(64)
 
 

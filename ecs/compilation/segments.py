@@ -61,6 +61,8 @@ def segments(
             units += [generator().check_range(system, *found) for found in ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(generator().check_absent(system))
+    signals_of_resets = [c for c in layout.components if issubclass(c, Signal)]
+    units += [generator().zero(c, name, When.RESET) for c in signals_of_resets for name in c.columns]
     if NumbersView in layout.components:
         units.append(generator().show())
     units += [generator().clear(*each) for each in published_rows(layout)]

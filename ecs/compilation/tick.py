@@ -58,8 +58,8 @@ from .arguments import (
     number_view,
     table_view,
 )
+from .compiled_step import begin_fetch, fetch
 from .range_check import check_range, checked_rows
-from .run_units import begin_fetch, fetch
 
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
 MOST_VALUES = 64  # the largest constant array whose values become part of machine code
@@ -191,7 +191,8 @@ class Generator:
     def zero(self, component: type[Component], column: str, when: When) -> Unit:
         """The unit that sets a column to 0."""
         row = self._column_as("row", component, column, axes=1, writable=True)
-        return self._unit(f"zero {_full_name(component, column)}", None, zero, IDLE[when], [row])
+        label = f"zero {_full_name(component, column)} ({when.value})"
+        return self._unit(label, None, zero, IDLE[when], [row])
 
     def check_absent(self, system: System) -> Unit:
         """The unit that follows a system that can make entities alive, and refuses absent ones."""

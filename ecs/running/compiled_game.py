@@ -3,11 +3,10 @@
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ..checks.kernel_check import check, check_interpretable
 from ..compilation.cache import CompiledUnits
-from ..compilation.run_units import CALL, RUN, call, run_units
+from ..compilation.compiled_step import RUN, WHOLE_STEP, run_units, step
 from ..compilation.schedule import Schedule, check_brought, order
 from ..compilation.segments import Segment, segments
 from ..declarations.access import SELECTIONS
@@ -38,8 +37,6 @@ class Wanted:
     split: bool
     interpret: tuple[str, ...]
     specialize: bool
-    functions: tuple[tuple[str, Any], ...]
-    parts: tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +94,8 @@ def _made(wanted: Wanted) -> CompiledGame:
             check_interpretable(system)
     tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
-    functions, parts = {CALL: call, **dict(wanted.functions)}, {RUN: run_units, **dict(wanted.parts)}
-    return CompiledGame(layout, schedule, tick, CompiledUnits(units, functions, parts))
+    code = CompiledUnits(units, {WHOLE_STEP: step}, {RUN: run_units})
+    return CompiledGame(layout, schedule, tick, code)
 
 
 def _widths(layout: MemoryLayout, module: str) -> dict[str, int]:

@@ -8,7 +8,18 @@ import numpy as np
 from ..compilation.arguments import ArgumentBlock
 from ..compilation.cache import CompiledUnits
 from ..compilation.compile_errors import of_numba
-from ..compilation.run_units import CALL, CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, RUN, TABLE, UNITS
+from ..compilation.compiled_step import (
+    CHUNK,
+    EXCEPTION,
+    FAILED,
+    FIRST_WORLD,
+    NONE,
+    RUN,
+    TABLE,
+    TICK,
+    UNITS,
+    WHOLE_STEP,
+)
 from ..compilation.segments import Segment
 from ..compilation.tick import Unit
 from ..kernels.errors import EngineError
@@ -33,18 +44,22 @@ class CompiledExecution:
 
     Attributes:
         blocks: The arguments of all units, one thread after the other.
-        team: As given.
-        address: The address of the frame of the caller's thread, see compilation.run_units.
     """
 
     def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits, team: Team | None) -> None:
-        self._units, self._code, self.team = segment.units, compiled_units, team
+        self._units, self._code, self._team = segment.units, compiled_units, team
         self._count: int = worlds.count
         self.blocks = list[ArgumentBlock]()
         self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
-        self.address = int(self._frames[0].ctypes.data)
-        self._plans = list[Any]()  # the plans of the team's rounds, see Team.plan
-        self._call, self._run = compiled_units.function(CALL), self.target(RUN)
+        addresses = [int(frame.ctypes.data) for frame in self._frames]
+        run = compiled_units.address(RUN)
+        self._step, self._arguments = (
+            compiled_units.function(WHOLE_STEP),
+            (addresses[0], run, addresses[0], self._count),
+        )
+        if team is not None:
+            self._plan = team.plan(run, self._count, addresses)
+            self._arguments = addresses[0], team.spread, int(self._plan.ctypes.data), self._count
 
     def _frame(self, worlds: Any) -> Any:
         """The frame of a thread."""
@@ -66,38 +81,22 @@ class CompiledExecution:
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 
-    def target(self, part: str) -> tuple[int, int]:
-        """The address and the first argument of the function that takes all worlds through the units.
+    def __call__(self, block: int = 0, parts: int = TICK) -> int:
+        """Take all worlds through the units, alone or in a step. Raises what a kernel raises.
 
-        part: label of the one that takes some worlds through them: RUN, or a function that also runs the tick.
+        Args:
+            block: The address of the step's words; 0 if there is only the tick.
+            parts: What to do, see compilation.compiled_step.step, and for what it returns.
         """
-        if self.team is None:
-            return self._code.address(part), self.address
-        plan = self.team.plan(self._code.address(part), self._count, [frame.ctypes.data for frame in self._frames])
-        self._plans.append(plan)
-        return self.team.spread, int(plan.ctypes.data)
-
-    def ready(self) -> None:
-        """Start the team's threads and write the team's address into the plans; to be called before each round."""
-        if self.team is not None:
-            address = self.team.ready()
-            for plan in self._plans:
-                plan[TEAM] = address
-
-    def __call__(self) -> None:
-        """Take all worlds through the units. Raises what a kernel raises."""
-        self.ready()
-        self._call(*self._run, 0, self._count, self.address + 8 * EXCEPTION)
-        self.check()
-
-    def check(self) -> None:
-        """Raise the exception that a kernel raised since the last call, if one did."""
-        frame = self._frames[0]
-        if frame[FAILED] != NONE:
+        if self._team is not None:
+            self._plan[TEAM] = self._team.ready()
+        flags: int = self._step(block, parts, *self._arguments)
+        if flags < 0:
+            frame = self._frames[0]
             unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
-            frame[FAILED] = NONE
             last = min(first_world + int(frame[CHUNK]), self._count) - 1
             raise _exception(self._units[unit], first_world, last, exception)
+        return flags
 
 
 class PythonExecution:

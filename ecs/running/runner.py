@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..compilation.cache import CompiledUnits
+from ..compilation.compiled_step import WHOLE_STEP, step
 from ..compilation.segments import Segment
 from ..compilation.tick import Unit
 from ..kernels.jit import compiled
@@ -25,19 +26,16 @@ class Runner:
         lock: Held while executions are made or changed.
     """
 
-    def __init__(
-        self, worlds: Any, segments: Sequence[Segment], units: CompiledUnits, functions: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, worlds: Any, segments: Sequence[Segment], units: CompiledUnits) -> None:
         """Make it; nothing is compiled or loaded yet.
 
         Args:
             worlds: The Worlds: their tables, `count` and `threads`.
             segments: The tick.
-            units: The machine code of the tick and of the functions.
-            functions: Kernels of integers by label, see `function`.
+            units: The machine code of the tick.
         """
         self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
-        self._segments, self._functions = segments, functions
+        self._segments = segments
         self.units = units
         self.times = {segment.units[0].label: 0.0 for segment in segments}
         self.lock = threading.Lock()
@@ -63,10 +61,10 @@ class Runner:
             self._execution(k)()
             self.times[segment.units[0].label] += time.perf_counter() - start
 
-    def function(self, label: str) -> Any:
-        """One of the functions, as machine code that Python can call; as Python where nothing is compiled."""
+    def step(self) -> Any:
+        """compilation.compiled_step.step, for Python to call: as machine code, or as Python if nothing is compiled."""
         self._load()
-        return self.units.function(label) if compiled() else self._functions[label]
+        return self.units.function(WHOLE_STEP) if compiled() else step
 
     def single(self) -> CompiledExecution | None:
         """The execution of the whole tick; None if the tick takes several calls."""

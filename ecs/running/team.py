@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..compilation.cache import CompiledUnits
-from ..compilation.run_units import CALLER, EXCEPTION, FAILED, FIRST_WORLD, NONE
+from ..compilation.compiled_step import EXCEPTION, FAILED, FIRST_WORLD, NONE, STEP_BLOCK
 from ..kernels.jit import external, has_symbol, kernel, loader, storer
 from ..kernels.machine_code import atomic_add, atomic_load, atomic_store, call_address
 
@@ -133,9 +133,8 @@ def spread(plan: int, first: int, last: int) -> int:
 
     Args:
         plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
-            such as ecs.run_units.run_units; the number of all worlds, of those in a share and of those in a range; the
-            number of threads, and the frame of each. Afterwards, the caller's frame says which unit failed, if one did
-            in any thread.
+            run_units; the number of all worlds, of those in a share and of those in a range; the number of threads,
+            and the frame of each. Afterwards, the caller's frame says which unit failed, if one did in any thread.
         first: 0.
         last: The number of worlds.
 
@@ -147,7 +146,7 @@ def spread(plan: int, first: int, last: int) -> int:
     for k in range(threads):
         frame = read_word(plan + 8 * (FRAMES + k))
         write_word(frame + 8 * FAILED, NONE)
-        write_word(frame + 8 * CALLER, read_word(own + 8 * CALLER))
+        write_word(frame + 8 * STEP_BLOCK, read_word(own + 8 * STEP_BLOCK))
         following, stop = next_and_stop(plan, k)
         atomic_store(following, begin)
         begin = stop

@@ -1,6 +1,6 @@
 """A batch of worlds of one scenario: their tables, and the runner that advances them on several threads."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -42,11 +42,10 @@ class Worlds(Tables):
         varied: Distributions by name, "module_number": each world draws the number when an episode begins.
         observed: Names of the varied numbers that agents observe.
         roles: Which agents have numbers of their own.
-        functions: Kernels of integers by label, to be compiled with the systems; see `function`.
-        parts: Kernels that take some worlds through the tick and do more, by label; see `call_with_tick`.
 
     Attributes:
         modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
+        runner: What runs the tick.
         schedule: The systems, in order.
         threads: As given.
 
@@ -69,8 +68,6 @@ class Worlds(Tables):
         varied: Mapping[str, Distribution] | None = None,
         observed: Sequence[str] = (),
         roles: Roles | None = None,
-        functions: Mapping[str, Any] | None = None,
-        parts: Mapping[str, Any] | None = None,
     ) -> None:
         wanted = Wanted(
             modules=tuple(modules),
@@ -82,8 +79,6 @@ class Worlds(Tables):
             split=split,
             interpret=(interpret,) if isinstance(interpret, str) else tuple(map(str, interpret)),
             specialize=specialize,
-            functions=tuple((functions or {}).items()),
-            parts=tuple((parts or {}).items()),
         )
         for what, given in (("count", count), ("threads", threads)):
             if given < 1:
@@ -92,7 +87,7 @@ class Worlds(Tables):
         super().__init__(made.layout, count)
         self.schedule, self.threads = made.schedule, threads
         self.modules = list(self.layout.modules)
-        self._runner = Runner(self, made.segments, made.units, functions or {})
+        self.runner = Runner(self, made.segments, made.units)
 
     def __repr__(self) -> str:
         return f"Worlds({self.count} worlds, {len(self.components)} components)"
@@ -100,7 +95,7 @@ class Worlds(Tables):
     @property
     def times(self) -> dict[str, float]:
         """The seconds that `run` has spent in each segment of the tick, by its first unit (with split: by system)."""
-        return self._runner.times
+        return self.runner.times
 
     @property
     def compiled(self) -> bool:
@@ -110,7 +105,7 @@ class Worlds(Tables):
     @property
     def uncompiled(self) -> list[str]:
         """Labels of the systems, and of other parts of the tick, that the next `run` compiles."""
-        return self._runner.missing
+        return self.runner.missing
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return what happened in the last tick of each world, by name of the event; see `entries`."""
@@ -185,9 +180,9 @@ class Worlds(Tables):
                 kernels compute (it determines sizes of tables, initial values of entities, which systems run, or bounds
                 of observations); nothing is changed.
         """
-        with self._runner.lock:
+        with self.runner.lock:
             self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
-            self._runner.set_numbers(self.changed)
+            self.runner.set_numbers(self.changed)
 
     def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return the varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
@@ -252,44 +247,9 @@ class Worlds(Tables):
         """
         self.mode[:] = mode
         try:
-            self._runner.run()
+            self.runner.run()
         except CapacityError as error:
-            raise self._capacity_error() or error from None
-
-    def function(self, label: str) -> Any:
-        """Return one of `functions` as machine code that Python can call, or as Python if nothing is compiled."""
-        return self._runner.function(label)
-
-    def call_with_tick(self, label: str, part: str) -> Callable[[int], int] | None:
-        """Return one of `functions` that runs the tick as a part of what it does.
-
-        Args:
-            label: A function of an address; a frame (see run_units), in which it writes that address at CALLER; and
-                the address and first argument of what it is to call for all worlds: `part` for one after the other, or
-                for ranges of worlds on several threads. It returns an integer. A negative one says that the tick
-                failed; then, what a system raised is raised.
-            part: One of `parts`, which finds the address in its frame.
-
-        Returns:
-            A function of the address; None if a tick takes several calls, because some systems run as Python.
-        """
-        if (execution := self._runner.single()) is None:
-            return None
-        function, frame, target = self.function(label), execution.address, execution.target(part)
-        ready, alone = execution.ready, execution.team is None
-
-        def call(address: int) -> int:
-            if not alone:  # without a team, as in a single world, this call would be a waste
-                ready()
-            result: int = function(address, frame, *target)
-            if result < 0:
-                try:
-                    execution.check()
-                except CapacityError as error:
-                    raise self._capacity_error() or error from None
-            return result
-
-        return call
+            raise self.overflow(error) from None
 
     def source(self) -> str:
         """Return the generated code of the tick: a function for each system, in order, with the phases as comments."""
@@ -297,7 +257,7 @@ class Worlds(Tables):
             ["# Slots, in upper case, are positions in the argument block of a unit; see ecs.compilation.arguments."],
             None,
         )
-        for unit in self._runner.sources:
+        for unit in self.runner.sources:
             if unit.system and unit.system.phase is not phase:
                 phase = unit.system.phase
                 lines.append(f"# ---- {phase.name} ({phase.when.value}): {phase.postcondition}")
@@ -306,11 +266,13 @@ class Worlds(Tables):
 
     def close(self) -> None:
         """End the threads. The tables stay readable."""
-        self._runner.close()
+        self.runner.close()
 
-    def _capacity_error(self) -> CapacityError | None:
+    def overflow(self, error: CapacityError) -> CapacityError:
+        """Return the error that names the list of events that is full, if one is; else `error`."""
         ticks = self[Clock].tick[:, 0]
-        return event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
+        found = event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
+        return found or error
 
 
 def checked_worlds(given: Any) -> Worlds:

@@ -1,6 +1,5 @@
 """The base of adapters in which each agent, rather than each world, is a sub-environment."""
 
-import sys
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -19,7 +18,6 @@ from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
-from ..core.wrappers import refuse_dicts, refuse_miscounts
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
 from ..scenarios.naming import options_of, resolve
@@ -130,11 +128,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
         Raises:
             ValueError: The seed or an option is not valid, or agents of one world have different mask entries.
-            TypeError: The environment is inside a wrapper that cannot handle observations in a dict, or that counts
-                episodes wrong under SAME_STEP (gymnasium before 1.4).
         """
-        refuse_dicts(sys._getframe(1))
-        refuse_miscounts(sys._getframe(1), self.autoreset_mode)
         mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
         self.base_env.reset(seed=self._seeds(seed), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):

@@ -1,7 +1,6 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import contextlib
-import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -9,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Reward
+from outlast.ecs import Observer
 
 from ..errors import ActionError, RecordingError
 from ..levels import Level
@@ -26,13 +26,11 @@ from .observations import Observations
 from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
-from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE, PARTS
 from .validation import MAX_WORLDS, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
-from .wrappers import refuse_dicts, refuse_reward_sums
 
 Stops = Callable[[], tuple[Actions, Actions]]
-Runner = TypeVar("Runner")  # has run, check, close and recording, as recording.Recorder does
+Watcher = TypeVar("Watcher", bound=Observer)
 
 
 class SurvivalVectorEnv(Described):
@@ -59,8 +57,8 @@ class SurvivalVectorEnv(Described):
     float32 (worlds, agents, flat_size), whose columns are named by `flat_names`. `state()` is the whole world.
 
     ## Rewards
-    float32 (worlds, agents): every agent of a world has its own. Wrappers that sum up one reward per sub-environment
-    are refused; use `make_agents` with them.
+    float32 (worlds, agents): every agent of a world has its own. Wrappers that sum up one reward per sub-environment,
+    RecordEpisodeStatistics and NormalizeReward, do not fit; use `make_agents` with them.
 
     ## Starting State
     Agents, boxes and heals at random places of a grid, with full health. It is a function of (seed, world, episode): an
@@ -111,10 +109,7 @@ class SurvivalVectorEnv(Described):
         self.autoreset_mode, self.render_mode = checked_autoreset_mode(autoreset_mode), render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
-        self.worlds = scenario.worlds(
-            int(num_worlds), int(threads), interpret=interpret, specialize=specialize, functions=FUNCTIONS, parts=PARTS
-        )
-        self._runner: Any = self.worlds  # or a Recorder, which runs and records them
+        self.worlds = scenario.worlds(int(num_worlds), int(threads), interpret=interpret, specialize=specialize)
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
@@ -124,13 +119,12 @@ class SurvivalVectorEnv(Described):
         self._actions, self._masked = ActionSpace(self.worlds, actions, action_masks), bool(action_masks)
         self.single_observation_space = self._reader.space
         self.single_action_space = self._actions.batched(self.num_agents)
-        self._tracker = EpisodeTracker(self.worlds, self._actions.sizes, self._actions.zeros, self.autoreset_mode)
+        self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode)
         end = self.worlds[End]
         self._reward = self.worlds[Reward].reward
         self._terminated, self._truncated = end.terminated[:, 0], end.truncated[:, 0]
         self._step_events = StepEvents(self.worlds)
         self._stops: Stops | None = None
-        self._wrappers_checked = False
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world)[:2])
         with announce_compilation(self.worlds, scenario.name):
@@ -155,14 +149,10 @@ class SurvivalVectorEnv(Described):
 
         Raises:
             ValueError: The seed or the mask is not valid.
-            TypeError: The environment is inside a wrapper that cannot handle its rewards or its Dict observations.
         """
-        refuse_reward_sums(sys._getframe(2))
-        refuse_dicts(sys._getframe(2))
-        self._wrappers_checked = False
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
-        self._tracker.reset(self._runner, mask, given)
+        self._tracker.reset(mask, given)
         check_places(self.worlds, self.first_world)
         self._step_events.forget(mask)
         return self._observe(), self._info()
@@ -192,11 +182,7 @@ class SurvivalVectorEnv(Described):
             NotResetError: Some worlds have not been reset, or have ended under DISABLED.
             FaultError: A world is in a state that the physics cannot handle; the others have been stepped.
             ValueError: `out` has other names, shapes or types.
-            TypeError: The environment is inside a wrapper that cannot handle a reward for each agent.
         """
-        if not self._wrappers_checked:  # checked once after each reset
-            refuse_reward_sums(sys._getframe(2))
-            self._wrappers_checked = True
         return self._step(actions, out)
 
     def _step(
@@ -205,9 +191,9 @@ class SurvivalVectorEnv(Described):
         buffers = None if out is None else StepBuffers(self, out)
         tracker = self._tracker
         self._actions.write(actions, tracker.actions)
-        ranges = self.check_actions or self._recording
-        flags = tracker.step(self._runner, ranges) if some is None else tracker.step_some(self._runner, some)
-        if flags & OUT_OF_RANGE:
+        flags = tracker.step(some is None and (self.check_actions or self._recording), some)
+        if flags & tracker.REFUSED:
+            tracker.check_going(some)
             self._actions.write(actions, tracker.actions, ranges=True)  # raises an error that names the action
             raise ActionError("actions were out of range, and are not any more: another thread has written to them")
         if self._step_events.some:
@@ -220,10 +206,10 @@ class SurvivalVectorEnv(Described):
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
         ended: dict[str, Any] = {}
         try:
-            if flags & FAULTY:
+            if flags & tracker.FAULT:
                 check_faults(self.worlds, self.first_world)
         finally:  # episodes of the other worlds may have ended
-            if flags & DONE or (self._stops is not None and tracker.stopped.any()):
+            if flags & tracker.DONE or (self._stops is not None and tracker.stopped.any()):
                 ended = self._finish(tracker.done)
         info = self._info()
         if ended:
@@ -343,21 +329,21 @@ class SurvivalVectorEnv(Described):
         self._stops = stops
 
     @exclusive
-    def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
-        """Run the worlds through what make_runner() returns. Used by outlast.record. Raises RecordingError."""
+    def add_observer(self, make: Callable[[], Watcher]) -> Watcher:
+        """Let what make() returns look on at every tick. Used by outlast.record. Raises RecordingError."""
         self._check_unrecorded("record")
         if self.worlds.changed:
             names = ", ".join(self.worlds.changed)
             raise RecordingError(f"{names} changed by set_numbers(): record an environment of the scenario with them")
-        self._runner = runner = make_runner()
-        return runner
+        observer = make()
+        self._tracker.observers.append(observer)
+        return observer
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the threads and end a recording."""
         if hasattr(self, "worlds"):  # it is missing if the constructor refused its arguments
             self._guard.close()
-            self.worlds.close()
-            self._runner.close()
+            self._tracker.close()
 
     def _finish(self, done: Actions) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
@@ -366,7 +352,7 @@ class SurvivalVectorEnv(Described):
             info |= {"final_info": info | self._info(), "_final_info": done.copy()}
             info |= {"final_obs": self._reader.of_each(done), "_final_obs": done.copy()}
             self._step_events.keep(done)
-            self._tracker.reset(self._runner, done)
+            self._tracker.reset(done)
         return info
 
     def _stop(self, where: Any, *reported: Actions) -> None:
@@ -384,4 +370,4 @@ class SurvivalVectorEnv(Described):
 
     @property
     def _recording(self) -> bool:
-        return self._runner is not self.worlds and bool(self._runner.recording)
+        return any(observer.recording for observer in self._tracker.observers)

@@ -63,6 +63,6 @@ def record(
             stacklevel=2,
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
-    return env.run_with(
+    return env.add_observer(
         lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait, episodes)
     )

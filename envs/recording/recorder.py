@@ -37,9 +37,9 @@ FLAGS = os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 
 class Recorder:
-    """Runs the worlds of an environment, and records every tick in the file `path`; made by outlast.record.
+    """Records every tick of an environment in the file `path`; made by outlast.record.
 
-    A context manager; `close` writes the remaining ticks. After that, it still runs the worlds, but records nothing.
+    A context manager; `close` writes the remaining ticks. It is an ecs.Observer of the environment's ticks.
     The file is there from the first tick on; without ticks there is none. Raises RecordingError if it exists or cannot
     be written.
     """
@@ -99,27 +99,29 @@ class Recorder:
     ) -> None:
         self.close()
 
-    def run(self, mode: Array) -> None:
-        """Take every world through the tick, as Worlds.run does, and record it.
+    def check(self, mode: Array) -> None:
+        """Raise RecordingError for a tick that cannot be recorded: after an interrupted one, any but a reset of all."""
+        if os.getpid() != self._owner:
+            raise RecordingError(f"{self.path} is recorded by another process; close() the recorder in this one")
+        if not self._continuous and (mode != RESET).any():
+            why = "a tick was interrupted" if self.ticks else "a recording begins with that"
+            raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
 
-        An interrupted tick is not recorded; after it, only a reset of all worlds can follow. Raises RecordingError for
-        anything else, or if the file cannot be written, which ends the recording.
-        """
-        if not self.recording:
-            self._worlds.run(mode)
-            return
-        self.check(mode)
+    def before(self, mode: Array) -> None:
+        """Take down what determines the tick."""
         steps, keys = mode == STEP, self._no_keys
         # given numbers may change between any two ticks
-        if all_step := bool(steps.all()) and Given not in self._worlds:
+        if steps.all() and Given not in self._worlds:
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
-        # before the tick, as it is about what agents saw then
-        thought = self._policy.look(steps) if self._policy else None
-        self._continuous = False
-        self._worlds.run(mode)
-        if not all_step and (begun := mode == RESET).any():
+        thought = self._policy.look(steps) if self._policy else None  # about what agents see before the tick
+        self._continuous, self._begun = False, (codes, keys, thought)
+
+    def after(self, mode: Array) -> None:
+        """Record the tick. Raises RecordingError if the file cannot be written, which ends the recording."""
+        codes, keys, thought = self._begun
+        if (begun := mode == RESET).any():
             self._keyed[begun] = self._keys()[begun]  # a replay works these out from the keys before
         digest = self._digests.compute(self.ticks)
         try:
@@ -140,14 +142,6 @@ class Recorder:
             self._finalizer()
         except OSError as error:
             raise RecordingError(f"{self.path}: {error.strerror}; its end is missing") from error
-
-    def check(self, mode: Array) -> None:
-        """Raise RecordingError if a tick of these modes cannot be recorded."""
-        if os.getpid() != self._owner:
-            raise RecordingError(f"{self.path} is recorded by another process; close() the recorder in this one")
-        if not self._continuous and (mode != RESET).any():
-            why = "a tick was interrupted" if self.ticks else "a recording begins with that"
-            raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
 
     def _keys(self) -> Array:
         """Return what keys the random numbers of each world: rows of TickRecord.keys without the world's number."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import End, Reward
+from outlast.components import End
 from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.kernels.integers import is_whole
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given, wrongly_given
@@ -127,7 +127,6 @@ class Replay:
             self._run(record)
             if verify:
                 self._compare(number, record.digest)
-            self._clear_resets()
             self._count_episodes()
             if number == first or (number > first and (rows is None or self.worlds.mode[rows].any())):
                 yield number
@@ -159,12 +158,6 @@ class Replay:
         if record.policy is not None:
             self.policy = np.full((self.worlds.count, self.recording.num_agents), np.nan, record.policy.dtype)
             self.policy[record.mode == STEP] = record.policy
-
-    def _clear_resets(self) -> None:
-        """The tick of a reset pays and ends nothing, as in the environment, which does that after the digest."""
-        begun = self.worlds.mode == RESET
-        for column in (*self.worlds[Reward], *self.worlds[End]):
-            column[begun] = 0
 
     def _compare(self, number: int, expected: Array) -> None:
         different = np.flatnonzero(self._digests.compute(number) != expected)

@@ -11,7 +11,6 @@ import pytest
 from gymnasium.wrappers import vector as wrappers
 
 import outlast
-from outlast.envs.core.wrappers import MISCOUNTS
 from outlast.envs.rendering.rgb import draw, text
 from tests.adapters.test_agents import MODES, SEED, STEPS, drawn, make, same
 from tests.conftest import scaled
@@ -65,11 +64,9 @@ def test_a_render_mode_that_is_none_is_refused() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_record_episode_statistics_counts_what_info_reports(mode: str) -> None:
+    if mode == "SameStep" and tuple(map(int, gymnasium.__version__.split(".")[:2])) < (1, 4):
+        pytest.skip("this gymnasium leaves out the first step of an episode")
     env = wrappers.RecordEpisodeStatistics(make(seed=SEED, autoreset_mode=mode), buffer_length=10_000)
-    if mode == "SameStep" and MISCOUNTS:
-        with pytest.raises(TypeError, match=f"gymnasium {gymnasium.__version__} leaves out the first step"):
-            env.reset()
-        return
     env.reset()
     ends = 0
     for tick in range(STEPS):
@@ -82,22 +79,6 @@ def test_record_episode_statistics_counts_what_info_reports(mode: str) -> None:
                 env.reset(options={"reset_mask": done})
         ends += int(done.sum())
     assert env.episode_count == len(env.return_queue) == ends >= env.num_envs
-
-
-@pytest.mark.parametrize("make", [outlast.make_agents, partial(gymnasium.make_vec, "outlast/FreeForAll1-v1")])
-def test_wrong_counts_of_an_older_gymnasium_are_refused(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Below other wrappers, too; itself and in other modes the environment is played."""
-    monkeypatch.setattr("outlast.envs.core.wrappers.MISCOUNTS", True)
-    names = {} if isinstance(make, partial) else {"scenario": "ffa_1"}
-    for mode in ("SameStep", "NextStep"):
-        env = make(**names, **{"num_envs" if not names else "num_worlds": 2}, autoreset_mode=mode)
-        wrapped = wrappers.ClipReward(wrappers.RecordEpisodeStatistics(env), 0, 1)
-        env.reset()
-        if mode == "NextStep":
-            wrapped.reset()
-            continue
-        with pytest.raises(TypeError, match=r"RecordEpisodeStatistics of gymnasium 1\.\d+.*take gymnasium >= 1\.4"):
-            wrapped.reset()
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
@@ -212,11 +193,11 @@ def tried(module: Any, make_env: Callable[[], Any]) -> tuple[set[str], dict[str,
 @pytest.mark.parametrize("maker", VECTORS)
 @pytest.mark.filterwarnings("ignore")  # of Gymnasium, about modes of rendering
 def test_vector_wrappers_work_or_say_why_not(maker: str, mode: str) -> None:
-    """What is refused is refused by name, or because of the autoreset mode."""
+    """What is refused is refused by name, because of the autoreset mode, or as it takes no dicts."""
     make_env = partial(VECTORS[maker], "ffa_1", 2, render_mode="rgb_array", autoreset_mode=mode)
     worked, refused = tried(wrappers, make_env)
     for name, error in refused.items():
-        assert name in error or "autoreset_mode" in error
+        assert name in error or "autoreset_mode" in error or name == "NormalizeObservation"
     assert {"ClipReward", "DictInfoToList", "NormalizeReward", "RecordEpisodeStatistics"} <= worked
     assert ("FlattenObservation" in worked) == (mode != "SameStep")
 
@@ -229,13 +210,6 @@ def test_wrappers_of_single_environments_work_or_say_why_not() -> None:
     for name, error in refused.items():
         assert re.search(f"{name}|Box|TimeLimit|observation space must have the shape", error)
     assert {"FlattenObservation", "FrameStackObservation", "RecordEpisodeStatistics", "TimeLimit"} <= worked
-
-
-def test_what_needs_one_array_says_how_to_get_it() -> None:
-    for env in (make(), outlast.make_vec("ffa_1", 2)):
-        with pytest.raises(TypeError, match=r"NormalizeObservation\(FlattenObservation\(env\)\)"):
-            wrappers.NormalizeObservation(env).reset()
-        wrappers.NormalizeObservation(wrappers.FlattenObservation(env)).reset()
 
 
 @pytest.mark.parametrize("maker", [make, outlast.make_vec])

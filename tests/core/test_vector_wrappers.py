@@ -41,9 +41,7 @@ WORKING: dict[str, Wrap] = {
     ),
     "NormalizeObservation": lambda env: wrappers.NormalizeObservation(wrappers.FlattenObservation(env)),
 }
-REFUSED: dict[str, tuple[Wrap, str]] = {  # the last six by Gymnasium itself, which has them for other spaces
-    "NormalizeReward": (wrappers.NormalizeReward, "NormalizeReward sums one reward.*make_agents"),
-    "RecordEpisodeStatistics": (wrappers.RecordEpisodeStatistics, "RecordEpisodeStatistics sums one.*make_agents"),
+REFUSED: dict[str, tuple[Wrap, str]] = {  # by Gymnasium itself, which has them for other spaces
     "ClipAction": (wrappers.ClipAction, "Box"),
     "GrayscaleObservation": (wrappers.GrayscaleObservation, "Box"),
     "RescaleAction": (lambda env: wrappers.RescaleAction(env, 0.0, 1.0), "Box"),
@@ -58,11 +56,12 @@ REFUSED: dict[str, tuple[Wrap, str]] = {  # the last six by Gymnasium itself, wh
     "ResizeObservation": (lambda env: wrappers.ResizeObservation(env, (8, 8)), "Box"),
 }
 ELSEWHERE = {"HumanRendering", "RecordVideo"}  # they take what render() returns: see tests/rendering
+SUMMING = {"NormalizeReward", "RecordEpisodeStatistics"}  # of one reward for each world; here every agent has its own
 
 
 def test_every_wrapper_is_tried() -> None:
     """But those that are loaded late, as they convert to libraries that need not be there."""
-    assert {*WORKING, *REFUSED} | ELSEWHERE | set(wrappers._wrapper_to_class) == set(wrappers.__all__)
+    assert {*WORKING, *REFUSED} | ELSEWHERE | SUMMING | set(wrappers._wrapper_to_class) == set(wrappers.__all__)
 
 
 @pytest.mark.parametrize("name", WORKING)
@@ -87,16 +86,3 @@ def test_a_wrapper_that_cannot_work_is_refused(name: str) -> None:
     env = make_vec("ffa_1", WORLDS, seed=0)
     with pytest.raises((TypeError, ValueError, AssertionError), match=words):
         wrap(env).reset(seed=1)
-
-
-@pytest.mark.parametrize("wrap", [wrappers.NormalizeReward, wrappers.RecordEpisodeStatistics])
-def test_sums_of_rewards_are_refused_below_other_wrappers_and_after_a_reset(wrap: Wrap) -> None:
-    env = make_vec("ffa_1", WORLDS, seed=0)
-    env.reset(seed=1)
-    actions = np.tile(env.noop, (WORLDS, 2, 1))
-    for wrapped in (wrap(env), wrappers.FlattenObservation(wrap(wrappers.FlattenObservation(env)))):
-        with pytest.raises(TypeError, match=r"a reward each, \(worlds, agents\)"):
-            wrapped.step(actions)
-        with pytest.raises(TypeError, match="make_agents"):
-            wrapped.reset()
-    env.step(actions)  # itself it goes on as before

@@ -48,7 +48,7 @@ def compiled_by(worlds: Worlds) -> list[str]:
     """Labels of the systems that were compiled for these worlds, and not found."""
     run(worlds, STEP)
     worlds.close()
-    return sorted(worlds._runner.units.compiled)
+    return sorted(worlds.runner.units.compiled)
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     worlds = run(make(), STEP, STEP)
-    assert len(list(cold.iterdir())) == len(worlds._runner.units.compiled)
+    assert len(list(cold.iterdir())) == len(worlds.runner.units.compiled)
     assert digest(worlds) == digest(run(make(), STEP, STEP))
 
 
@@ -129,8 +129,9 @@ def test_the_source_of_a_tick() -> None:
     """Each system is a function, in the order of the schedule, under its phase."""
     worlds = make()
     source = worlds.source()
-    labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay"
-    assert labels.pop(1) == "zero tests.helpers.toy_game.Line.line"  # an observation of one's own, when episodes begin
+    labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay (reset, step)"
+    assert labels.pop(1) == "zero tests.helpers.toy_game.Line.line (reset)"  # an observation of one's own
+    assert labels.pop() == "zero tests.helpers.toy_game.Pay.pay (reset)"  # the tick that starts an episode pays nothing
     checks = [f"outlast.ecs.declarations.component.Entity.{column} after food.grow" for column in ("alive", "identity")]
     assert [label for label in labels if label not in (zero, *checks)] == [
         "clock",
@@ -211,7 +212,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
 
         Trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
         worlds = run(make(*toy_game.GAME, Trade()), STEP, STEP, STEP)
-        assert len(worlds._runner._segments) == (1 if compiled or not COMPILED else 3)
+        assert len(worlds.runner._segments) == (1 if compiled or not COMPILED else 3)
         assert ("(python)" in str(worlds.schedule)) is not compiled
         results.append(digest(worlds))
     assert results[0] == results[1]
@@ -315,7 +316,7 @@ sys.path[:0] = [{game!r}, {root!r}]
 from {module} import STEP, make, run
 worlds = run(make(count=40, threads=2), STEP, STEP)
 from tests.conftest import digest
-print(len(worlds._runner.units.compiled + worlds._runner._team.code.compiled), worlds.compiled, digest(worlds))
+print(len(worlds.runner.units.compiled + worlds.runner._team.code.compiled), worlds.compiled, digest(worlds))
 worlds.close()
 """
 
@@ -546,7 +547,7 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     assert not worlds.compiled
     run(worlds, STEP)
     assert worlds.compiled
-    more = 5 + 2  # the clock, what sets Pay and Line to 0, what runs units, calls that; checks of what `grow` writes
+    more = 6 + 2  # the clock, what sets Pay (twice) and Line to 0, the step, what runs units; checks of `grow`
     assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + more
 
 

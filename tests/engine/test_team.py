@@ -14,7 +14,6 @@ import pytest
 from outlast.ecs import Read, Singleton, Write, column, number
 from outlast.ecs.kernels.jit import entry_point
 from outlast.ecs.kernels.machine_code import atomic_add
-from outlast.ecs.running.execution import CompiledExecution
 from outlast.ecs.running.team import MIN_RANGE
 from tests.conftest import COMPILED, digest, scaled
 from tests.helpers.toy_game import STEP, Clock, Phase, Toy, Walkers, make, run, walked
@@ -30,7 +29,7 @@ from tests.helpers.interruption import interrupt_after
 from tests.helpers.toy_game import STEP, make, run
 
 alone, worlds, after = make(count=100), make(count=100, threads=4), 0
-team = worlds._runner._team
+team = worlds.runner._team
 while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
     worlds.close()
     ready = False
@@ -145,11 +144,11 @@ def test_interrupted_while_a_system_fails_the_next_tick_is_whole(threads: int, m
     worlds = make(Walkers(), Fragile(MANY - 1), Counting(), count=MANY, threads=threads)
     run(worlds, STEP, STEP)
 
-    def interrupted(execution: CompiledExecution) -> None:
+    def interrupted(*arguments: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(CompiledExecution, "check", interrupted)
+        patch.setattr("outlast.ecs.running.execution._exception", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(worlds, STEP)
     before = worlds[Count].ticks.copy()

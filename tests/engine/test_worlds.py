@@ -352,7 +352,7 @@ def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: py
     monkeypatch.setattr("outlast.ecs.running.execution.CACHED", 0)
     worlds = walked(make(count=100), 10)
     assert digest(worlds) == expected
-    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds._runner.single().blocks]  # type: ignore[union-attr]
+    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.runner.single().blocks]  # type: ignore[union-attr]
     assert sorted(np.concatenate(found).tolist()) == worlds.layout.touched_lines(worlds.schedule.touched).tolist()
 
 

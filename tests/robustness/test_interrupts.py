@@ -176,16 +176,19 @@ def test_interrupted_at_any_line(name: str, autoreset: str) -> None:
 
 
 def interrupted_at(line: int, call: Callable[[], object]) -> bool:
-    """Make the call with a KeyboardInterrupt ahead of the line-th line of envs/ that it runs; whether it came so far.
+    """Make the call with a KeyboardInterrupt ahead of the line-th line that it runs; whether it came so far.
+
+    Lines are those of envs/ and of the engine's steps.
 
     The 2300 lines that check a state, ahead of all that changes anything, do not count.
     """
-    ran, folder, outer = 0, f"{Path(outlast.__file__).parent}/envs/", sys.gettrace()
+    root, ran, outer = Path(outlast.__file__).parent, 0, sys.gettrace()
 
     def trace(frame: FrameType, event: str, _: object) -> Any:
         nonlocal ran
         file = frame.f_code.co_filename
-        if not file.startswith(folder) or file.endswith("/snapshots/validation.py"):
+        counted = file.startswith((f"{root}/envs/", f"{root}/ecs/running/step.py"))
+        if not counted or file.endswith("/snapshots/validation.py"):
             return None
         ran += event == "line"
         if ran > line:

@@ -1,0 +1,214 @@
+"""The tick and the step in machine code: one call from Python for any number of worlds.
+
+A step checks and takes actions, runs the tick, and finds out which episodes are over (`step`). The tick takes a few
+worlds at a time through all units (`run_units`, see compilation.tick). The state of these worlds stays in the
+processor's cache meanwhile. Each unit also prefetches a part of the state of the next ones, a few cache lines for each
+of its worlds: more lines at once would wait for each other. Lines that no tick touches are left out.
+"""
+
+from ..kernels.jit import kernel, loader, storer
+from ..kernels.machine_code import call_address, prefetch
+from ..memory.clock import SKIP, STEP
+from .arguments import AHEAD, STRIDE
+
+WHOLE_STEP, RUN = "step", "run_units"  # labels
+NO_RESULT, DONE_UNIT = -2, 0  # statuses of compiled functions that raised nothing
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, STEP_BLOCK, CHUNK, TABLE = range(7)  # words of a frame, see run_units
+NONE = -1  # the word FAILED, if no unit has failed
+BEGIN, TICK, FINISH, CUT_SHORT = (1 << k for k in range(4))  # parts of a step; the last: finish a tick that failed
+WORDS = (  # of the block of a step, int64
+    *("worlds", "rows", "columns"),  # counts; rows: who acts in a world; columns: how many actions each has
+    # 1 or 0, whether to: check ranges; reset worlds that ended; begin the next episode at once
+    *("ranges", "resets", "at_once"),
+    # int64 (worlds, rows, columns); (columns,): how many values; which of them means 0
+    *("actions", "sizes", "zeros"),
+    *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, rows); bytes of each action
+    *("where", "mode", "running", "ended", "stopped", "faulty"),  # a byte for each world
+    # lists of columns, and how many are in them: those that end an episode, and those that report a fault
+    *("ends", "end_columns", "faults", "fault_columns"),
+)
+PLACES = range(0, 8 * len(WORDS), 8)  # offset of each word, in bytes
+WORLDS, ROWS, COLUMNS, RANGES, RESETS, AT_ONCE, ACTIONS, SIZES, ZEROS, TAKEN, TAKEN_BYTES = PLACES[:11]
+WHERE, MODE, RUNNING, ENDED, STOPPED, FAULTY, ENDS, END_COLUMNS, FAULTS, FAULT_COLUMNS = PLACES[11:]
+ADDRESS, NEXT_WORLD, BYTES, ENTRY = range(0, 32, 8)  # in an entry of a list of columns: first world; stride; in each
+NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULT = (1 << k for k in range(5))
+TILE = 64  # rows whose actions fit into the first-level cache while they are taken column by column
+
+read, read_byte = loader("int64"), loader("uint8")
+write, write_byte, write_short, write_int = map(storer, ("int64", "int8", "int16", "int32"))
+
+
+@kernel
+def check(block: int) -> int:
+    """Check a step, and set the modes: SKIP where `where` is 0. A step that is refused changes nothing.
+
+    Returns:
+        0, or the reason for refusing it: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
+    """
+    worlds, columns, where = read(block + WORLDS), read(block + COLUMNS), read(block + WHERE)
+    running, ended, stopped = read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
+    rows = worlds * read(block + ROWS)
+    actions, sizes = read(block + ACTIONS), read(block + SIZES)
+    for w in range(worlds):
+        if read_byte(where + w) and not read_byte(running + w):
+            return NOT_RUNNING
+    if not read(block + RESETS):
+        for w in range(worlds):
+            if read_byte(where + w) and read_byte(ended + w) | read_byte(stopped + w):
+                return HAS_ENDED
+    if read(block + RANGES):
+        outside = 0  # errors are collected, so that no action needs a branch
+        for first in range(0, rows, TILE):
+            for k in range(columns):
+                most = read(sizes + 8 * k) - 1
+                for row in range(first, min(first + TILE, rows)):
+                    action = read(actions + 8 * (row * columns + k))
+                    outside |= int(action < 0) | int(action > most)
+        if outside:
+            return OUT_OF_RANGE
+    mode = read(block + MODE)
+    for w in range(worlds):
+        write_byte(mode + w, STEP + (read_byte(ended + w) | read_byte(stopped + w)) if read_byte(where + w) else SKIP)
+    return 0
+
+
+@kernel
+def take(block: int, start: int, stop: int) -> None:
+    """Take the actions of the worlds from `start` to `stop`."""
+    columns, rows, actions = read(block + COLUMNS), read(block + ROWS), read(block + ACTIONS)
+    all_rows = read(block + WORLDS) * rows
+    zeros, taken, size = read(block + ZEROS), read(block + TAKEN), read(block + TAKEN_BYTES)
+    for first in range(start * rows, stop * rows, TILE):
+        for k in range(columns):
+            zero, column = read(zeros + 8 * k), taken + size * k * all_rows
+            for row in range(first, min(first + TILE, stop * rows)):
+                action, at = read(actions + 8 * (row * columns + k)) - zero, column + size * row
+                if size == 1:
+                    write_byte(at, action)
+                elif size == 2:
+                    write_short(at, action)
+                else:
+                    write_int(at, action)
+
+
+@kernel
+def gather(columns: int, count: int, worlds: int, found: int) -> int:
+    """Find the worlds in which a byte of one of `count` columns is not 0: set their bytes of `found` to 1, others to 0.
+
+    Returns:
+        1 if there is such a world, 0 otherwise.
+    """
+    for w in range(worlds):
+        write_byte(found + w, 0)
+    some = 0
+    for entry in range(columns, columns + count * ENTRY, ENTRY):
+        address, stride, size = read(entry + ADDRESS), read(entry + NEXT_WORLD), read(entry + BYTES)
+        for w in range(worlds):
+            byte = 0
+            for k in range(size):
+                byte |= read_byte(address + w * stride + k)
+            if byte:
+                write_byte(found + w, 1)
+                some = 1
+    return some
+
+
+@kernel
+def finish(block: int, complete: bool) -> int:
+    """Record which episodes are over, and which worlds run, after a tick of the worlds whose mode is not SKIP.
+
+    Args:
+        block: See WORDS.
+        complete: False if the tick was cut short: those worlds no longer run.
+
+    Returns:
+        Flags: DONE if some episode is over, FAULT if some world reports one.
+    """
+    worlds, mode, running = read(block + WORLDS), read(block + MODE), read(block + RUNNING)
+    ended, stopped, at_once = read(block + ENDED), read(block + STOPPED), read(block + AT_ONCE)
+    gather(read(block + ENDS), read(block + END_COLUMNS), worlds, ended)
+    done = 0
+    for w in range(worlds):
+        if read_byte(mode + w) != SKIP:
+            if complete:
+                write_byte(stopped + w, 0)
+            write_byte(running + w, complete and not (at_once and read_byte(ended + w)))
+        done |= read_byte(ended + w) | read_byte(stopped + w)
+    faulty = gather(read(block + FAULTS), read(block + FAULT_COLUMNS), worlds, read(block + FAULTY))
+    return (DONE if done else 0) | (FAULT if faulty else 0)
+
+
+@kernel
+def run_units(frame: int, start: int, stop: int) -> int:
+    """The tick of the worlds from `start` to `stop`, in machine code; in a step, also take their actions.
+
+    Args:
+        frame: Address of int64 words, see the names above: the number of units; the index of the one that raised an
+            exception, or NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none;
+            how many worlds go through all units together; and for each unit the address of its function and of its
+            arguments.
+        start: The first world.
+        stop: One after the last world.
+
+    Returns:
+        0, or 1 if a unit raised an exception.
+    """
+    units, chunk, block = read(frame + 8 * UNITS), read(frame + 8 * CHUNK), read(frame + 8 * STEP_BLOCK)
+    write(frame + 8 * FAILED, NONE)
+    if block:
+        take(block, start, stop)
+    for first in range(start, stop, chunk):
+        last = min(first + chunk, stop)
+        for k in range(units):
+            entry = frame + 8 * (TABLE + 2 * k)
+            status = call_address(read(entry), read(entry + 8), first, last, frame + 8 * EXCEPTION)
+            if status != DONE_UNIT and status != NO_RESULT:
+                write(frame + 8 * FAILED, k)
+                write(frame + 8 * FIRST_WORLD, first)
+                return 1
+    return 0
+
+
+@kernel
+def begin_fetch(arguments: int, first: int) -> int:
+    """The address of the state of the world that comes a chunk after `first`, even if there is no such world."""
+    return int(read(arguments + 8 * AHEAD) + first * read(arguments + 8 * STRIDE))
+
+
+@kernel
+def fetch(world: int, offsets: int, count: int) -> None:
+    """Begin to load the cache lines of a world's state that lie at `count` offsets, an int64 each."""
+    for k in range(count):
+        prefetch(world + read(offsets + 8 * k))
+
+
+@kernel
+def step(block: int, parts: int, frame: int, function: int, argument: int, worlds: int) -> int:
+    """Do some parts of a step, or all.
+
+    Args:
+        block: See WORDS; 0 if there is only the tick.
+        parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
+        frame: See run_units; 0 without a tick.
+        function: The address of the function that takes all worlds through the tick: run_units, or one that spreads it
+            over threads; 0 without a tick.
+        argument: Its first argument.
+        worlds: How many there are.
+
+    Returns:
+        What `check` returns, if the step is refused; -1 if a system raised an exception; otherwise what `finish`
+        returns, 0 without it.
+    """
+    if parts & BEGIN:
+        refused = check(block)
+        if refused:
+            return refused
+        if not parts & TICK:
+            take(block, 0, worlds)
+    complete = not parts & CUT_SHORT
+    if parts & TICK:
+        write(frame + 8 * STEP_BLOCK, block)
+        call_address(function, argument, 0, worlds, frame + 8 * EXCEPTION)
+        complete = read(frame + 8 * FAILED) == NONE
+    flags = finish(block, complete) if parts & FINISH else 0
+    return -1 if parts & TICK and not complete else flags

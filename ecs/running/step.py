@@ -1,0 +1,211 @@
+"""Steps and resets of episodes: actions in, ends of episodes out."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..compilation.compiled_step import (
+    BEGIN,
+    CUT_SHORT,
+    DONE,
+    FAULT,
+    FINISH,
+    HAS_ENDED,
+    NOT_RUNNING,
+    OUT_OF_RANGE,
+    TICK,
+    WORDS,
+)
+from ..kernels.errors import CapacityError
+from ..memory.clock import RESET, SKIP
+from .worlds import Worlds
+
+Array = np.ndarray[Any, Any]
+
+
+class Observer(Protocol):
+    """Somebody who looks on at each tick of a Stepper, such as a recorder. `mode` is that of each world, int8."""
+
+    @property
+    def recording(self) -> bool:
+        """Whether it goes on looking on."""
+
+    def check(self, mode: Array) -> None:
+        """Refuse the tick by an exception, before anything has changed."""
+
+    def before(self, mode: Array) -> None:
+        """Look at what the tick begins with."""
+
+    def after(self, mode: Array) -> None:
+        """Look at what the tick has done. An exception does not undo it."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class Stepper:
+    """Takes a batch of worlds through steps and resets.
+
+    A step has three parts: the first checks it, and takes the actions into the tables; the tick; and the last finds out
+    which episodes are over. Where machine code does all three and nobody looks on, they are one call; otherwise
+    systems in Python, and observers, come in between.
+
+    Attributes:
+        actions: What the next step does, int64 (worlds, rows, actions); each from 0 to its size - 1.
+        mode: The mode of each world in the last tick: SKIP, STEP or RESET, int8 (worlds,).
+        running: Which worlds have started and were not interrupted in mid-tick: bool (worlds,).
+        ended: Which have ended by one of the columns `ends`: bool (worlds,).
+        stopped: Which the caller has stopped, and says so here: bool (worlds,). A tick of the world ends that.
+        faulty: Which have a fault by one of the columns `faults`: bool (worlds,).
+        observers: Who looks on.
+    """
+
+    # flags that `step` returns: why a step was refused, or what it has led to
+    NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULT = NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULT
+    REFUSED = NOT_RUNNING | HAS_ENDED | OUT_OF_RANGE
+
+    def __init__(
+        self,
+        worlds: Worlds,
+        actions: Array,
+        ends: Sequence[Array],
+        faults: Sequence[Array] = (),
+        *,
+        resets: bool = True,
+        at_once: bool = False,
+    ) -> None:
+        """Make it; no world is running yet.
+
+        Args:
+            worlds: The worlds.
+            actions: Memory for `actions`.
+            ends: Columns, (worlds, ...), that end a world's episode if any of their entries is not 0.
+            faults: Columns that report a fault likewise.
+            resets: Whether a step resets worlds that ended in the one before; otherwise it is refused.
+            at_once: Whether the caller resets them right after that step.
+        """
+        self.worlds, self.mode, self.actions = worlds, worlds.mode, actions
+        self.running, self.ended, self.stopped, self.faulty = (np.zeros(worlds.count, bool) for _ in range(4))
+        self.observers = list[Observer]()
+        self._buffers = [  # which systems only write where something changes
+            column for component in worlds.components if not component.packed for column in worlds[component]
+        ]
+        self._where, self._all = np.ones(worlds.count, bool), True
+        columns = [component.columns[name] for component, name in worlds.layout.actions]
+        self._zeros = np.array([-int(column.low) for column in columns], np.int64)
+        sizes = np.array([int(column.high - column.low) + 1 for column in columns], np.int64)
+        lists = [np.array([_place(column) for column in each], np.int64) for each in (ends, faults)]
+        self._arrays = {  # kept here, as the words below are their addresses
+            "actions": actions,
+            "sizes": sizes,
+            "zeros": self._zeros,
+            "taken": worlds.actions,
+            "where": self._where,
+            "mode": self.mode,
+            "running": self.running,
+            "ended": self.ended,
+            "stopped": self.stopped,
+            "faulty": self.faulty,
+            "ends": lists[0],
+            "faults": lists[1],
+        }
+        words = {name: array.ctypes.data for name, array in self._arrays.items()}
+        words |= {"worlds": worlds.count, "rows": actions.shape[1], "columns": actions.shape[2]}
+        words |= {"taken_bytes": worlds.actions.itemsize, "ranges": True, "resets": resets, "at_once": at_once}
+        words |= {"end_columns": len(ends), "fault_columns": len(faults)}
+        self._block = np.array([words[name] for name in WORDS], np.int64)
+        self._address, self._ranges = int(self._block.ctypes.data), True
+
+    def load(self) -> None:
+        """Load or compile everything that runs in a step."""
+        self._step, self._whole_tick = self.worlds.runner.step(), self.worlds.runner.single()
+
+    @property
+    def done(self) -> Array:
+        """Which episodes are over; a new array."""
+        done: Array = self.ended | self.stopped
+        return done
+
+    def step(self, ranges: bool = True, where: Array | None = None) -> int:
+        """Take worlds through a tick with `actions`; those that ended before are reset. A refused step changes nothing.
+
+        Args:
+            ranges: Whether to check the ranges of the actions; those of all worlds, whatever `where` is.
+            where: Which worlds, bool (worlds,); None: all. The tables of the others stay as they are.
+
+        Returns:
+            NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE if it is refused; otherwise FAULT and DONE, if some world has a fault
+            or some episode is over, or 0.
+        """
+        if ranges is not self._ranges:
+            self._ranges = ranges
+            self._block[WORDS.index("ranges")] = ranges
+        if where is not None or not self._all:
+            self._all = where is None
+            self._where[:] = True if where is None else where
+            last = np.moveaxis(self.worlds.actions, 0, -1) + self._zeros
+            self.actions[~self._where] = last[~self._where]  # which their tables have, and keep
+        if self._whole_tick is None or self.observers:
+            return self._part(BEGIN) or self._run()
+        try:
+            return self._whole_tick(self._address, BEGIN | TICK | FINISH)
+        except CapacityError as error:
+            raise self.worlds.overflow(error) from None
+
+    def reset(self, where: Array, keys: tuple[Array, Array, Array] | None = None) -> int:
+        """Begin new episodes in the worlds `where`, bool (worlds,).
+
+        Args:
+            where: The worlds.
+            keys: Seeds and worlds, (worlds,) each, that key random numbers from now on, and the worlds that get them,
+                bool.
+
+        Returns:
+            As from `step`.
+        """
+        self.mode[:] = np.where(where, RESET, SKIP)
+        return self._run(keys)
+
+    def close(self) -> None:
+        """Release the threads, and close the observers."""
+        self.worlds.close()
+        for observer in self.observers:
+            observer.close()
+
+    def _run(self, keys: tuple[Array, Array, Array] | None = None) -> int:
+        """Take the worlds through the tick by `mode`. If it is cut short, by Ctrl-C, say, they no longer run."""
+        observers = self.observers = [each for each in self.observers if each.recording]
+        for observer in observers:
+            observer.check(self.mode)
+        ran, how = self.mode != SKIP, FINISH | CUT_SHORT
+        try:
+            if (stale := ran & ~self.running).any():
+                for column in self._buffers:
+                    column[stale] = 0
+            self.running[ran] = False
+            if keys:
+                seeded = ran & keys[2]
+                self.worlds.seed(keys[0][seeded], keys[1][seeded], seeded)
+            for observer in observers:
+                observer.before(self.mode)
+            self.worlds.run(self.mode)
+            how = FINISH
+        finally:
+            flags = self._part(how)
+        try:
+            for observer in observers:
+                observer.after(self.mode)
+        except Exception:  # the tick is complete, and the next step resets what has ended in it
+            self.running[ran] = True
+            raise
+        return flags
+
+    def _part(self, parts: int) -> int:
+        """Do parts of a step without a tick; see compilation.compiled_step.step."""
+        return int(self._step(self._address, parts, 0, 0, 0, self.worlds.count))
+
+
+def _place(column: Array) -> tuple[int, int, int]:
+    """Return a column as an entry of a list of columns, see compilation.step_functions."""
+    return column.ctypes.data, column.strides[0], column[0].nbytes
