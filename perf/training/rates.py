@@ -119,7 +119,7 @@ def watched_functions(device: torch.device) -> Stopwatch:
     """A clock on the functions that all trainers share."""
     clock = Stopwatch(device)
     clock.wrap("minibatches", minibatches.Samples, "select")
-    clock.wrap("loss", learner, "ppo_loss")
+    clock.wrap("loss", learner, "evaluated")
     clock.wrap("backward", torch.autograd, "grad")
     clock.wrap("clipping", torch.nn.utils, "clip_grad_norm_")
     return clock
@@ -138,8 +138,7 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
         one.graphs = None  # the parts of CUDA graphs cannot be timed
         for policy in {one.policy, one.trained}:
             clock.wrap("networks", policy, "forward")
-            clock.wrap("networks", policy.choices, "draw", "of")
-            clock.wrap("loss", policy.choices, "entropy")
+            clock.wrap("networks", policy.choices, "draw")
         clock.wrap("optimiser", one.optimizer, "step")
 
 

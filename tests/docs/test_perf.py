@@ -205,7 +205,7 @@ def test_rates_of_training_are_shared_out_among_its_parts(
     from perf.training import rates
 
     for target in (learner, learner.Samples, rows.Rows, rows.PaddedRows, rates.torch.autograd, rates.torch.nn.utils):
-        for name in {"ppo_loss", "normalised", "select", "backward", "clip_grad_norm_"} & vars(target).keys():
+        for name in {"evaluated", "normalised", "select", "backward", "clip_grad_norm_"} & vars(target).keys():
             monkeypatch.setattr(target, name, getattr(target, name))  # put back behind the test
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
     small = ("--variants", "ffa_2", "--worlds", "4", "--rollout", "128")

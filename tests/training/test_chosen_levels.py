@@ -176,9 +176,9 @@ def test_what_cannot_choose_is_refused(options: Any, reason: str) -> None:
 
 def test_a_run_goes_on_with_the_same_choice_only(tmp_path: Path) -> None:
     TrainingRun(config(fixed), tmp_path).train()
-    with pytest.raises(TrainingError, match="was begun with levels = fixed, not drawn"):
+    with pytest.raises(TrainingError, match=r"was begun with levels = .*fixed, not .*drawn"):
         TrainingRun(config(drawn, 4 * EACH), tmp_path, resume=True)
-    with pytest.raises(TrainingError, match="was begun with levels = fixed, not None"):
+    with pytest.raises(TrainingError, match=r"was begun with levels = .*fixed, not None"):
         TrainingRun(config(None, 4 * EACH), tmp_path, resume=True)
 
 

@@ -9,7 +9,8 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.policies.policy import MultiCategorical  # noqa: E402
-from outlast.training.ppo.loss import Loss, advantages, normalised, ppo_loss  # noqa: E402
+from outlast.training.ppo.loss import advantages, evaluated, ppo_loss  # noqa: E402
+from outlast.training.ppo.minibatches import Batch, normalised  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -33,21 +34,36 @@ def test_advantages_are_those_of_stable_baselines() -> None:
 
 
 def samples(count: int) -> dict[str, Any]:
-    """Arguments of ppo_loss, in float64, with ratios on both sides of the clip."""
+    """What a loss is computed from, in float64, with ratios on both sides of the clip."""
     generator = torch.Generator().manual_seed(1)
     names = ("log_probs", "values", "entropy", "old_log_probs", "advantages", "returns")
     return {name: torch.randn(count, generator=generator, dtype=torch.float64) / 3 for name in names}
 
 
-def loss_of(given: dict[str, Any], weights: Any) -> Loss:
-    numbers = Hyperparameters(ent_coef=0.1)
-    advantages = normalised(given["advantages"], weights)
-    return ppo_loss(**(given | {"advantages": advantages}), weights=weights, numbers=numbers)
+class Given:
+    """Takes log probabilities and entropies as they are given, for a network and for its distributions."""
+
+    of = staticmethod(lambda actions, logs: logs[0])
+    entropy = staticmethod(lambda logs: logs[1])
+
+    @property
+    def choices(self) -> "Given":
+        return self
+
+
+def loss_of(given: dict[str, Any], weights: Any) -> tuple[Any, dict[str, Any]]:
+    """The loss and its figures."""
+    rest: dict[str, Any] = {name: given[name] for name in ("values", "old_log_probs", "returns")}
+    rest |= dict.fromkeys(("seen", "actions", "old_values"))  # which PPO's loss does not read
+    rest |= {"network": Given(), "numbers": Hyperparameters(ent_coef=0.1)}
+    rest |= {"advantages": normalised(given["advantages"], weights), "weights": weights}
+    return evaluated(ppo_loss, Batch(**rest, logs=torch.stack([given["log_probs"], given["entropy"]])))
 
 
 def test_the_loss_is_that_of_a_loop_over_samples() -> None:
     given, count = samples(40), 40
-    found = loss_of(given, torch.full((count,), 1 / count, dtype=torch.float64))
+    given["log_probs"].requires_grad_()
+    _, found = loss_of(given, torch.full((count,), 1 / count, dtype=torch.float64))
     rows = {name: values.tolist() for name, values in given.items()}
     mean = sum(rows["advantages"]) / count
     spread = (sum((each - mean) ** 2 for each in rows["advantages"]) / (count - 1)) ** 0.5
@@ -60,10 +76,9 @@ def test_the_loss_is_that_of_a_loop_over_samples() -> None:
     policy, entropy = -sum(gains) / count, sum(rows["entropy"]) / count
     divergence = sum(ratio - 1 - np.log(ratio) for ratio in ratios) / count
     clipped = sum(abs(ratio - 1) > 0.2 for ratio in ratios) / count
-    expected = (policy + 0.5 * value - 0.1 * entropy, policy, value, entropy, divergence, clipped)
-    assert dict(zip(Loss.TAGS, found.figures().tolist(), strict=True)) == pytest.approx(
-        dict(zip(Loss.TAGS, expected, strict=True)), rel=1e-6
-    )
+    expected = {"loss": policy + 0.5 * value - 0.1 * entropy, "policy_loss": policy, "value_loss": value}
+    expected |= {"entropy": entropy, "approx_kl": divergence, "clip_fraction": clipped}
+    assert {name: float(figure) for name, figure in found.items()} == pytest.approx(expected, rel=1e-6)
     assert 0.2 < clipped < 0.8
 
 
@@ -78,9 +93,9 @@ def test_samples_that_are_masked_are_as_if_they_were_not_there() -> None:
     gradients = []
     for each, weights in ((whole, counts / counts.sum().double()), (some, torch.full((26,), 1 / 26).double())):
         each["log_probs"].requires_grad_()
-        loss = loss_of(each, weights)
-        loss.total.backward()
-        gradients.append((loss.figures(), each["log_probs"].grad))
+        loss, figures = loss_of(each, weights)
+        loss.backward()
+        gradients.append((figures, each["log_probs"].grad))
     torch.testing.assert_close(gradients[0][0], gradients[1][0], rtol=1e-6, atol=1e-9)
     torch.testing.assert_close(gradients[0][1][counts], gradients[1][1], rtol=1e-6, atol=1e-9)
     assert not gradients[0][1][~counts].any()

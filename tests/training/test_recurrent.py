@@ -29,8 +29,7 @@ from outlast.training.policies.packer import Packer  # noqa: E402
 from outlast.training.policies.policy import ActorCritic  # noqa: E402
 from outlast.training.policies.rows import Rows, concatenated  # noqa: E402
 from outlast.training.ppo.learner import Learner  # noqa: E402
-from outlast.training.ppo.loss import normalised  # noqa: E402
-from outlast.training.ppo.minibatches import Chunks  # noqa: E402
+from outlast.training.ppo.minibatches import Chunks, normalised  # noqa: E402
 from outlast.training.ppo.rollout import Rollout  # noqa: E402
 from outlast.training.ppo.trainer import Trainer  # noqa: E402
 from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
@@ -189,7 +188,7 @@ def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
         logs, values, _ = own(batch.seen, batch.memory, batch.begins)
     mine = batch.weights > 0
     assert mine.sum() == (made.learner == 0).sum() < made.learner.size
-    assert torch.allclose(own.choices.of(batch.actions, logs)[mine], batch.log_probs[mine], atol=1e-5)
+    assert torch.allclose(own.choices.of(batch.actions, logs)[mine], batch.old_log_probs[mine], atol=1e-5)
     assert torch.allclose(normalised(batch.returns - values, batch.weights)[mine], batch.advantages[mine], atol=1e-4)
     assert batch.weights.sum() == pytest.approx(1)
     assert made.begins[1:].any()

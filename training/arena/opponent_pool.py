@@ -18,7 +18,7 @@ from ..base.errors import TrainingError
 from ..policies.checkpoint import REST, check_state, load_weights
 from ..policies.packer import Packer
 from ..policies.player import Player
-from ..policies.policy import ActorCritic
+from ..policies.policy import Networks
 from .ratings import MEAN
 
 Array = np.ndarray[Any, Any]
@@ -52,7 +52,7 @@ class Opponent:
 
     name: str
     weight: float
-    policies: Sequence[ActorCritic] = ()
+    policies: Sequence[Networks] = ()
     packer: Packer | None = None
     team: Array | None = None
     plain: Plain | None = None
@@ -149,7 +149,7 @@ class OpponentPool:
             shares |= {k: value * factor for k, value in priority.items()}
         return np.array(list(shares)), np.array(list(shares.values()))
 
-    def remember(self, policies: Sequence[ActorCritic], steps: int, playing: set[int]) -> None:
+    def remember(self, policies: Sequence[Networks], steps: int, playing: set[int]) -> None:
         """Add the learners as they are now to the past selves.
 
         Args:
@@ -226,7 +226,7 @@ class OpponentPool:
         saved = {str(k): one.weights for k, one in self.all.items() if one.policies and not one.past}
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
-    def restore(self, given: Any, policies: Sequence[ActorCritic], begun: str) -> None:
+    def restore(self, given: Any, policies: Sequence[Networks], begun: str) -> None:
         """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for anything else.
 
         begun: The opponents with their weights at the beginning of the run.
@@ -288,7 +288,7 @@ def is_past(name: str) -> bool:
     return steps != name and steps.isdecimal() and len(steps) < LONGEST
 
 
-def frozen(policy: ActorCritic) -> ActorCritic:
+def frozen(policy: Networks) -> Networks:
     """A copy of a policy that is not trained any further."""
     return deepcopy(policy).requires_grad_(False)
 

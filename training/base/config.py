@@ -1,12 +1,15 @@
 """What to train, and how: everything that determines the numbers that come out of a run."""
 
+import functools
 import math
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
+from outlast.ecs.checks.code_hash import full_name
 from outlast.ecs.kernels.integers import as_whole, is_whole
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
@@ -33,6 +36,11 @@ LEAST = dict.fromkeys(("steps", "seed", "worlds", "rollout", "threads", "memory"
 LEAST |= dict.fromkeys(("processes", "every", "snapshots"), 1)
 MOST = {"memory": 4096}  # whole numbers are at least as in LEAST and, if they are named here, at most this
 Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
+CODE = {  # what is code of the user's own; run.json has the names
+    "levels": "a function is needed, of progress to a list of levels",
+    "loss": "a function is needed, of a batch to a tensor, or to that and a dict of figures",
+    "networks": "a subclass of outlast.training.policies.policy.Networks is needed",
+}
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
@@ -68,6 +76,30 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     return name, int(steps)
 
 
+def name_of(code: Any) -> str:
+    """Return the name of a function or class with that of its module; of any other object, that of its class."""
+    return full_name(code if hasattr(code, "__qualname__") else type(code))
+
+
+def imported(name: str) -> Any:
+    """Return the function or class of that full name, if its module is imported; else None. Nothing is imported."""
+    parts = name.split(".")
+    for k in range(len(parts) - 1, 0, -1):
+        found: Any = sys.modules.get(".".join(parts[:k]))
+        if found is not None:
+            return functools.reduce(lambda within, part: getattr(within, part, None), parts[k:], found)
+    return None
+
+
+def check_importable(name: str, code: Any) -> None:
+    """Raise TrainingError unless other code finds a function or class by the names of its module and itself."""
+    if imported(name_of(code)) is not code:
+        raise TrainingError(
+            f"{name} = {name_of(code)} cannot be imported, which is needed by other processes and whoever loads what "
+            "is saved: define it by its name at the top of a module"
+        )
+
+
 @dataclass(frozen=True)
 class TrainingConfig:
     """What to train, and how.
@@ -97,6 +129,8 @@ class TrainingConfig:
         warm_start: What policies start from, before PPO begins, see parse_warm_start; "": random weights.
         anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
         levels: Chooses the levels that are trained in, see curriculum.TrainingProgress; None: worlds draw their own.
+        loss: What is minimised, a function of a minibatches.Batch, see loss.Loss; None: loss.ppo_loss.
+        networks: The class of the networks, a policies.policy.Networks; None: those of the preset.
     """
 
     scenario: Scenario
@@ -121,6 +155,8 @@ class TrainingConfig:
     warm_start: str = ""
     anneal: tuple[Anneal, ...] = ()
     levels: Choose | None = None
+    loss: Callable[[Any], Any] | None = None
+    networks: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         """Check all values.
@@ -159,8 +195,7 @@ class TrainingConfig:
             )
         for each in self.anneal:
             each.check(self.scenario)
-        if self.levels is not None:
-            self._check_levels(self.levels)
+        self._check_code()
         decisive = [name for name in ("agents_count", "teams_sizes") if name in dict(self.scenario.varied)]
         if self.policies == "side" and "teams" in self.scenario and decisive:
             raise TrainingError(
@@ -193,17 +228,23 @@ class TrainingConfig:
                 f"cameras_mode = {asked}: preset {self.preset} trains with {trained}; leave it as it was{cure}"
             )
 
-    def _check_levels(self, levels: Any) -> None:
-        if not callable(levels):
-            raise TrainingError(f"levels = {levels!r:.200}: a function is needed, of progress to a list of levels")
-        if self.processes > 1:
-            raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
+    def _check_code(self) -> None:
+        for name, needed in CODE.items():
+            code = getattr(self, name)
+            if code is None:
+                continue
+            if not callable(code):
+                raise TrainingError(f"{name} = {code!r:.200}: {needed}")
+            if name == "levels" and self.processes > 1:
+                raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
+            if name == "networks" or (name == "loss" and self.processes > 1):
+                check_importable(name, code)
 
     def header(self) -> Header:
         """Return the part of run.json that determines the numbers that come out."""
         worlds, rollout = self.size
-        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every", *HOW)}
-        kept["levels"] = self.levels and getattr(self.levels, "__qualname__", type(self.levels).__qualname__)
+        kept = {key: value for key, value in vars(self).items() if key not in ("scenario", "every", *HOW)}
+        kept |= {name: kept[name] and name_of(kept[name]) for name in CODE}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))

@@ -151,6 +151,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "actions": _are_actions,
     "team": _is_team,
     "memory": _is_size,
+    "networks": is_word,
     "state": _is_size,
     "state_scale": _are_scales,
     "plan": is_plan,

@@ -22,7 +22,7 @@ from ..base import policy_file, run_header, tensor_file
 from ..base.errors import TrainingError
 from ..base.observation_layout import Array, ObservationLayout, scales
 from ..base.run_header import WEIGHTS
-from .policy import ActorCritic
+from .policy import Networks
 
 REST = "rest.safetensors"
 WORLDS = "worlds.npz"
@@ -84,7 +84,7 @@ def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]
     return {"plan": {}, **header}, _as_tensors(policies)
 
 
-def load_weights(policy: ActorCritic, weights: Any, where: str = WEIGHTS) -> None:
+def load_weights(policy: Networks, weights: Any, where: str = WEIGHTS) -> None:
     """Load weights into a policy. Raises TrainingError if they are not those of such a policy."""
     own = policy.state_dict()
     if not isinstance(weights, dict) or weights.keys() != own.keys():

@@ -14,13 +14,13 @@ from torch.nn.utils.rnn import pad_sequence
 
 from ..base.observation_layout import MASK, OWN, ObservationLayout
 from .networks import Extractor
-from .policy import NEVER, ActorCritic
+from .policy import NEVER, ActorCritic, Networks
 from .rows import Observed, Rows
 from .torch_settings import FLOAT, INDEX
 
 Array = np.ndarray[Any, Any]
 Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and its memory afterwards
-Question = Callable[[ActorCritic, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
+Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
 
 
 class Explainer:
@@ -65,7 +65,8 @@ class Explainer:
             Values float32 (..., agents), of the critic, in the units that it was trained in; NaN without a critic, or
             with one that learned from the state of the world. Probabilities float32 (..., agents, values), of each
             value of each action, one action after the other. Attention float32 (..., agents, rows), the share that each
-            row of `entities` gets, averaged over heads and over the rows that attend; together at most 1.
+            row of `entities` gets, averaged over heads and over the rows that attend; together at most 1. For networks
+            of a user's own it is 0.
 
         Raises:
             TrainingError: As in Player.
@@ -76,14 +77,17 @@ class Explainer:
         leading = observations[OWN].shape[:-1]
         return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
 
-    def _explain(self, policy: ActorCritic, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
-        if self._critic and policy.overview is None:
+    def _explain(self, policy: Networks, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
+        if self._critic and not policy.state:
             logs, values, after = policy(seen, memory, begins)
         else:  # its critic is not there, or needs the state of the world, which is not there in play
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan, **FLOAT)
         likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
-        attention = attended(cast(Extractor, policy.extractors[0]), seen)
+        if isinstance(policy, ActorCritic):
+            attention = attended(cast(Extractor, policy.extractors[0]), seen)
+        else:
+            attention = torch.zeros((len(seen), self._layout.rows), **FLOAT)
         return [values.numpy(), likely.numpy(), attention.numpy()], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:

@@ -29,7 +29,7 @@ from ..base.observation_layout import OWN, ObservationLayout
 from ..base.presets import preset
 from .explainer import Answer, Explainer, Question
 from .packer import Packer
-from .policy import ActorCritic
+from .policy import ActorCritic, Networks, networks_named
 from .rows import Observed
 from .torch_settings import FLOAT, playing
 
@@ -52,6 +52,7 @@ class Player:
         memory: Numbers that each agent remembers; 0: none.
         state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
         critic: Whether its file has the critic, without which it plays, but values are not known.
+        networks: The full name of the class of its networks, if they are a user's own; else "".
         reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
             a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
             must be told of all worlds.
@@ -76,7 +77,8 @@ class Player:
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
-        self.critic = any(_is_of_critic(name) for own in weights for name in own)
+        self.networks: str = self.header.get("networks", "")
+        self.critic = bool(self.networks) or any(_is_of_critic(name) for own in weights for name in own)
         try:
             with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
                 self.policies = self._make_policies(weights)
@@ -86,9 +88,9 @@ class Player:
         self._noise: Callable[[], Array] | None = None  # see `key_by`
         self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
 
-    def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[ActorCritic]:
+    def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[Networks]:
         """Make the policies; sizes in run.json are checked against those of their weights first."""
-        layout, actions = self.layout, self.header["actions"]
+        layout, actions, kind = self.layout, self.header["actions"], networks_named(self.networks)
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
@@ -96,11 +98,13 @@ class Player:
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         state = self.state if self.critic else 0
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
-        if least * len(weights) > sum(values.numel() for own in weights for values in own.values()):
+        if kind is ActorCritic and least * len(weights) > sum(
+            values.numel() for own in weights for values in own.values()
+        ):
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
-        sizes, policies = checkpoint.recorded_scales(self.header, layout), []
+        sizes, policies = checkpoint.recorded_scales(self.header, layout), list[Networks]()
         for own in weights:
-            policy = ActorCritic(
+            policy = kind(
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
             if not self.critic:
@@ -264,7 +268,7 @@ def _is_of_critic(name: str) -> bool:
     return name.startswith(policy_file.CRITIC)
 
 
-def _logs(policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
+def _logs(policy: Networks, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
     """The log probabilities of actions, float32 (batch, values, actions)."""
     logs, after = policy.logs(seen, memory, begins)
     return [logs.permute(2, 0, 1).numpy()], after
@@ -297,7 +301,7 @@ def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list
         TrainingError: The file cannot be read, or is damaged.
     """
     player = Player(path)
-    left_out = () if critic and player.critic else policy_file.CRITIC
+    left_out = () if player.networks or (critic and player.critic) else policy_file.CRITIC
     return player.header, [
         {name: values.numpy() for name, values in policy.state_dict().items() if not name.startswith(left_out)}
         for policy in player.policies

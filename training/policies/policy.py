@@ -1,17 +1,20 @@
-"""Policy and value networks with several independent actions."""
+"""Policy and value networks with several independent actions: what they must be, and those of the presets."""
 
 from collections.abc import Sequence
 from typing import Any, cast
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..base.config import imported, name_of
+from ..base.errors import TrainingError
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
 from .networks import Extractor, Memory, Tower, dense
 from .rows import Observed
-from .torch_settings import FLOAT, INDEX
+from .torch_settings import FLOAT, INDEX, playing
 
 NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
@@ -48,6 +51,11 @@ class MultiCategorical(nn.Module):
         logits = torch.addmm(bias[:, None], weight, features.T)
         return logits.view(*self.shape, len(features)).log_softmax(0)
 
+    def log_softmax(self, logits: Tensor) -> Tensor:
+        """Log probabilities of all values, (values, actions, batch), of logits (batch, values of all actions)."""
+        chosen = logits.T.index_select(0, self.where) + self.never[:, None]
+        return chosen.view(*self.shape, len(logits)).log_softmax(0)
+
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
         """Return the log probabilities of joint actions (batch, actions): (batch,)."""
@@ -69,13 +77,23 @@ class MultiCategorical(nn.Module):
         return (below <= uniform.T).sum(0).T
 
 
-class ActorCritic(nn.Module):
-    """Policy and value networks of a preset. Actions are int64 (batch, actions).
+class Networks(nn.Module):
+    """The networks of a policy and its critic. Networks of your own are a subclass with `__init__` and `forward`.
+
+    They are saved by their state_dict and the name of the class, which must be imported before a checkpoint is loaded.
 
     Attributes:
+        sizes: How many values each action has.
+        layout: Layout of the observations.
+        preset: What decides the form of observations: Rows, or PaddedRows for preset `original`.
+        scales: Factors that bring inputs to about -1 to 1: float32 (layout.own,) and (numbers of all kinds,), see Rows.
         memory: How many numbers each agent keeps from step to step; 0: none.
+        state: Numbers of the state of a world that the critic learns from; 0: none.
+        choices: Log probabilities and draws of actions.
         apart: Whether values have networks of their own, so that nothing is computed twice if they are asked for later.
     """
+
+    apart = False
 
     def __init__(
         self,
@@ -98,14 +116,8 @@ class ActorCritic(nn.Module):
             state: Numbers of the state of a world that the critic learns from; 0: none.
         """
         super().__init__()
-        self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
-        self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
-        self.apart = not (preset.shared or memory)
-        self.recurrent = Memory(inputs, memory) if memory else None
-        self.overview = dense(state, preset.hidden) if state else None
-        self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
-        self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
-        self.choices = MultiCategorical(sizes)
+        self.sizes, self.layout, self.preset, self.scales = tuple(sizes), layout, preset, scales
+        self.memory, self.state, self.choices = memory, state, MultiCategorical(sizes)
 
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
@@ -119,9 +131,79 @@ class ActorCritic(nn.Module):
             begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
 
         Returns:
-            Log probabilities of all values of all actions (values, actions, batch), values (batch,), and the memory
-            after the last step.
+            Log probabilities of all values of all actions (values, actions, batch), as `choices.log_softmax` makes
+            them of logits; values (batch,); and the memory after the last step.
         """
+        raise NotImplementedError
+
+    def logs(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """Return the log probabilities and the memory only, for callers that need no values and have no state."""
+        logs, _, after = self(seen, memory, begins)
+        return logs, after
+
+    def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
+        """Return the values only, for callers that choose no actions; see `forward`."""
+        values: Tensor = self(seen, memory, begins)[1]
+        return values
+
+    def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
+        """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
+        return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
+
+    def take(self, other: Any, scale: Any = 1.0) -> None:
+        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
+
+        Args:
+            other: The policy to take the weights from.
+            scale: What numbers of the state are divided by here, over what they are divided by there: float32
+                (numbers,).
+
+        Raises:
+            RuntimeError: Its networks differ, as from load_state_dict.
+            TrainingError: Inputs are scaled otherwise, and the networks cannot make up for it.
+        """
+        self.load_state_dict(other.state_dict())
+        self.rescale(other.scales)
+        if np.any(scale != 1.0):
+            raise TrainingError(
+                f"{name_of(self)} was trained with another scale of the state: imitate it, by NAME:STEPS"
+            )
+
+    def rescale(self, scales: tuple[Any, Any]) -> None:
+        """Set other scales of inputs: those that the weights were trained with. Raises TrainingError if it cannot."""
+        if not all(map(np.array_equal, self.scales, scales)):
+            raise TrainingError(f"{name_of(self)} was trained with other scales of inputs: imitate it, by NAME:STEPS")
+
+
+class ActorCritic(Networks):
+    """The networks of a preset. Actions are int64 (batch, actions)."""
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        *,
+        layout: ObservationLayout,
+        preset: Preset,
+        scales: tuple[Any, Any],
+        memory: int = 0,
+        state: int = 0,
+    ) -> None:
+        """See Networks."""
+        super().__init__(sizes, layout=layout, preset=preset, scales=scales, memory=memory, state=state)
+        inputs = 2 * preset.width
+        self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
+        self.apart = not (preset.shared or memory)
+        self.recurrent = Memory(inputs, memory) if memory else None
+        self.overview = dense(state, preset.hidden) if state else None
+        self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
+        self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
+
+    def forward(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        """See Networks."""
         features = [extractor(seen) for extractor in self.extractors]
         if self.recurrent is not None:
             after, memory = self._remember(features[0], memory, begins)
@@ -133,7 +215,7 @@ class ActorCritic(nn.Module):
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor | None]:
-        """Return the log probabilities and the memory only, for callers that need no values; see `forward`."""
+        """See Networks."""
         features = self.extractors[0](seen)
         if self.recurrent is not None:
             after, memory = self._remember(features, memory, begins)
@@ -141,15 +223,10 @@ class ActorCritic(nn.Module):
         return self._logs(self.actor.inner(features)), memory
 
     def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
-        """Return the values only, for callers that choose no actions; see `forward`."""
+        """See Networks."""
         if self.apart:
             return self._valued(self.extractors[-1](seen), seen)
-        values: Tensor = self(seen, memory, begins)[1]
-        return values
-
-    def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
-        """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
-        return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
+        return super().values(seen, memory, begins)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
         """The memory after each step, and after the last one; see Memory.through."""
@@ -172,15 +249,7 @@ class ActorCritic(nn.Module):
         return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
     def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
-        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
-
-        Raises RuntimeError, as load_state_dict does, if its networks differ.
-
-        Args:
-            other: The policy to take the weights from.
-            scale: What numbers of the state are divided by here, over what they are divided by there: float32
-                (numbers,).
-        """
+        """See Networks."""
         self.load_state_dict(other.state_dict())
         with torch.no_grad():
             for one, two in zip(self.extractors, other.extractors, strict=True):
@@ -192,9 +261,40 @@ class ActorCritic(nn.Module):
                 weight.mul_(torch.as_tensor(scale, dtype=weight.dtype, device=weight.device))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
-        """Set other scales of inputs: those that the weights were trained with."""
+        """See Networks."""
         for extractor in self.extractors:
             cast(Extractor, extractor).set_scales(scales)
 
     def _logs(self, inner: Tensor) -> Tensor:
         return self.choices.log_probabilities(inner, self.actor.last)
+
+
+def networks_named(name: str) -> type[Networks]:
+    """Return the networks of that full name, which must be imported; of "", those of the presets."""
+    found = imported(name) if name else ActorCritic
+    if isinstance(found, type) and issubclass(found, Networks):
+        return found
+    raise TrainingError(
+        f"its networks are {name}, which are not imported, as nothing that a file names is: import the module first, "
+        "as by --import FILE.py"
+    )
+
+
+def check_outputs(networks: Networks, seen: Observed) -> None:
+    """Raise TrainingError unless networks of a user's own return what training and play need."""
+    name, count, memory = name_of(networks), len(seen), None
+    if networks.state and type(networks).logs is Networks.logs:
+        raise TrainingError(f"{name} has a critic that learns from the state: define logs(), which plays without it")
+    begins = torch.ones(count, dtype=torch.bool, device="cpu") if networks.memory else None
+    with playing():
+        if networks.memory:
+            memory = torch.zeros((count, networks.memory), **FLOAT)
+        found = networks(seen, memory, begins)
+        shapes = [None if each is None else tuple(each.shape) for each in found]
+        wanted = [(*networks.choices.shape, count), (count,), (count, networks.memory) if networks.memory else None]
+        if shapes != wanted:
+            raise TrainingError(f"forward of {name} returns tensors of shapes {shapes}: {wanted} are needed")
+        if not torch.allclose(found[0].exp().sum(0), found[1].new_ones(())):
+            raise TrainingError(
+                f"forward of {name} returns no log probabilities: take self.choices.log_softmax(logits)"
+            )

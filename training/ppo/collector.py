@@ -8,7 +8,7 @@ import torch
 
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
-from ..policies.policy import ActorCritic
+from ..policies.policy import Networks
 from ..policies.rows import concatenated
 from .crew import Crew
 from .loss import advantages
@@ -44,7 +44,7 @@ class Collector:
         self.scale.sums[:] = 0
 
     @torch.inference_mode()
-    def collect(self, policies: Sequence[ActorCritic], steps: int, begun: int) -> Rollout:
+    def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
         """Play on from where the worlds are, and keep what happens.
 
         Args:
@@ -67,7 +67,7 @@ class Collector:
                         lane.env.send(lane.act(t, begun + t, policies))
         return self._joined([lane.close(policies) for lane in self.lanes], policies)
 
-    def _joined(self, parts: Sequence[Any], policies: Sequence[ActorCritic]) -> Rollout:
+    def _joined(self, parts: Sequence[Any], policies: Sequence[Networks]) -> Rollout:
         def joined(name: str, axis: int = 1) -> Array:
             each = [np.asarray(getattr(part, name)) for part in parts]
             return each[0] if len(each) == 1 else np.concatenate(each, axis)

@@ -88,7 +88,7 @@ def _copy(batch: Minibatch) -> Minibatch:
     seen = _rows(batch)
     own, entities, count, state = map(clone, (seen.own, seen.entities, seen.count, seen.state))
     rows = Rows(own, entities, count, seen.known, seen.room, state)
-    return Minibatch(rows, **{name: clone(getattr(batch, name)) for name in NUMBERS})
+    return Minibatch(seen=rows, **{name: clone(getattr(batch, name)) for name in NUMBERS})
 
 
 def _tensors(batch: Minibatch) -> list[Tensor]:

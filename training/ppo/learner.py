@@ -8,26 +8,30 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ..base.config import name_of
+from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
-from ..policies.policy import ActorCritic
+from ..policies.policy import Networks
 from ..policies.rows import Rows
 from ..policies.torch_settings import INDEX
 from .crew import Crew
 from .cuda_graph import GraphedGradients
-from .loss import Loss, imitation_loss, ppo_loss
-from .minibatches import Chunks, Minibatch, Samples
+from .loss import ALWAYS, Loss, evaluated, imitation_loss, ppo_loss
+from .minibatches import Batch, Chunks, Minibatch, Samples
 from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
-Shared = Callable[[Callable[[int], list[Tensor]], Iterable[int]], Iterable[list[Tensor]]]
+Parts = Iterable[list[Tensor] | None]
+Shared = Callable[[Callable[[int], list[Tensor] | None], Iterable[int]], Parts]
 CPU = torch.device("cpu")
 SHARE = 2048  # samples of a minibatch that are computed at once; of fewer, calls cost more than sums
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
-DIVERGENCE = Loss.TAGS.index("train/approx_kl")
+OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
+SUMS = 1e-3  # how far the loss of a minibatch may be from the sum of those of its shares, relative to these
 
 
 class Learner:
-    """Trains a policy with PPO.
+    """Trains a policy.
 
     Attributes:
         policy: The policy that plays and is saved, on the CPU.
@@ -35,16 +39,18 @@ class Learner:
             copied to it when an update begins, and it is copied back when the update ends.
         optimizer: Adam, for `trained`.
         epochs: Epochs begun so far, in all updates.
+        figures: Names of the figures that the loss returns; () before its first call.
     """
 
     def __init__(
         self,
-        policy: ActorCritic,
+        policy: Networks,
         numbers: Hyperparameters,
         generator: torch.Generator,
         number: int = 0,
         crew: Crew | None = None,
         device: torch.device = CPU,
+        loss: Loss = ppo_loss,
     ) -> None:
         """Make an optimiser for a policy.
 
@@ -56,12 +62,14 @@ class Learner:
             crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
                 each computes gradients of the samples that are its own.
             device: Where the policy is trained.
+            loss: What is minimised.
         """
-        self.crew = crew or Crew()
+        self.crew, self.loss, self.figures, self.agreed = crew or Crew(), loss, tuple[str, ...](), False
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
         self.parameters = list(self.trained.parameters())
-        graphed = device.type == "cuda" and self.crew.size == 1  # shares of a minibatch seldom have the same size
+        # shares of a minibatch seldom have the same size, and a loss of a user's own may wait for the GPU
+        graphed = device.type == "cuda" and self.crew.size == 1 and loss in OUR_LOSSES
         self.graphs = GraphedGradients(device) if graphed else None
         self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
         self.epochs = 0
@@ -95,14 +103,14 @@ class Learner:
         samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
         batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread to normalise by
-        figures, steps, going = list[Tensor](), 0, True
+        found, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
             self.epochs += 1
             shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
             for part in shuffled.tensor_split(batches):
-                figures.append(self._differentiate(samples, part, shared))
-                going = not self._diverged(figures[-1])
+                found.append(self._differentiate(samples, part, shared))
+                going = not self._diverged(found[-1])
                 if not going:
                     break
                 nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
@@ -111,25 +119,29 @@ class Learner:
             if not going:
                 break
         self._copy(self.trained, self.policy)
-        means = dict(zip(Loss.TAGS, torch.stack(figures).mean(0).tolist(), strict=True))
-        return means | {
+        means = zip(self.figures, torch.stack(found).double().mean(0).tolist(), strict=True)
+        return {f"train/{name}": mean for name, mean in means} | {
             "train/epochs": steps / batches,
             "train/learning_rate": rate,
             "train/explained_variance": explained_variance(rollout, chosen),
         }
 
-    def _copy(self, source: ActorCritic, target: ActorCritic) -> None:
+    def _copy(self, source: Networks, target: Networks) -> None:
         """Copy one of the two policies to the other, including the scales of inputs."""
         if source is not target:
             with torch.no_grad():
                 for values, kept in zip(_tensors(source), _tensors(target), strict=True):
                     kept.copy_(values)
 
-    def _differentiate(self, samples: Samples, part: Tensor, shared: Shared) -> Tensor:
+    def _differentiate(self, samples: Samples, part: Tensor, shared: Shared = map) -> Tensor:
         """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
         shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
         calls = shared if shares > 1 else map  # one share needs no other thread, and a GPU's graphs stay in this one
-        found, *others = calls(lambda share: self._share(samples, part, share, shares), range(shares))
+        parts = [each for each in calls(lambda share: self._share(samples, part, share, shares), range(shares)) if each]
+        if not self.agreed:
+            self._agree(samples, part)
+        none = torch.zeros(len(self.figures), dtype=torch.float32, device=self.device)
+        found, *others = parts or [[none, *map(torch.zeros_like, self.parameters)]]  # if all samples are others'
         for other in others:
             for total, more in zip(found, other, strict=True):
                 total += more
@@ -139,12 +151,11 @@ class Learner:
             parameter.grad = gradient
         return figures
 
-    def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor]:
-        """The figures of the loss of a share of the units, and the gradients of all parameters."""
+    def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor] | None:
+        """The figures of the loss of a share of the units, and the gradients of all parameters; None if it is empty."""
         batch = samples.select(part, share, shares)
         if batch is None:  # all of its samples are other processes'
-            figures = torch.zeros(len(Loss.TAGS), dtype=torch.float32, device=self.device)
-            return [figures, *(torch.zeros_like(parameter) for parameter in self.parameters)]
+            return None
         if self.graphs is not None and isinstance(batch.seen, Rows):
             figures, gradients = self.graphs(self._gradients, batch)
         else:
@@ -153,46 +164,35 @@ class Learner:
 
     def _gradients(self, batch: Minibatch) -> tuple[Tensor, Sequence[Tensor]]:
         """The figures of the loss of a minibatch, and the gradients of all parameters."""
-        loss = self._loss(batch)
-        return loss.figures(), torch.autograd.grad(loss.total, self.parameters)
-
-    def _loss(self, batch: Minibatch) -> Loss:
-        """This process's share of the loss of a minibatch."""
-        choices, numbers = self.trained.choices, self.numbers
         logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
-        with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
-            entropy = choices.entropy(logs)
-        return ppo_loss(
-            choices.of(batch.actions, logs),
-            values,
-            entropy,
-            old_log_probs=batch.log_probs,
-            advantages=batch.advantages,
-            returns=batch.returns,
-            weights=batch.weights,
-            numbers=numbers,
-        )
+        given = Batch(**vars(batch), network=self.trained, numbers=self.numbers, logs=logs, values=values)
+        loss, figures = evaluated(self.loss, given)
+        if self.figures not in ((), names := (*figures,)):
+            raise TrainingError(f"loss {name_of(self.loss)} returns other figures than before: {', '.join(names)}")
+        self.figures = names
+        return torch.stack([*figures.values()]), torch.autograd.grad(loss, self.parameters, materialize_grads=True)
+
+    def _agree(self, samples: Samples, part: Tensor) -> None:
+        """Agree with all processes on the names of figures, and refuse a loss whose shares do not add up."""
+        names = self.crew.gather_values(self.figures)
+        self.figures, self.agreed = next((*own,) for own in names if own), True
+        if self.loss in OUR_LOSSES:
+            return
+        whole, *halves = (self._share(samples, part, *which) for which in ((0, 1), (0, 2), (1, 2)))
+        each = [float(half[0][0]) for half in halves if half]
+        if whole and abs(float(whole[0][0]) - sum(each)) > SUMS * sum(map(abs, each)) + SUMS**2:
+            raise TrainingError(
+                f"loss {name_of(self.loss)} of a minibatch is {float(whole[0][0]):.4g}, and those of its halves are "
+                f"{' and '.join(f'{half:.4g}' for half in each)}: they must add up to it, so take batch.mean(x) in "
+                "place of x.mean() and x.sum(), multiply what is no mean by batch.weights.sum(), and draw no numbers"
+            )
 
     def _diverged(self, figures: Tensor) -> bool:
         limit = self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
-        return bool(limit and figures[DIVERGENCE] > KL_STOP * limit)
+        return bool(limit and figures[ALWAYS.index("approx_kl")] > KL_STOP * limit)
 
 
-class Imitator(Learner):
-    """Trains a policy to take the actions in a rollout, which are a teacher's, and its critic as in PPO."""
-
-    def _loss(self, batch: Minibatch) -> Loss:
-        choices = self.trained.choices
-        logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
-        with torch.no_grad():
-            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
-        chosen = choices.of(batch.actions, logs)
-        return imitation_loss(
-            chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
-        )
-
-
-def _tensors(policy: ActorCritic) -> Iterator[Tensor]:
+def _tensors(policy: Networks) -> Iterator[Tensor]:
     yield from policy.parameters()
     yield from policy.buffers()
 

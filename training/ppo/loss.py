@@ -1,16 +1,21 @@
-"""PPO as functions of tensors: advantages, and the loss of a minibatch (Schulman et al., arXiv:1707.06347)."""
+"""The losses of PPO (Schulman et al., arXiv:1707.06347) and of imitation: functions of a batch. And advantages."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..base.hyperparameters import Hyperparameters
+from ..base.config import name_of
+from ..base.errors import TrainingError
+from .minibatches import Batch
 
 Array = np.ndarray[Any, Any]
-TINY = 1e-8  # is added to the spread of advantages, which may be 0
+Figures = Mapping[str, Tensor]
+Loss = Callable[[Batch], "Tensor | tuple[Tensor, Figures]"]
+ALWAYS = ("loss", "approx_kl")  # figures that are logged for every loss
+RESERVED = (*ALWAYS, "epochs", "learning_rate", "explained_variance")
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
@@ -33,95 +38,53 @@ def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: f
     return found
 
 
-@dataclass(frozen=True)
-class Loss:
-    """The loss of a minibatch, and what it consists of: tensors without axes."""
-
-    total: Tensor
-    policy: Tensor
-    value: Tensor
-    entropy: Tensor
-    divergence: Tensor  # of the old policy from the new one: http://joschu.net/blog/kl-approx.html
-    clipped: Tensor  # share of samples whose ratio is clipped
-
-    TAGS: ClassVar = (
-        "train/loss",
-        *(f"train/{name}" for name in ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")),
-    )
-
-    def figures(self) -> Tensor:
-        """All figures, (6,), without gradients, in the order of TAGS."""
-        parts = (self.total, self.policy, self.value, self.entropy, self.divergence, self.clipped)
-        return torch.stack([part.detach() for part in parts])
-
-
-def ppo_loss(
-    log_probs: Tensor,
-    values: Tensor,
-    entropy: Tensor,
-    *,
-    old_log_probs: Tensor,
-    advantages: Tensor,
-    returns: Tensor,
-    weights: Tensor,
-    numbers: Hyperparameters,
-) -> Loss:
-    """The loss of a minibatch. All tensors are float32 (batch,).
-
-    Args:
-        log_probs: Log-probabilities of the joint actions under the present policy.
-        values: The present critic's values of what was observed.
-        entropy: Entropy of the present policy.
-        old_log_probs: As log_probs, when the samples were collected.
-        advantages: The advantages, already normalised.
-        returns: What the values should become.
-        weights: How much each sample counts: 0 if it is masked, 1 / number of samples that are not if it is not.
-        numbers: The numbers of PPO.
-    """
-    difference = log_probs - old_log_probs
-    ratio = difference.exp()
-    clip = numbers.clip_range
-    gains = torch.minimum(advantages * ratio, advantages * ratio.clamp(1 - clip, 1 + clip))
-    policy, value = -(weights @ gains), weights @ (returns - values).square()
-    mean_entropy = weights @ entropy
+def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
+    """PPO's clipped loss of the policy, with the squared error of the values and the entropy."""
+    numbers = batch.numbers
+    with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
+        entropy = batch.mean(batch.network.choices.entropy(batch.logs))
+    ratio, clip = batch.ratio, numbers.clip_range
+    gains = torch.minimum(batch.advantages * ratio, batch.advantages * ratio.clamp(1 - clip, 1 + clip))
+    policy, value = -batch.mean(gains), batch.mean((batch.returns - batch.values).square())
     with torch.no_grad():
-        divergence = weights @ (ratio - 1 - difference)
-        clipped = weights @ ((ratio - 1).abs() > clip).to(weights.dtype)
-    total = policy + numbers.vf_coef * value - numbers.ent_coef * mean_entropy
-    return Loss(total, policy, value, mean_entropy, divergence, clipped)
+        clipped = batch.mean(((ratio - 1).abs() > clip).to(ratio.dtype))
+    total = policy + numbers.vf_coef * value - numbers.ent_coef * entropy
+    return total, {"policy_loss": policy, "value_loss": value, "entropy": entropy, "clip_fraction": clipped}
 
 
-def imitation_loss(
-    log_probs: Tensor,
-    values: Tensor,
-    entropy: Tensor,
-    differs: Tensor,
-    *,
-    returns: Tensor,
-    weights: Tensor,
-    numbers: Hyperparameters,
-) -> Loss:
-    """The loss of a minibatch where a policy learns to imitate a teacher: cross-entropy, and the loss of its values.
+def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
+    """The cross-entropy of actions that are a teacher's, with the squared error of the values."""
+    policy, value = -batch.mean(batch.log_probs), batch.mean((batch.returns - batch.values).square())
+    with torch.no_grad():
+        choices = batch.network.choices
+        entropy = batch.mean(choices.entropy(batch.logs))
+        differs = batch.mean((choices.likeliest(batch.logs) != batch.actions).float().mean(1))
+    total = policy + batch.numbers.vf_coef * value
+    return total, {"cross_entropy": policy, "value_loss": value, "entropy": entropy, "differs": differs}
 
-    All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
 
-    Args:
-        log_probs: Log-probabilities of the teacher's joint actions under the present policy.
-        values: The present critic's values of what was observed.
-        entropy: Entropy of the present policy.
-        differs: Share of the actions in a joint action for which the policy finds another value likeliest; it takes the
-            place of clipped.
-        returns: What the values should become.
-        weights: How much each sample counts, see ppo_loss.
-        numbers: The numbers of PPO; only vf_coef matters.
+def evaluated(loss: Loss, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    """Return the loss of a batch, and the figures to log by name, those of ALWAYS first, all without axes.
+
+    Raises:
+        TrainingError: The loss returns something else.
     """
-    policy, value = -(weights @ log_probs), weights @ (returns - values).square()
-    return Loss(policy + numbers.vf_coef * value, policy, value, weights @ entropy, policy, weights @ differs)
-
-
-def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
-    """Bring advantages (batch,) to mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
-    count = 1 / weights.max()
-    centred = advantages - weights @ advantages
-    spread = (weights @ centred.square() * count / (count - 1)).sqrt()
-    return centred / (spread + TINY)
+    found: Any = loss(batch)
+    total, own = found if isinstance(found, tuple) and len(found) == 2 else (found, {})
+    if not (isinstance(total, Tensor) and total.ndim == 0 and total.requires_grad):
+        raise TrainingError(
+            f"loss {name_of(loss)} returns {found!r:.100}: a tensor without axes is needed, computed from the "
+            "networks' outputs, or that and a dict of figures to log"
+        )
+    if not isinstance(own, Mapping) or not all(isinstance(name, str) and name.isidentifier() for name in own):
+        raise TrainingError(f"loss {name_of(loss)} returns figures {own!r:.100}: a dict by names is needed")
+    if taken := sorted(own.keys() & {*RESERVED}):
+        raise TrainingError(f"loss {name_of(loss)} returns a figure '{taken[0]}', which is logged anyway: rename it")
+    with torch.no_grad():
+        divergence = batch.mean(batch.ratio - 1 - batch.log_ratio)  # http://joschu.net/blog/kl-approx.html
+        figures = {"loss": total, "approx_kl": divergence, **own}
+        like: dict[str, Any] = {"dtype": total.dtype, "device": total.device}
+        kept = {name: torch.as_tensor(each, **like).detach() for name, each in figures.items()}
+    if wide := [name for name, each in kept.items() if each.ndim]:
+        raise TrainingError(f"loss {name_of(loss)}: its figure '{wide[0]}' must be one number, as of batch.mean(...)")
+    return total, kept

@@ -1,41 +1,95 @@
 """The minibatches of an update: samples or, for a policy with a memory, chunks of several steps."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..base.config import CHUNK
+from ..base.hyperparameters import Hyperparameters
+from ..policies.policy import Networks
 from ..policies.rows import Observed, moved
 from ..policies.torch_settings import INDEX
-from .loss import normalised
 from .rollout import Rollout
 
+TINY = 1e-8  # is added to the spread of advantages, which may be 0
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class Minibatch:
     """Some samples: tensors (batch,), and `actions` (batch, actions).
 
     Attributes:
-        seen: What was observed.
+        seen: What was observed: Rows, or PaddedRows with preset `original`.
         actions: int64.
-        log_probs: float32, log-probabilities of the actions when they were chosen.
-        advantages: float32, normalised.
-        returns: float32.
-        weights: float32, how much each sample counts, see loss.ppo_loss.
+        old_log_probs: float32, log-probabilities of the actions when they were chosen.
+        old_values: float32, the critic's values then.
+        advantages: float32, normalised over the minibatch; as they were: returns - old_values.
+        returns: float32, what the values should become.
+        weights: float32, how much each sample counts: 0 if it is masked, else 1 / number of samples that are not.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
         begins: bool (steps, agents), where episodes begin; None for policies without a memory.
     """
 
     seen: Observed
     actions: Tensor
-    log_probs: Tensor
+    old_log_probs: Tensor
+    old_values: Tensor
     advantages: Tensor
     returns: Tensor
     weights: Tensor
     memory: Tensor | None = None
     begins: Tensor | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch(Minibatch):
+    """What a loss is computed from: samples of a minibatch, and what the networks make of them now.
+
+    A minibatch is computed in shares, on several threads or processes. The loss of a minibatch is the sum of those of
+    its shares, so it must be a sum over samples with `weights`: `batch.mean(x)`, and never `x.mean()`.
+
+    Attributes:
+        network: The networks that are trained.
+        numbers: The numbers of PPO.
+        logs: float32 (values, actions, batch), log-probabilities of all values of all actions.
+        values: float32 (batch,), the critic's values.
+    """
+
+    network: Networks
+    numbers: Hyperparameters
+    logs: Tensor
+    values: Tensor
+
+    def mean(self, values: Tensor) -> Tensor:
+        """Return this share's part of the mean of values (batch,) over the samples of the minibatch that count."""
+        return self.weights @ values
+
+    @cached_property
+    @torch.enable_grad()
+    def log_probs(self) -> Tensor:
+        """float32 (batch,), log-probabilities of the joint actions."""
+        return self.network.choices.of(self.actions, self.logs)
+
+    @cached_property
+    @torch.enable_grad()
+    def log_ratio(self) -> Tensor:
+        """float32 (batch,), how much `log_probs` has grown since the samples were collected."""
+        return self.log_probs - self.old_log_probs
+
+    @cached_property
+    @torch.enable_grad()
+    def ratio(self) -> Tensor:
+        """float32 (batch,), by which factor the joint actions have become more likely."""
+        return self.log_ratio.exp()
+
+    @cached_property
+    @torch.enable_grad()
+    def entropy(self) -> Tensor:
+        """float32 (batch,), the entropy of the joint actions."""
+        return self.network.choices.entropy(self.logs)
 
 
 class Samples:
@@ -51,10 +105,10 @@ class Samples:
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
         """number: The number of the learner. device: Where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
-        returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
+        here = slice(rollout.first, rollout.first + rollout.actions.shape[1])
+        own = rollout.actions, rollout.log_probs, rollout.values[:, here], rollout.returns[:, here]
         self.advantages, *self.own = (
-            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device)
-            for each in (rollout.advantages, rollout.actions, rollout.log_probs, returns)
+            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device) for each in (rollout.advantages, *own)
         )
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
@@ -77,10 +131,18 @@ class Samples:
             there = moved(where, self.device)
             advantages, weights = advantages.index_select(0, there), weights.index_select(0, there)
         there = moved(own, self.device)
-        actions, log_probs, returns = (each.index_select(0, there) for each in self.own)
+        actions, log_probs, values, returns = (each.index_select(0, there) for each in self.own)
         memory, begins = self._remembered(own)
         return Minibatch(
-            self.seen.select(own), actions, log_probs, advantages, returns, weights, memory=memory, begins=begins
+            seen=self.seen.select(own),
+            actions=actions,
+            old_log_probs=log_probs,
+            old_values=values,
+            advantages=advantages,
+            returns=returns,
+            weights=weights,
+            memory=memory,
+            begins=begins,
         )
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
@@ -120,3 +182,11 @@ class Chunks(Samples):
         chunks = first // (agents * CHUNK) * agents + first % agents
         begins = self.begins.index_select(0, moved(own, self.device)).view(CHUNK, -1)
         return self.memory.index_select(0, moved(chunks, self.device)), begins
+
+
+def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
+    """Bring advantages (batch,) to mean 0 and spread 1 over the samples that count; weights: see Minibatch."""
+    count = 1 / weights.max()
+    centred = advantages - weights @ advantages
+    spread = (weights @ centred.square() * count / (count - 1)).sqrt()
+    return centred / (spread + TINY)

@@ -23,7 +23,7 @@ from outlast.envs.snapshots.state import State
 
 from ..arena.opponent_pool import OpponentPool, Plain, plain
 from ..base import run_header
-from ..base.config import IMITATED, TrainingConfig
+from ..base.config import CODE, IMITATED, TrainingConfig, name_of
 from ..base.errors import TrainingError
 from ..base.metrics import check_statistics, means
 from ..base.observation_layout import field_table, layout_of, scales
@@ -31,11 +31,12 @@ from ..base.presets import preset
 from ..policies.checkpoint import policies_content
 from ..policies.packer import Packer
 from ..policies.player import Player
-from ..policies.policy import ActorCritic
+from ..policies.policy import ActorCritic, Networks, check_outputs
 from .collector import Collector
 from .crew import Crew
 from .curriculum import Curriculum, TrainingProgress, joined
-from .learner import Imitator, Learner
+from .learner import Learner
+from .loss import imitation_loss, ppo_loss
 from .rollout import Rollout
 from .world_slice import Lane
 
@@ -48,12 +49,7 @@ IMITATION: dict[str, Any] = {
     "n_epochs": 1,
     "target_kl": 0.0,
 }
-IMITATION_TAGS = {
-    "imitation/cross_entropy": "train/policy_loss",
-    "imitation/value_loss": "train/value_loss",
-    "imitation/entropy": "train/entropy",
-    "imitation/differs": "train/clip_fraction",  # share of the teacher's actions that are not the policy's likeliest
-}
+IMITATION_FIGURES = "cross_entropy", "value_loss", "entropy", "differs"  # of imitation_loss, those that are logged
 
 
 class Trainer:
@@ -117,7 +113,15 @@ class Trainer:
             torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
             first = [self._policy() for _ in range(self.team.max() + 1)]
         self.learners = [
-            Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, self.crew, self.device)
+            Learner(
+                policy,
+                numbers,
+                torch.Generator().manual_seed(config.seed),
+                number,
+                self.crew,
+                self.device,
+                config.loss or ppo_loss,
+            )
             for number, policy in enumerate(first)
         ]
         self.opponents = OpponentPool(
@@ -141,9 +145,11 @@ class Trainer:
             for env in self.envs
         ]
         self.collector = Collector(lanes, numbers, self.crew)
+        if config.networks is not None:
+            check_outputs(self.policies[0], self.lane.observe())
 
     @property
-    def policies(self) -> list[ActorCritic]:
+    def policies(self) -> list[Networks]:
         """The policies of the learners."""
         return [learner.policy for learner in self.learners]
 
@@ -198,6 +204,8 @@ class Trainer:
             "state": self.state,
             "state_scale": self.state_scale.tolist(),
         }
+        if self.config.networks is not None:
+            last["networks"] = name_of(self.config.networks)
         return {
             run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
             run_header.WEIGHTS: policies_content([policy.state_dict() for policy in self.policies]),
@@ -239,13 +247,13 @@ class Trainer:
         name, imitated = self.config.teacher
         if imitated or not name:
             return
-        player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
+        own, player, cure = self.config.networks, Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env)
         found, here = (
-            f"of preset '{chosen}' with memory {memory} and state {state}"
-            for chosen, memory, state in (
-                (player.preset.name, player.memory, player.state),
-                (self.preset.name, self.config.memory, self.state),
+            f"of {networks or f'preset {chosen!r}'} with memory {memory} and state {state}"
+            for networks, chosen, memory, state in (
+                (player.networks, player.preset.name, player.memory, player.state),
+                (own and name_of(own), self.preset.name, self.config.memory, self.state),
             )
         )
         if found != here or len(player.policies) not in (1, len(self.learners)):
@@ -277,7 +285,8 @@ class Trainer:
             return {}
         numbers = replace(self.config.numbers, **IMITATION)
         imitators = [
-            Imitator(own.policy, numbers, own.generator, own.number, self.crew, self.device) for own in self.learners
+            Learner(own.policy, numbers, own.generator, own.number, self.crew, self.device, imitation_loss)
+            for own in self.learners
         ]
         tags = dict[str, float]()
         for k, lane in enumerate(self.collector.lanes):
@@ -287,7 +296,7 @@ class Trainer:
             rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
             logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
             found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
-            tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
+            tags = {f"imitation/{name}": found[f"train/{name}"] for name in IMITATION_FIGURES if found}
             on_rollout(done + each, tags | self.report())
         for lane in self.collector.lanes:
             lane.teacher, lane.played = None, []  # as a resumed run would not know these episodes
@@ -349,18 +358,18 @@ class Trainer:
         env.reset(seed=self.config.seed)
         return env
 
-    def _policy(self) -> ActorCritic:
-        sizes = [int(size) for size in self.env.action_sizes]
-        known = scales(self.layout, field_table(self.env.fields))
-        policy = ActorCritic(
-            sizes,
+    def _policy(self) -> Networks:
+        kind = self.config.networks or ActorCritic
+        if not (isinstance(kind, type) and issubclass(kind, Networks)):
+            raise TrainingError(f"networks = {kind!r:.200}: {CODE['networks']}")
+        return kind(
+            [int(size) for size in self.env.action_sizes],
             layout=self.layout,
             preset=self.preset,
-            scales=known,
+            scales=scales(self.layout, field_table(self.env.fields)),
             memory=self.config.memory,
             state=self.state,
         )
-        return policy
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:

@@ -22,7 +22,7 @@ from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from ..base.noise import ActionNoise
 from ..policies.checkpoint import REST
 from ..policies.packer import Packer
-from ..policies.policy import ActorCritic
+from ..policies.policy import Networks
 from ..policies.rows import Observed
 from ..policies.torch_settings import FLOAT, playing
 from .curriculum import Curriculum, Ended, just_ended
@@ -152,7 +152,7 @@ class Lane:
         )
 
     @playing()
-    def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
+    def act(self, t: int, step: int, policies: Sequence[Networks]) -> Array:
         """Choose the actions of a step, and keep what they were chosen from.
 
         Args:
@@ -202,7 +202,7 @@ class Lane:
             samples.actions[t] = self.teacher(self._batch(observations, slice(None)), uniform)
         return found
 
-    def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
+    def take(self, t: int, result: Any, policies: Sequence[Networks]) -> None:
         """Keep the result of a step, and begin the next episode in worlds whose episode has ended.
 
         Args:
@@ -242,7 +242,7 @@ class Lane:
         self.env.reset(options={"reset_mask": where})
         self._draw(where)
 
-    def close(self, policies: Sequence[ActorCritic]) -> CollectedSamples:
+    def close(self, policies: Sequence[Networks]) -> CollectedSamples:
         """Return the samples, completed by the values of what is observed now."""
         self.samples.last[:] = self._values(policies)
         return self.samples
@@ -280,21 +280,25 @@ class Lane:
         self._sides = side(self.env.worlds)
         self.assign()
 
-    def _remembered(self, policy: ActorCritic, group: AgentGroup) -> tuple[Tensor | None, Tensor | None]:
+    def _remembered(self, policy: Networks, group: AgentGroup) -> tuple[Tensor | None, Tensor | None]:
         """What some agents remember, and where their memory begins anew, as their policy takes both."""
         if not policy.memory:
             return None, None
         return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
 
     @playing()
-    def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
+    def _values(self, policies: Sequence[Networks]) -> Tensor:
         """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
-        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, **FLOAT)
+        seen, values = self.observe(), torch.zeros(self.agents, **FLOAT)
         for (index, number), group in self.groups.items():
             if not index:
                 policy, part = policies[number], self._part(seen, group)
                 values[group.where] = policy.values(part, *self._remembered(policy, group))
         return values
+
+    def observe(self) -> Observed:
+        """What all agents observe now, as networks take it."""
+        return self._seen(self.env.observe())
 
     def _seen(self, observations: dict[str, Array]) -> Observed:
         """What all agents observe, with the state of their worlds if critics learn from it."""

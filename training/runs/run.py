@@ -6,7 +6,7 @@ import json
 import logging
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from ..policies import checkpoint
 from ..policies.torch_settings import learning
 from ..ppo.crew import Crew, recruit
 from ..ppo.divergence import check_learned
+from ..ppo.rollout import Rollout
 from ..ppo.trainer import Trainer
 from .film import film_checkpoint
 from .logs import RunLog
@@ -39,6 +40,36 @@ WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that
 FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
+
+
+class Callbacks:
+    """What is called as a run goes on, in its first process. An object with some of these methods is enough.
+
+    They may read everything and call `run.log.write(values, run.done)`. An exception ends the run, which is saved where
+    its last update ended.
+    """
+
+    def on_rollout(self, run: "TrainingRun", rollout: Rollout) -> None:
+        """Called after each rollout, before the update that it is for; run.done does not count it yet."""
+
+    def on_update(self, run: "TrainingRun", tags: dict[str, float]) -> None:
+        """Called after each update, when it counts as done. tags: What was logged."""
+
+    def on_checkpoint(self, run: "TrainingRun", path: Path) -> None:
+        """Called when a checkpoint was written, except for the one that an interrupt or an error leaves."""
+
+
+MOMENTS = {name for name in vars(Callbacks) if name.startswith("on_")}
+
+
+def check_callbacks(callbacks: Any) -> None:
+    """Raise TrainingError unless each of these objects has methods of Callbacks, and no others that begin with on_."""
+    if not isinstance(callbacks, Sequence):
+        raise TrainingError(f"callbacks = {callbacks!r:.200}: a list of objects is needed")
+    for each in callbacks:
+        names = {name for name in dir(each) if name.startswith("on_")}
+        if not names or names - MOMENTS:
+            raise TrainingError(f"callbacks: {each!r:.200} has {sorted(names)}: some of {sorted(MOMENTS)} are needed")
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
@@ -99,6 +130,7 @@ class TrainingRun:
         resume: bool = False,
         film: bool = False,
         cluster: str | None = None,
+        callbacks: Sequence[Any] = (),
     ) -> None:
         """Make the worlds and networks, and write run.json.
 
@@ -109,12 +141,13 @@ class TrainingRun:
             film: Whether to make a short film of each checkpoint, beside it.
             cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
                 None: all run on this machine.
+            callbacks: Objects with methods of Callbacks.
 
         Raises:
             ClusterError: There is no such cluster, or it is too small.
             TrainingError: The run cannot begin or go on there; nothing is written.
         """
-        self.config, self.folder, self.film = config, folder, film
+        self.config, self.folder, self.film, self.callbacks = config, folder, film, callbacks
         there = self._there()
         files = self._find_checkpoint(there, resume)
         if files is None:
@@ -190,9 +223,10 @@ class TrainingRun:
             self._iterate(progress)
             self.done, self.now = self.trainer.steps, "collecting"
             self.kept = self._capture()
+            self._call("on_update", self.tags)
             last = self.done >= self.config.steps
             if last or self.done // self.config.every > self.saved // self.config.every:
-                self._save(self.kept)
+                self._save_and_call(self.kept)
                 if self.film:
                     latest = self.folder / CHECKPOINT.format(self.saved)
                     film_checkpoint(latest, self.folder, self.config.scenario)
@@ -205,7 +239,7 @@ class TrainingRun:
             self.asked.clear()
             path = self.folder / CHECKPOINT.format(self.kept[0])
             if not path.exists():
-                self._save(self.kept)
+                self._save_and_call(self.kept)
                 logger.info("saved %s, as SIGUSR1 asks for", path)
 
     def _warm_start(self, progress: Progress) -> None:
@@ -219,7 +253,7 @@ class TrainingRun:
 
         start = time.perf_counter()
         tags = self.trainer.imitate(on_rollout)
-        self._save(self._capture())
+        self._save_and_call(self._capture())
         if tags:
             with self._disk_errors():  # after the checkpoint, so that no log has it twice
                 self.log.write(tags | {"time/imitation": time.perf_counter() - start}, 0)
@@ -236,11 +270,13 @@ class TrainingRun:
         left = remaining(trainer)
         rollout = trainer.collect()
         times.append(time.perf_counter())
+        self._call("on_rollout", rollout)
+        times.append(time.perf_counter())
         tags = trainer.report() | trainer.update(rollout, left, on_epoch)
         what = f"training diverged: after {trainer.steps} agent-steps"
         check_learned(trainer, tags, what, "with a lower learning rate, or in units of smaller rewards")
         times.append(time.perf_counter())
-        samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[2] - times[1]
+        samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[3] - times[2]
         tags |= {
             "time/env_steps": trainer.steps / trainer.env.num_agents,
             "time/fps": samples / (collecting + updating),
@@ -254,6 +290,15 @@ class TrainingRun:
     def _capture(self) -> tuple[int, dict[str, bytes]]:
         with self._disk_errors():  # the worlds go through a temporary file
             return self.trainer.steps, capture(self.trainer, self.config.header())
+
+    def _call(self, moment: str, what: Any) -> None:
+        for each in self.callbacks:
+            if (call := getattr(each, moment, None)) is not None:
+                call(self, what)
+
+    def _save_and_call(self, kept: tuple[int, dict[str, bytes]]) -> None:
+        self._save(kept)
+        self._call("on_checkpoint", self.folder / CHECKPOINT.format(kept[0]))
 
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
         steps, files = kept

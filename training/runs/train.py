@@ -1,7 +1,7 @@
 """Training in one call: `outlast train`, and outlast.train."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
 from ..base.run_size import Workload
 from .live_view import LiveView
-from .run import TrainingRun
+from .run import TrainingRun, check_callbacks
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,9 @@ def train(
     warm_start: str | os.PathLike[str] = "",
     anneal: str | Sequence[str] = (),
     levels: Choose | None = None,
+    loss: Callable[[Any], Any] | None = None,
+    networks: type | None = None,
+    callbacks: Sequence[Any] = (),
     dead: str = "keep",
     device: str = "cpu",
     threads: int = 0,
@@ -97,6 +100,9 @@ def train(
         anneal: Numbers of the scenario that change during training: ``"rewards_kill=10:0@5e6"``, or several.
         levels: A function that chooses the levels to train in, called before each rollout; see
             outlast.training.ppo.curriculum.TrainingProgress. None: worlds draw their own.
+        loss: What is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
+        networks: The class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset.
+        callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on.
         dead: What happens to the samples of dead agents: "keep" or "drop".
         device: PyTorch device on which policies are updated; they play on the CPU.
         threads: Threads for the networks and the worlds, with the same results; 0: one for each available core.
@@ -141,10 +147,13 @@ def train(
         warm_start=_start(warm_start),
         anneal=_annealed(anneal),
         levels=levels,
+        loss=loss,
+        networks=networks,
     )
+    check_callbacks(callbacks)
     place = Path(folder) if folder is not None else usual_folder(config)
     with children_awaited():
-        run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
+        run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster, callbacks=callbacks)
         shown(run, quiet=quiet)
     return TrainedRun(place, newest(place), run.saved, run.tags or _logged_last(place))
 

@@ -1,0 +1,254 @@
+"""Losses, networks and callbacks of a user's own: outlast.train(loss=..., networks=..., callbacks=...)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting  # noqa: E402
+from outlast.training.base.errors import TrainingError  # noqa: E402
+from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.policies.rows import Rows  # noqa: E402
+from outlast.training.ppo import learner  # noqa: E402
+from outlast.training.ppo.loss import ppo_loss  # noqa: E402
+from outlast.training.ppo.minibatches import Batch  # noqa: E402
+from outlast.training.runs.run import TrainingRun  # noqa: E402
+from outlast.training.runs.train import TrainedRun  # noqa: E402
+from tests.helpers.trainers import make, weights  # noqa: E402
+from tests.training.test_run import assert_same, points  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+OWN = Pooled.__module__
+EACH = 8 * 32 * 2  # agent-steps of a rollout
+TINY: dict[str, Any] = {"worlds": 8, "rollout": 8 * 32, "threads": 1, "quiet": True}
+TINY["settings"] = {"batch_size": 128, "anneal_lr": False}
+
+
+class Remembering(Pooled):
+    """Mixes what it sees with its memory."""
+
+    def forward(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
+        logs, values, _ = super().forward(seen)
+        last = values.detach().view(-1, len(memory))
+        for new, step in zip(begins.view(last.shape), last, strict=True):
+            memory = 0.5 * memory * ~new[:, None] + step[:, None]
+        return logs, values + memory.mean(1).repeat(len(last)), memory
+
+
+class WithState(Pooled):
+    """A critic that learns nothing from the state that it gets."""
+
+    def logs(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
+        assert seen.state is None
+        return super().logs(seen, memory, begins)
+
+
+def train(folder: Path, steps: int = 2 * EACH, **options: Any) -> TrainedRun:
+    return outlast.train("ffa_2", folder, steps=steps, **(TINY | options))
+
+
+# ---- losses
+
+
+def test_a_loss_with_an_auxiliary_term_is_trained(tmp_path: Path) -> None:
+    own = {"loss": predicting, "networks": Predicting}
+    whole = train(tmp_path / "whole", 3 * EACH, **own)
+    logged = [value for _, value in points(tmp_path / "whole")["train/prediction"]]
+    assert logged[-1] < 0.9 * logged[0]
+    assert {"train/loss", "train/approx_kl", "train/policy_loss"} <= whole.logged.keys()
+    train(tmp_path / "parts", EACH, **own)
+    assert train(tmp_path / "parts", 3 * EACH, **own, resume=True).logged["train/prediction"] == logged[-1]
+    plan = Player(whole.policy).header["plan"]
+    assert (plan["loss"], plan["networks"]) == (f"{OWN}.predicting", f"{OWN}.Predicting")
+    for other in (None, kl_penalty):
+        with pytest.raises(TrainingError, match=f"begun with loss = {OWN}.predicting, not "):
+            train(tmp_path / "parts", 4 * EACH, networks=Predicting, loss=other, resume=True)
+
+
+def test_the_clip_can_be_changed_into_a_penalty() -> None:
+    """And gradients are the same in shares as in one."""
+    after = []
+    for share in (10**6, 24):
+        trainer = make("fast", loss=kl_penalty, target_kl=0.0, n_epochs=2)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(learner, "SHARE", share)
+            logged = trainer.update(trainer.collect())
+        after.append(weights(trainer.policies[0]))
+        assert {"train/policy_loss", "train/value_loss", "train/loss", "train/approx_kl"} < logged.keys()
+    torch.testing.assert_close(*after, rtol=1e-3, atol=1e-4)
+    plain = make("fast", target_kl=0.0, n_epochs=2)
+    plain.update(plain.collect())
+    assert not torch.allclose(weights(plain.policies[0]), after[0], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("loss", "words"),
+    [
+        (lambda batch: (batch.returns - batch.values).square().mean(), "and those of its halves are .* must add up"),
+        (lambda batch: 1.0, "returns 1.0: a tensor without axes is needed"),
+        (lambda batch: batch.values, "a tensor without axes is needed"),
+        (lambda batch: batch.mean(batch.returns), "a tensor without axes is needed, computed from the networks"),
+        (lambda batch: (batch.mean(batch.values), {"values": batch.values}), "figure 'values' must be one number"),
+        (lambda batch: (batch.mean(batch.values), {"approx_kl": 1.0}), "figure 'approx_kl', which is logged anyway"),
+        (lambda batch: (batch.mean(batch.values), [1.0]), r"figures \[1.0\]: a dict by names"),
+        (lambda batch: (batch.mean(batch.values), {f"f{id(batch)}": 1.0}), "returns other figures than before"),
+        ("squared", "loss = 'squared': a function is needed, of a batch"),
+    ],
+)
+def test_what_is_no_loss_is_refused(loss: Any, words: str) -> None:
+    def trained() -> None:
+        trainer = make("fast", loss=loss)
+        trainer.update(trainer.collect())
+
+    with pytest.raises(TrainingError, match=words):
+        trained()
+
+
+def test_other_processes_must_be_able_to_import_a_loss() -> None:
+    make(loss=kl_penalty, processes=2).crew.close()
+    with pytest.raises(TrainingError, match=r"loss = .*<lambda> cannot be imported"):
+        make(loss=lambda batch: batch.mean(batch.values), processes=2)
+
+
+def test_old_values_are_those_of_the_rollout() -> None:
+    """And advantages as they were are what returns add to them."""
+    seen: list[Batch] = []
+    trainer = make("fast", loss=lambda batch: (seen.append(batch), ppo_loss(batch))[1], batch_size=10**6)
+    rollout = trainer.collect()
+    trainer.update(rollout)
+    values, advantages = (torch.from_numpy(each.ravel()) for each in (rollout.values, rollout.advantages))
+    for sorted_values, own in ((values, seen[0].old_values), (advantages, seen[0].returns - seen[0].old_values)):
+        torch.testing.assert_close(own.sort().values, sorted_values.sort().values)
+
+
+# ---- networks
+
+
+@pytest.mark.parametrize(
+    ("networks", "options"),
+    [(Pooled, {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}), (Remembering, {"memory": 8})],
+)
+def test_networks_of_ones_own_are_trained_saved_and_played(
+    networks: Any, options: dict[str, Any], tmp_path: Path
+) -> None:
+    run = train(tmp_path / "parts", networks=networks, **options)
+    train(tmp_path / "parts", 3 * EACH, networks=networks, resume=True, **options)
+    train(tmp_path / "whole", 3 * EACH, networks=networks, **options)
+    assert_same(tmp_path / "parts", tmp_path / "whole")
+    player = outlast.load_policy(run.policy)
+    assert all(isinstance(policy, networks) for policy in player.policies)
+    found = outlast.evaluate("ffa_2", [run.policy, "random"], episodes=4)
+    assert "random" in str(found)
+    more = train(tmp_path / "more", EACH, networks=networks, warm_start=run.policy, **options)
+    assert more.steps == EACH
+    if not player.memory:
+        values, likely, attention = player.explainer()(outlast.make_vec("ffa_2", 2).reset(seed=0)[0])
+        assert np.isfinite(values).all()
+        assert np.isfinite(likely).all()
+        assert not np.any(attention)
+    with pytest.raises(TrainingError, match=f"begun with networks = .*{networks.__name__}, not None"):
+        train(tmp_path / "parts", 4 * EACH, resume=True, **options)
+
+
+def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = train(tmp_path / "run", EACH, networks=Pooled)
+    monkeypatch.delattr(f"{OWN}.Pooled")
+    with pytest.raises(TrainingError, match=f"networks are {OWN}.Pooled, which are not imported.* --import FILE.py"):
+        Player(run.policy)
+
+
+def test_a_critic_of_the_state_plays_without_it(tmp_path: Path) -> None:
+    run = train(tmp_path / "run", EACH, networks=WithState, critic="state")
+    assert np.asarray(Player(run.policy)(outlast.make_vec("ffa_2", 2).reset(seed=0)[0])).shape == (2, 2, 6)
+    with pytest.raises(TrainingError, match="Pooled has a critic that learns from the state: define logs"):
+        make("fast", networks=Pooled, critic="state")
+
+
+class NoLogs(Pooled):
+    def forward(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
+        logs, values, memory = super().forward(seen, memory, begins)
+        return logs + 1, values, memory
+
+
+class WideValues(Pooled):
+    def forward(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
+        logs, values, memory = super().forward(seen, memory, begins)
+        return logs, values[:, None], memory
+
+
+@pytest.mark.parametrize(
+    ("networks", "words"),
+    [
+        (NoLogs, "NoLogs returns no log probabilities"),
+        (WideValues, r"WideValues returns tensors of shapes .* are needed"),
+        (Rows, "networks = .*Rows.*: a subclass of outlast.training.policies.policy.Networks is needed"),
+        (lambda *sizes, **given: None, "networks = .*<lambda> cannot be imported"),
+        (3, "networks = 3: a subclass of"),
+    ],
+)
+def test_what_are_no_networks_is_refused(networks: Any, words: str) -> None:
+    with pytest.raises(TrainingError, match=words):
+        make("fast", networks=networks)
+
+
+# ---- callbacks
+
+
+class Watching:
+    """Notes what is called; raises an error at a moment."""
+
+    def __init__(self, stop: str = "") -> None:
+        self.calls, self.stop = list[tuple[str, int]](), stop
+
+    def on_rollout(self, run: TrainingRun, rollout: Any) -> None:
+        assert rollout.learner.size == EACH
+        self.note("rollout", run)
+
+    def on_update(self, run: TrainingRun, tags: dict[str, float]) -> None:
+        assert tags is run.tags
+        run.log.write({"mine/half": tags["train/loss"] / 2}, run.done)
+        self.note("update", run)
+
+    def on_checkpoint(self, run: TrainingRun, path: Path) -> None:
+        assert path.is_file()
+        self.note("checkpoint", run)
+
+    def note(self, moment: str, run: TrainingRun) -> None:
+        self.calls.append((moment, run.done // EACH))
+        if (moment, len(self.calls) > 3) == (self.stop, True):
+            raise RuntimeError("stop")
+
+
+def test_callbacks_are_called_as_the_run_goes_on(tmp_path: Path) -> None:
+    watching = Watching()
+    run = train(tmp_path / "a", callbacks=[watching], every=EACH)
+    each = [("rollout", 0), ("update", 1), ("checkpoint", 1), ("rollout", 1), ("update", 2), ("checkpoint", 2)]
+    assert watching.calls == each
+    logged = points(tmp_path / "a")
+    assert logged.pop("mine/half") == [(step, value / 2) for step, value in logged["train/loss"]]
+    assert train(tmp_path / "b").logged["train/loss"] == run.logged["train/loss"]
+    assert points(tmp_path / "b") == logged
+
+
+@pytest.mark.parametrize(("moment", "saved"), [("rollout", 1), ("update", 2), ("checkpoint", 2)])
+def test_an_error_in_a_callback_ends_the_run_which_is_saved(moment: str, saved: int, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="stop"):
+        train(tmp_path / "parts", 4 * EACH, callbacks=[Watching(moment)], every=EACH)
+    assert [int(path.stem[6:]) // EACH for path in sorted(tmp_path.glob("parts/steps_*.zip"))][-1] == saved
+    train(tmp_path / "parts", 3 * EACH, resume=True)
+    train(tmp_path / "whole", 3 * EACH)
+    whole, parts = (points(tmp_path / name)["train/loss"] for name in ("whole", "parts"))
+    assert whole == parts
+
+
+@pytest.mark.parametrize("callbacks", [[print], [type("Wrong", (), {"on_rolout": print})()], Watching()])
+def test_what_is_no_callback_is_refused(callbacks: Any, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="callbacks"):
+        train(tmp_path / "run", callbacks=callbacks)
+    assert not (tmp_path / "run").exists()
