@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Action, Array, Component, Coupled, Event, Worlds, column, kernel
+from outlast.ecs import Action, Array, Component, Coupled, Event, WorldsView, column, kernel
 
 
 class Item(Component):
@@ -82,7 +82,7 @@ class ItemDropped(Event, capacity=Item, whom="item"):
     item: Array = column("i4", unit="entity")
 
 
-def empty_handed(worlds: Worlds, received: Any) -> Array:
+def empty_handed(worlds: WorldsView, received: Any) -> Array:
     """Return which agents cannot pass on an item in the next tick, because their bags are empty.
 
     Args:

@@ -1,6 +1,6 @@
 """The return of agents that died."""
 
-from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, Worlds, column
+from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, WorldsView, column
 
 
 class Return(Component):
@@ -10,7 +10,7 @@ class Return(Component):
     health: Array = column("i4")  # the hit points with which it began the episode
 
 
-def inactive(worlds: Worlds) -> Array:
+def inactive(worlds: WorldsView) -> Array:
     """Return which agents do nothing in the next tick, whatever their actions: dead or absent, and not coming back.
 
     Returns:

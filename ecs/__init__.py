@@ -4,8 +4,8 @@ It has six parts. Each imports only those above it in this list, so they can be 
 
 ============ ====================================================================================================
 kernels      what compiled code is made with: numba, types of arrays, vectors, random numbers, files of machine code
-declarations what a mechanic says: components, events, fields, systems and their access, phases, numbers, roles
-memory       where columns lie and what they begin with; modules; numbers that differ between worlds or agents
+declarations what a mechanic says: components, events, fields, systems and their access, phases, numbers, modules
+memory       where columns lie and what they begin with; numbers that differ between worlds or agents
 compilation  the order of systems, their arguments, the tick as machine code, and the cache that keeps it
 checks       whether systems do what they declare, and the hash that tells games apart
 running      a batch of worlds: ticks, threads, tables that callers see
@@ -34,7 +34,8 @@ from .declarations.component import (
 from .declarations.distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .declarations.event import Event, emit
 from .declarations.fields import Field, Fields, columns_of
-from .declarations.layout import Layout
+from .declarations.layout import Layout, WorldsView
+from .declarations.module import Module
 from .declarations.numbers import number
 from .declarations.phase import Phase, When
 from .declarations.references import INDEX, ref
@@ -55,7 +56,6 @@ from .memory.clock import RESET, SKIP, STEP
 from .memory.draw import exists
 from .memory.entity_view import EntityView
 from .memory.layout import MemoryLayout
-from .memory.module import Module
 from .memory.numbers import AgentRoles
 from .running.step import Observer, Stepper
 from .running.worlds import Worlds
@@ -111,6 +111,7 @@ __all__ = [
     "System",
     "When",
     "Worlds",
+    "WorldsView",
     "Write",
     "choice",
     "column",

@@ -17,7 +17,7 @@ import numpy as np
 
 from outlast.ecs import NumberError
 from outlast.ecs.declarations.distributions import FREE, Distribution, in_python
-from outlast.ecs.memory.numbers import check_taken
+from outlast.ecs.memory.given import check_taken
 
 from .errors import ScenarioError
 from .scenarios.changes import in_full

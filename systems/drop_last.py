@@ -8,7 +8,7 @@ from outlast.components import Bag, Body, Drop, Gift, Item, ItemDropped, Phase, 
 from outlast.components.inventory import empty_handed, place, pop
 from outlast.components.limits import FAR
 from outlast.components.respawn import inactive
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, emit, number, of
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, WorldsView, Write, emit, number, of
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class DropLast(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Drop(), ItemDropped()]
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return {"drop": inactive(worlds) | empty_handed(worlds, received=Gift in worlds)}
 
 

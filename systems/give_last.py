@@ -21,7 +21,7 @@ from outlast.ecs import (
     Rows,
     Scratch,
     Singleton,
-    Worlds,
+    WorldsView,
     Write,
     emit,
     kernel,
@@ -68,7 +68,7 @@ class GiveLast(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Give(), ItemGiven()]
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         passes_on = worlds.number(f"{self.name}_passes_on")
         return {"give": inactive(worlds) | empty_handed(worlds, received=passes_on)}
 

@@ -18,7 +18,7 @@ from outlast.ecs import (
     Rows,
     Singleton,
     System,
-    Worlds,
+    WorldsView,
     Write,
     emit,
     number,
@@ -53,7 +53,7 @@ class Inventory(Module):
     def dims(self) -> dict[str, int | str]:
         return {"slots": self.slots}
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return {"use": inactive(worlds) | (worlds[Bag].count[:, worlds.span("agent")] == 0)}
 
 

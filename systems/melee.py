@@ -23,7 +23,7 @@ from outlast.ecs import (
     Rows,
     Scratch,
     Singleton,
-    Worlds,
+    WorldsView,
     Write,
     emit,
     kernel,
@@ -75,7 +75,7 @@ class Melee(Module):
     def dims(self) -> dict[str, int | str]:
         return {"hits": "agents"}
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:

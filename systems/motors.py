@@ -9,7 +9,7 @@ from outlast.components.body import ONE, inverse
 from outlast.components.limits import STRONG
 from outlast.components.motor import HUNDREDTH, Control
 from outlast.components.respawn import inactive
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, Worlds, Write, kernel, number, of
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, WorldsView, Write, kernel, number, of
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Motors(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Drive()]
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return dict.fromkeys(("ahead", "left", "turn"), inactive(worlds))
 
 

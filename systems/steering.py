@@ -11,7 +11,7 @@ from outlast.components import Body, Phase, Push, Side, Steer, Throttle
 from outlast.components.limits import FAST
 from outlast.components.motor import HUNDREDTH, Control
 from outlast.components.respawn import inactive
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, Worlds, Write, kernel, number, of
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, WorldsView, Write, kernel, number, of
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -48,7 +48,7 @@ class Steering(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Steer()]
 
-    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return dict.fromkeys(("ahead", "left", "turn"), inactive(worlds))
 
 

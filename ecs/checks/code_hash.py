@@ -20,10 +20,10 @@ from ..declarations.access import Parameter
 from ..declarations.component import Component
 from ..declarations.declared import declare
 from ..declarations.fields import Field
+from ..declarations.module import Module
 from ..declarations.references import index_of
 from ..declarations.system import Neighbour, System
 from ..kernels.frozen_values import codes, is_outside, references
-from ..memory.module import Module
 
 LIBRARIES = {*sys.stdlib_module_names, "numba", "numpy"}
 PLAIN = (bool, int, float, complex, str, bytes, range, slice, type(None), np.dtype)

@@ -25,10 +25,11 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from ..declarations.component import Component
+from ..declarations.module import Module
 from ..kernels.array_types import CheckedColumn, Column
 from ..kernels.jit import compiled
 from ..memory.column_places import ALIGN
-from ..memory.module import Module
+from ..memory.tables import Tables
 
 MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
@@ -85,7 +86,7 @@ class ArgumentBlock:
         scratch: The thread's memory by its first slot, for kernels that run as Python.
     """
 
-    def __init__(self, layout: ArgumentLayout, worlds: Any, compiled: bool) -> None:
+    def __init__(self, layout: ArgumentLayout, worlds: Tables, compiled: bool) -> None:
         self.slots = np.zeros(layout.size, np.int64)
         self.slots[STRIDE] = worlds.layout.world_bytes
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)

@@ -7,10 +7,10 @@ from itertools import pairwise
 from ..declarations.access import SELECTIONS
 from ..declarations.component import Component, Singleton
 from ..declarations.event import Event
+from ..declarations.module import Module
 from ..declarations.phase import Phase, When
 from ..declarations.system import System
 from ..kernels.errors import ScheduleError, did_you_mean
-from ..memory.module import Module
 from .ambiguity import Reasons, ambiguity, reasons_of
 
 OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"

@@ -23,6 +23,7 @@ import numpy as np
 from ..declarations.access import Parameter
 from ..declarations.component import Clock, Component, Entity
 from ..declarations.fields import offset
+from ..declarations.module import Module
 from ..declarations.numbers import kernel_value
 from ..declarations.phase import When
 from ..declarations.system import System
@@ -42,8 +43,8 @@ from ..memory.draw import (
     shown,
 )
 from ..memory.layout import MemoryLayout
-from ..memory.module import Module
 from ..memory.numbers import GIVEN_WORDS, AgentNumbers, AgentRoles, Given, Number, NumbersView, Varied
+from ..memory.tables import Tables
 from .arguments import (
     BLOCK,
     COUNT,
@@ -324,7 +325,7 @@ class Generator:
     def _column_as(self, name: str, component: type[Component], column: str, axes: int, writable: bool = False) -> str:
         """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
 
-        def view(worlds: Any) -> np.ndarray[Any, Any]:
+        def view(worlds: Tables) -> np.ndarray[Any, Any]:
             values: np.ndarray[Any, Any] = getattr(worlds[component], column)
             return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # -1 would fail for 0 numbers
 

@@ -10,14 +10,18 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from ..kernels.errors import DeclarationError, did_you_mean
 from .archetype import Archetype
 from .component import Component, Singleton
+from .module import RECORDS, Module
 from .references import Ref
 
-RECORDS = "_reads"  # the attribute of a recording copy that holds the numbers that were read
+Part = TypeVar("Part", bound=Component)
+Kind = TypeVar("Kind", Archetype, Singleton)
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class Declared:
         reads: By number that is read as an attribute, the method that reads it.
     """
 
-    module: Any
+    module: Module
     archetypes: list[Archetype] = field(default_factory=list)
     singletons: list[Singleton] = field(default_factory=list)
     dims: Mapping[str, int | str] = field(default_factory=dict)
@@ -82,7 +86,7 @@ class Declared:
             copy.scratch(name, dims)
         return reads
 
-    def _resolved(self, part: Any, kind: str) -> Any:
+    def _resolved(self, part: Part, kind: str) -> Part:
         """Return a component with the values of the numbers that it names."""
         found = {name: _plain(value) for name, value in part.fills.items()}
         for column, value in found.items():
@@ -103,7 +107,7 @@ class Declared:
         return self.module.value(given.name)
 
 
-def declare(module: Any) -> Declared:
+def declare(module: Module) -> Declared:
     """Return what a mechanic declares. DeclarationError if it is something else than its methods have to return."""
     made = Declared(module)
     for archetype in _listed(made, "archetypes", Archetype):
@@ -134,7 +138,7 @@ def _noted(made: Declared, method: str) -> Any:
     return found
 
 
-def _listed(made: Declared, method: str, kind: type[Any]) -> list[Any]:
+def _listed(made: Declared, method: str, kind: type[Kind]) -> list[Kind]:
     """Return the result of a method as a list. DeclarationError unless it is one of instances of `kind`."""
     given = _noted(made, method)
     many = isinstance(given, Iterable)
@@ -181,7 +185,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def recording(module: Any) -> tuple[Any, set[str]]:
+def recording(module: Module) -> tuple[Module, set[str]]:
     """Return a copy of a mechanic, and the set of its numbers that have been read from the copy, which grows."""
     reads = set[str]()
     copy = object.__new__(_recording_class(type(module)))
@@ -209,6 +213,22 @@ def _recording_class(kind: type[Any]) -> type[Any]:
         kind._recording = meta(kind.__name__, (kind,), {**own, RECORDS: None})
     found: type[Any] = vars(kind)["_recording"]
     return found
+
+
+def one_of_each(declared: Sequence[Declared]) -> dict[type[Component], Singleton]:
+    """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
+    found: dict[type[Component], tuple[str, Singleton]] = {}
+    for each in declared:
+        for own in each.singletons:
+            name, other = found.setdefault(type(own), (each.module.name, own))
+            for column, kind in own.columns.items():
+                one, two = (part.fills.get(column, kind.fill) for part in (other, own))
+                if not np.array_equal(one, two):
+                    raise DeclarationError(
+                        f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {each.module.name} "
+                        f"{two!r:.60}: let one of them bring it, or both the same"
+                    )
+    return {kind: singleton for kind, (_, singleton) in found.items()}
 
 
 def entries(prefab: PrefabNumber, shape: Sequence[int], spans: Mapping[str, range]) -> Iterator[tuple[int, int]]:

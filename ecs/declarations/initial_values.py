@@ -1,30 +1,11 @@
 """Prefab values: those with which entities and singletons begin an episode."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from ..kernels.errors import DeclarationError
-from .component import Component, Singleton, as_stored
-from .declared import Declared
+from .component import Component, as_stored
 from .references import index_of
-
-
-def one_of_each(declared: Sequence[Declared]) -> dict[type[Component], Singleton]:
-    """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
-    found: dict[type[Component], tuple[str, Singleton]] = {}
-    for each in declared:
-        for own in each.singletons:
-            name, other = found.setdefault(type(own), (each.module.name, own))
-            for column, kind in own.columns.items():
-                one, two = (part.fills.get(column, kind.fill) for part in (other, own))
-                if not np.array_equal(one, two):
-                    raise DeclarationError(
-                        f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {each.module.name} "
-                        f"{two!r:.60}: let one of them bring it, or both the same"
-                    )
-    return {kind: singleton for kind, (_, singleton) in found.items()}
 
 
 def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str, int]) -> None:

@@ -1,4 +1,4 @@
-"""What mechanics can ask of a layout, which is made of all mechanics of a scenario: see memory.layout."""
+"""What mechanics can ask of a layout, which all mechanics of a scenario make up, and of worlds that have it."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -58,3 +58,27 @@ class Layout(Protocol):
 
     def check_count(self, component: type[Component], dim: str) -> None:
         """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+
+
+class WorldsView(Protocol):
+    """A batch of worlds between two ticks, as its mechanics see it."""
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of each world."""
+
+    @property
+    def count(self) -> int:
+        """How many worlds."""
+
+    def __getitem__(self, component: type[Component]) -> Any:
+        """Return the table of a component, with columns (worlds, ...)."""
+
+    def __contains__(self, component: type[Component]) -> bool:
+        """Whether there are such tables."""
+
+    def number(self, name: str) -> Any:
+        """Return the value of a number in this episode; (worlds, ...) if they differ, (worlds, agents) if agents do."""
+
+    def span(self, archetype: str) -> slice:
+        """Return the rows of an archetype, the same in every world."""

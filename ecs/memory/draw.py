@@ -11,6 +11,7 @@ from ..declarations.roles import ANYONE, NEVER
 from ..kernels.errors import AbsentError, NumberError
 from ..kernels.jit import Array, kernel
 from ..kernels.random import integer, stream_number, words
+from .can_differ import patches
 from .layout import MemoryLayout
 from .numbers import AGENT, GIVEN, ONCE, WORD, Number, encode
 
@@ -49,7 +50,7 @@ def plan(layout: MemoryLayout, by_role: bool) -> Plan:
     """Return the arrays for the numbers of worlds, or for those that differ by role.
 
     Raises:
-        NumberError: See `numbers.patches`.
+        NumberError: See `can_differ.patches`.
     """
     numbers = [*(layout.per_agent if by_role else layout.varied).values()]
     shape = len(numbers), len(layout.roles.roles) if by_role and layout.roles else 1
@@ -64,7 +65,7 @@ def plan(layout: MemoryLayout, by_role: bool) -> Plan:
                     choices += encode(layout.modules[number.module], number.field, value).tolist()
             else:
                 ends[n, r] = drawn.values
-    prefix, patches = ("role", layout.agent_patches) if by_role else ("vary", layout.varied_patches)
+    prefix = "role" if by_role else "vary"
     return Plan(
         rows=np.array(layout.spans[AGENT] if by_role else [0], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
@@ -74,7 +75,7 @@ def plan(layout: MemoryLayout, by_role: bool) -> Plan:
         ends=ends,
         choices=np.array(choices or [0], np.int32),
         options=options,
-        patches=np.array(patches, np.int32).reshape(-1, 3),
+        patches=np.array(patches(layout, by_role), np.int32).reshape(-1, 3),
     )
 
 

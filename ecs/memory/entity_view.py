@@ -7,6 +7,7 @@ import numpy as np
 from ..declarations.component import Component, Entity
 from ..kernels.errors import DeclarationError, did_you_mean
 from ..kernels.integers import is_whole
+from .tables import Tables
 
 
 class EntityView:
@@ -30,7 +31,7 @@ class EntityView:
         DeclarationError: There is no such row or world.
     """
 
-    def __init__(self, worlds: Any, row: int, world: int = 0) -> None:
+    def __init__(self, worlds: Tables, row: int, world: int = 0) -> None:
         asked: list[tuple[str, Any, int]] = [("row", row, worlds.dims["rows"]), ("world", world, worlds.count)]
         for name, value, count in asked:
             if not is_whole(value, 0, count - 1):

@@ -15,19 +15,22 @@ import numpy as np
 from ..declarations.access import SELECTIONS, Parameter
 from ..declarations.archetype import merge
 from ..declarations.component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
-from ..declarations.declared import declare
-from ..declarations.dimensions import check_indices, check_owners, dimension_sizes
+from ..declarations.declared import declare, one_of_each
 from ..declarations.distributions import Distribution
 from ..declarations.event import Event, memory_type
-from ..declarations.fields import Field, placed, width
-from ..declarations.initial_values import fill, one_of_each
+from ..declarations.fields import Field, width
+from ..declarations.initial_values import fill
+from ..declarations.module import Module
+from ..declarations.placed_fields import placed
 from ..declarations.roles import NEVER, Roles
 from ..declarations.system import System
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.random import stream_number
 from ..kernels.simd import SIMD_WIDTH
 from .column_places import ALIGN, Place, place_columns
+from .dimensions import check_indices, check_owners, dimension_sizes
 from .numbers import (
+    AGENT,
     AGENT_WORDS,
     GIVEN_WORDS,
     KEYS,
@@ -38,16 +41,14 @@ from .numbers import (
     Given,
     Number,
     NumbersView,
-    Patch,
     Varied,
+    encode,
     extremes,
     hold,
-    patches,
     place,
     place_by_role,
     replaced,
     selecting,
-    write_own,
 )
 
 ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
@@ -57,7 +58,7 @@ class MemoryLayout:
     """The memory layout of a scenario's worlds, for any number of worlds.
 
     Attributes:
-        modules: Instances of memory.module.Module, in order of their names.
+        modules: Instances of Module, in order of their names.
         archetypes: Archetypes by name, in the order of rows.
         spans: Ranges of rows by name of the archetype.
         dims: Sizes by name of the dimension.
@@ -79,7 +80,7 @@ class MemoryLayout:
 
     def __init__(
         self,
-        modules: Sequence[Any],
+        modules: Sequence[Module],
         distributions: Mapping[str, Distribution] | None = None,
         observed: Sequence[str] = (),
         roles: Roles | None = None,
@@ -104,12 +105,10 @@ class MemoryLayout:
         given, sizes = {*self.dims}, dimension_sizes(self.declared, self.dims)
         self.dims |= sizes
         self.roles = roles
-        self.per_agent: dict[str, Number] = place_by_role(self, roles, not fewer) if roles else {}
-        self.dims |= {ROLES: len(roles.roles)} if roles else {}
-        self.dims |= {AGENT_WORDS: len(self.per_agent) * start} if self.per_agent else {}
+        self.per_agent: dict[str, Number] = self._place_roles(roles) if roles else {}
         self.singletons = one_of_each(self.declared)
         _check_keys(Observation, self.singletons)  # before their fields are placed; again below, with `numbers`
-        self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        self.fields: dict[str, dict[str, Field]] = placed(self, self.modules, self._observations(), Observation.keys())
         if observed:
             self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
@@ -177,28 +176,13 @@ class MemoryLayout:
         Raises:
             NumberError: Values are impossible, by themselves or together; "role NAME: ..." for those of a role.
         """
-        found = list[MemoryLayout]()
-        for role, modules in extremes(self) if self.varied or self.per_agent else ():
+        found, differing = list[MemoryLayout](), self.varied or self.per_agent
+        for role, modules in extremes(self.modules, self.varied.values(), self.roles) if differing else ():
             try:
                 found.append(self.with_modules(modules, self.roles and self.roles.bare(), fewer))
             except NumberError as error:
                 raise NumberError(f"role {role}: {error}" if role else str(error)) from None
         return found or [self]
-
-    def check_numbers(self) -> None:
-        """NumberError if a number cannot vary or differ by role as it should."""
-        if self.varied_patches or self.agent_patches or self.varied or self.per_agent:
-            self.at_extremes(fewer=True)
-
-    @functools.cached_property
-    def agent_patches(self) -> list[Patch]:
-        """The prefab values that are numbers of agents. Raises the errors of `numbers.patches`."""
-        return [patch for number in self.per_agent.values() for patch in patches(self, number)]
-
-    @functools.cached_property
-    def varied_patches(self) -> list[Patch]:
-        """The same for the varied numbers of a world."""
-        return [patch for number in self.varied.values() for patch in patches(self, number)]
 
     @property
     def keyed(self) -> bool:
@@ -252,7 +236,7 @@ class MemoryLayout:
         """The systems of the modules, with those that a module has only for some of the values that differ here."""
         found = [system for module in self.modules for system in module.systems()]
         known = {system.label for system in found}
-        for module in selecting(self):
+        for module in selecting(self.declared, (*self.per_agent.values(), *self.varied.values())):
             more = [system for system in module.systems() if system.label not in known]
             known |= {system.label for system in more}
             found += more
@@ -264,7 +248,9 @@ class MemoryLayout:
             return len(self.rows(*parameter.components)) > 0
         return {*parameter.components} <= {*self.components}
 
-    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, fewer: bool = False) -> "MemoryLayout":
+    def with_modules(
+        self, modules: Sequence[Module], roles: Roles | None = None, fewer: bool = False
+    ) -> "MemoryLayout":
         """Return the layout of the same worlds with other numbers.
 
         Args:
@@ -297,6 +283,18 @@ class MemoryLayout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _place_roles(self, roles: Roles) -> dict[str, Number]:
+        """Find the numbers that differ by role, and add their dimensions. NumberError if roles do not fit."""
+        if not (rows := self.spans.get(AGENT, range(0))):
+            raise NumberError("roles: this scenario has no agents to have them; add Agents")
+        if not self.fewer:  # else, those that do not fit find nobody
+            roles.of_agents(len(rows))
+        found = place_by_role(self.modules, roles, self.dims["rows"])
+        roles.check_apart(self.varied)
+        self.dims[ROLES] = len(roles.roles)
+        self.dims |= {AGENT_WORDS: len(found) * self.dims["rows"]} if found else {}
+        return found
 
     def _observe(self, names: Sequence[str]) -> None:
         """Add the observation "numbers", which shows these varied numbers to agents."""
@@ -442,11 +440,14 @@ class MemoryLayout:
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
                 fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}", self.dims)
-        write_own(self, block)
+        for number in self.per_agent.values():
+            words, module = self.columns(block, AgentNumbers).words, self.modules[number.module]
+            own = encode(module, number.field, getattr(module, number.field))
+            words[:, number.start : number.start + self.dims["rows"]] = own
         return np.ascontiguousarray(block[0])
 
 
-def _groups(modules: Sequence[Any], agents: int) -> tuple[int, ...]:
+def _groups(modules: Sequence[Module], agents: int) -> tuple[int, ...]:
     return next((found for module in modules if (found := module.groups(agents))), ())
 
 

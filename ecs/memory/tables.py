@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 
 from ..declarations import event
-from ..declarations.component import Action, Component
+from ..declarations.component import Action, Clock, Component
 from ..declarations.event import Event, EventMemory
 from ..kernels.errors import DeclarationError
+from .can_differ import patches
 from .column_places import ALIGN
 from .layout import MemoryLayout
+from .numbers import AGENT, AgentNumbers, Number, Varied
 
 
 class Tables:
@@ -61,6 +63,21 @@ class Tables:
     def changed(self) -> Mapping[str, int | float]:
         """The numbers that differ from those of the layout, by name, as kernels get them."""
         return {}
+
+    def agent_values(self, number: Number) -> np.ndarray[Any, Any]:
+        """Return a number that differs by role, of each agent, (worlds, agents): a copy."""
+        rows = self.layout.spans[AGENT]
+        words = self[AgentNumbers].words[:, number.start + rows.start : number.start + rows.stop]
+        found: np.ndarray[Any, Any] = words.copy().view(number.dtype)
+        return found
+
+    def initial_image(self, w: int) -> np.ndarray[Any, Any]:
+        """Return the state of world `w` at the start of its episode, with the numbers that differ: uint8 (bytes,)."""
+        image: np.ndarray[Any, Any] = self.layout.initial_image.copy()
+        for by_role, component in enumerate((Varied, AgentNumbers)) if self[Clock].episode[w, 0] else ():
+            for word, offset, size in patches(self.layout, bool(by_role)):
+                image[offset : offset + size] = self[component].words[w].view(np.uint8)[4 * word : 4 * word + size]
+        return image
 
     def _allocate(self, component: type[Component]) -> Any:
         if component.packed:

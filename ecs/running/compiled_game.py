@@ -11,15 +11,15 @@ from ..compilation.schedule import Schedule, check_brought, order
 from ..compilation.segments import Segment, segments
 from ..declarations.access import SELECTIONS
 from ..declarations.distributions import Distribution
+from ..declarations.module import Module
 from ..declarations.phase import Phase, When
 from ..declarations.roles import Roles
 from ..declarations.system import System
 from ..kernels.errors import ScheduleError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.jit import compiled
+from ..memory.can_differ import check_numbers, differing_numbers
 from ..memory.layout import MemoryLayout
-from ..memory.module import Module
-from ..memory.numbers import differing_numbers
 
 KEPT = 16  # the most plans that are kept: those that were used last
 
@@ -80,7 +80,7 @@ def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_cod
 
 def _made(wanted: Wanted) -> CompiledGame:
     layout = MemoryLayout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
-    layout.check_numbers()
+    check_numbers(layout)
     check_brought(layout.systems, layout.components)
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)

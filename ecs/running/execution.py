@@ -1,6 +1,7 @@
 """Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
 
 import os
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,11 @@ from ..compilation.compiled_step import (
 )
 from ..compilation.segments import Segment
 from ..compilation.tick import Unit
+from ..declarations.component import Component
 from ..kernels.errors import EngineError
 from ..kernels.jit import interpreted
 from ..kernels.machine_code import exception_at
+from ..memory.tables import Tables
 from .team import TEAM, Team, aligned
 
 # How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
@@ -41,14 +44,22 @@ class CompiledExecution:
         worlds: The Worlds, whose tables the units use.
         compiled_units: The machine code, loaded.
         team: The threads that share the worlds; None for the caller's thread alone.
+        touched: See Schedule.touched.
 
     Attributes:
         blocks: The arguments of all units, one thread after the other.
     """
 
-    def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits, team: Team | None) -> None:
+    def __init__(
+        self,
+        segment: Segment,
+        worlds: Tables,
+        compiled_units: CompiledUnits,
+        team: Team | None,
+        touched: Collection[type[Component]],
+    ) -> None:
         self._units, self._code, self._team = segment.units, compiled_units, team
-        self._count: int = worlds.count
+        self._count, self._touched = worlds.count, touched
         self.blocks = list[ArgumentBlock]()
         self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
         addresses = [int(frame.ctypes.data) for frame in self._frames]
@@ -61,7 +72,7 @@ class CompiledExecution:
             self._plan = team.plan(run, self._count, addresses)
             self._arguments = addresses[0], team.spread, int(self._plan.ctypes.data), self._count
 
-    def _frame(self, worlds: Any) -> Any:
+    def _frame(self, worlds: Tables) -> Any:
         """The frame of a thread."""
         blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
         frame = aligned(TABLE + 2 * len(blocks))
@@ -72,12 +83,12 @@ class CompiledExecution:
         self.blocks += blocks
         return frame
 
-    def _share_fetching(self, worlds: Any, blocks: list[ArgumentBlock], together: int) -> None:
+    def _share_fetching(self, worlds: Tables, blocks: list[ArgumentBlock], together: int) -> None:
         """Let the units that run in every tick prefetch the next `together` worlds, in equal parts, if that pays."""
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + together * worlds.layout.world_bytes
-            lines = worlds.layout.touched_lines(worlds.schedule.touched)
+            lines = worlds.layout.touched_lines(self._touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 
@@ -102,8 +113,8 @@ class CompiledExecution:
 class PythonExecution:
     """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
 
-    def __init__(self, segment: Segment, worlds: Any) -> None:
-        self._count: int = worlds.count
+    def __init__(self, segment: Segment, worlds: Tables) -> None:
+        self._count = worlds.count
         self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
         self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
 
@@ -117,7 +128,7 @@ class PythonExecution:
                     raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
-def _together(worlds: Any) -> int:
+def _together(worlds: Tables) -> int:
     """How many worlds go through all units together. More need fewer calls, but their memory must stay in the cache."""
     buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
     used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)

@@ -3,14 +3,14 @@
 import threading
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from ..compilation.cache import CompiledUnits
 from ..compilation.compiled_step import WHOLE_STEP, step
-from ..compilation.segments import Segment
 from ..compilation.tick import Unit
 from ..kernels.jit import compiled
+from ..memory.tables import Tables
+from .compiled_game import CompiledGame
 from .execution import CompiledExecution, PythonExecution
 from .team import Team, shared
 
@@ -26,22 +26,22 @@ class Runner:
         lock: Held while executions are made or changed.
     """
 
-    def __init__(self, worlds: Any, segments: Sequence[Segment], units: CompiledUnits) -> None:
+    def __init__(self, worlds: Tables, threads: int, game: CompiledGame) -> None:
         """Make it; nothing is compiled or loaded yet.
 
         Args:
-            worlds: The Worlds: their tables, `count` and `threads`.
-            segments: The tick.
-            units: The machine code of the tick.
+            worlds: Their tables.
+            threads: How many threads share them.
+            game: Its tick, and the machine code of that.
         """
         self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
-        self._segments = segments
-        self.units = units
-        self.times = {segment.units[0].label: 0.0 for segment in segments}
+        self._segments, self._touched = game.segments, game.schedule.touched
+        self.units = game.units
+        self.times = {segment.units[0].label: 0.0 for segment in self._segments}
         self.lock = threading.Lock()
         self._loaded = False
-        self._executions: list[Execution | None] = [None] * len(segments)
-        self._team = Team(worlds.threads) if shared(worlds.count, worlds.threads) else None
+        self._executions: list[Execution | None] = [None] * len(self._segments)
+        self._team = Team(threads) if shared(worlds.count, threads) else None
 
     @property
     def sources(self) -> list[Unit]:
@@ -89,8 +89,9 @@ class Runner:
             segment = self._segments[k]
             with self.lock:  # one thread at a time: modules' scratch() need not be thread-safe
                 worlds = self._worlds()
+                assert worlds is not None  # it is the caller
                 if segment.compiled:
-                    execution = CompiledExecution(segment, worlds, self.units, self._team)
+                    execution = CompiledExecution(segment, worlds, self.units, self._team, self._touched)
                 else:
                     execution = PythonExecution(segment, worlds)
                 self._executions[k] = execution

@@ -10,13 +10,14 @@ from ..declarations import event
 from ..declarations.component import Clock
 from ..declarations.distributions import Distribution
 from ..declarations.event import Event
+from ..declarations.module import Module, check_kind
 from ..declarations.phase import Phase
 from ..declarations.roles import Roles
 from ..kernels.errors import CapacityError, NumberError
+from ..memory.can_differ import changed_modules, differing
 from ..memory.entity_view import EntityView
-from ..memory.live_numbers import changed_modules, differing
-from ..memory.module import Module, check_kind
-from ..memory.numbers import AWAY, KEY, NO_LEVELS, ONCE, Given, Varied, agent_values, given_words
+from ..memory.given import given_words
+from ..memory.numbers import AWAY, KEY, NO_LEVELS, ONCE, Given, Varied
 from ..memory.tables import Tables
 from .compiled_game import Wanted, plan
 from .runner import Runner
@@ -87,7 +88,7 @@ class Worlds(Tables):
         super().__init__(made.layout, count)
         self.schedule, self.threads = made.schedule, threads
         self.modules = list(self.layout.modules)
-        self.runner = Runner(self, made.segments, made.units)
+        self.runner = Runner(self, threads, made)
 
     def __repr__(self) -> str:
         return f"Worlds({self.count} worlds, {len(self.components)} components)"
@@ -136,7 +137,7 @@ class Worlds(Tables):
             NumberError: There is no such number.
         """
         if (agents := self.layout.per_agent.get(name)) is not None:
-            return agent_values(self, agents)
+            return self.agent_values(agents)
         if (varied := self.layout.varied.get(name)) is not None:
             return varied.decode(self[Varied].words.T.copy(), self.layout.modules[varied.module])
         for module in self.modules:
@@ -196,7 +197,7 @@ class Worlds(Tables):
 
     def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return each agent's numbers that differ by role in this episode: int32 or float32 (count, agents) by name."""
-        return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
+        return {name: self.agent_values(number) for name, number in self.layout.per_agent.items()}
 
     def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None), once: bool = False) -> None:
         """Set varied numbers from the next reset of each world on, instead of drawing them.

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.memory.numbers import KEY, NO_LEVELS, ONCE, Given, has_one_each
+from outlast.ecs.memory.given import has_one_each
+from outlast.ecs.memory.numbers import KEY, NO_LEVELS, ONCE, Given
 
 from ..errors import NotResetError
 from ..levels import Level, check_all

@@ -9,7 +9,8 @@ import numpy as np
 from outlast.components import End
 from outlast.ecs import RESET, STEP, Clock, EngineError
 from outlast.ecs.kernels.integers import is_whole
-from outlast.ecs.memory.numbers import GIVEN_WORDS, Given, wrongly_given
+from outlast.ecs.memory.given import wrongly_given
+from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable

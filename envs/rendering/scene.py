@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape, Side, Sides
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
-from outlast.ecs.memory.numbers import Number, Varied, agent_values, initial_image
+from outlast.ecs.memory.numbers import Number, Varied
 
 from .style import SIZES
 
@@ -70,7 +70,7 @@ class Scene:
     def prefab(self, component: type[Component]) -> Any:
         """Return the table as it is at the start of an episode."""
         if self.worlds.layout.per_agent or self.worlds.layout.varied:
-            return _table(self.worlds.layout, component, initial_image(self.worlds, self.w))
+            return _table(self.worlds.layout, component, self.worlds.initial_image(self.w))
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 
     def mechanic(self, kind: type[M], agent: int | None = None) -> M:
@@ -92,7 +92,7 @@ class Scene:
         if not (own and self[Clock].episode[0]):
             return {}
         i = self.rows(Side).index(e)
-        return {number.field: agent_values(self.worlds, number)[self.w, i].item() for number in own}
+        return {number.field: self.worlds.agent_values(number)[self.w, i].item() for number in own}
 
     def _drawn(self, number: Number) -> Any:
         """Return the value that a varied number has in this world."""

@@ -23,7 +23,8 @@ from outlast.components import Bag, Side, Sight
 from outlast.ecs import Component, Entity, MemoryLayout, Singleton
 from outlast.ecs.declarations.event import COUNT, EventMemory, table
 from outlast.ecs.memory.column_places import Place
-from outlast.ecs.memory.numbers import Given, Varied, misfits, wrongly_given
+from outlast.ecs.memory.given import misfits, wrongly_given
+from outlast.ecs.memory.numbers import Given, Varied
 
 from ..errors import StateError
 

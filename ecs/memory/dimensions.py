@@ -3,11 +3,13 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from ..declarations.archetype import MOST
+from ..declarations.component import Component
+from ..declarations.declared import Declared
+from ..declarations.module import Module
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.integers import is_whole
-from .archetype import MOST
-from .declared import Declared
 
 NEEDED = 'a whole number, 0 or more, or names of dimensions and numbers, as in "agents + boxes" or "agents - 1"'
 
@@ -57,7 +59,7 @@ def _terms(size: str) -> list[int | str]:
     return [int(part) if part.lstrip("-").isdecimal() else part for part in parts]
 
 
-def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int]) -> None:
+def check_indices(module: Module, components: Sequence[type[Component]], dims: Mapping[str, int]) -> None:
     """Raise DeclarationError if a column is declared as an index of a dimension that no imported mechanic has.
 
     Args:
@@ -75,11 +77,11 @@ def check_indices(module: Any, components: Sequence[Any], dims: Mapping[str, int
                     )
 
 
-def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collection[Any]) -> None:
+def check_owners(modules: Sequence[Module], engine: Collection[str], shared: Collection[Any]) -> None:
     """Refuse a mechanic from outside of outlast that adds to a dimension of the engine or of outlast's mechanics.
 
     Args:
-        modules: Instances of memory.module.Module.
+        modules: Instances of Module.
         engine: The names of the engine's dimensions.
         shared: The dimensions of outlast's mechanics that others may add to: counts of entities, capacities of events.
 
@@ -97,18 +99,18 @@ def check_owners(modules: Sequence[Any], engine: Collection[str], shared: Collec
                 )
 
 
-def _check_size(module: Any, dim: str, size: Any) -> None:
+def _check_size(module: Module, dim: str, size: Any) -> None:
     """Raise DeclarationError if a size is neither a number nor names of dimensions."""
     if not isinstance(size, str) and not is_whole(size, 0):
         raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
 
 
-def _has_a_mechanic(module: Any, dim: str) -> bool:
+def _has_a_mechanic(module: Module, dim: str) -> bool:
     """Whether an imported mechanic has the dimension. module: any module; it finds the imported ones."""
     return bool(module.providing(lambda other: dim in other.dims()))
 
 
-def _check_known(module: Any, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
+def _check_known(module: Module, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
     """Raise DeclarationError if no imported mechanic has the dimension. trail: the dimensions that lead to it."""
     if not _has_a_mechanic(module, dim):
         hint = did_you_mean(dim, known) or f"known: {', '.join(sorted(known))}"

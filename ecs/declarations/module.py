@@ -24,21 +24,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
-from ..declarations.access import parameters
-from ..declarations.archetype import Archetype
-from ..declarations.component import Component, Singleton, snake_case
-from ..declarations.declared import RECORDS
-from ..declarations.fields import Field
-from ..declarations.layout import Layout
-from ..declarations.numbers import checked, kind_of
-from ..declarations.phase import Phase
-from ..declarations.system import Neighbour, System
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import annotated, check_random, is_outside
 from ..kernels.jit import kernel
-from .system_checks import check_twice, components, neighbours, redefines
+from .access import parameters
+from .archetype import Archetype
+from .component import Component, Singleton, snake_case
+from .fields import Field
+from .layout import Layout, WorldsView
+from .numbers import checked, kind_of
+from .phase import Phase
+from .system import Neighbour, System, check_twice, components, neighbours, redefines
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+RECORDS = "_reads"  # the attribute of a copy that holds which numbers were read, see declarations.declared
 NEAR = 0.85  # a method whose name is this similar (1: equal) to that of a method of Module is taken for a slip
 Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high); for a key with fields, by the fields' names
 
@@ -353,7 +352,7 @@ class Module:
         """
         return {}
 
-    def idle_actions(self, worlds: Any) -> Mapping[str, Any]:
+    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         """Return which agents' actions would do nothing in the next tick, for action masks.
 
         Args:

@@ -1,0 +1,110 @@
+"""Numbers and keys that users give instead of draws: how they are encoded, and whether they could have been drawn."""
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+
+from ..declarations.distributions import CHOICE, FREE, in_python
+from ..kernels.errors import NumberError
+from ..kernels.jit import Array
+from .layout import MemoryLayout
+from .numbers import AWAY, GIVEN, HERE, KEY, WORD, Number, encode
+
+
+def given_words(number: Number, layout: MemoryLayout, values: Any, count: int) -> Array:
+    """Encode the values that a user gives to some worlds, for the column of Given.
+
+    Args:
+        number: The number.
+        layout: A layout that varies it.
+        values: One, or one for each of the worlds.
+        count: How many worlds.
+
+    Returns:
+        uint64 (count, width).
+
+    Raises:
+        NumberError: The number of values is wrong, a value could not be drawn, or it is one of a free number that its
+            mechanic does not take.
+    """
+    module = layout.modules[number.module]
+    listed = list(values) if has_one_each(values) else [values] * count
+    if len(listed) != count:
+        raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
+    keys, found = [in_python(value) for value in listed], dict[Any, Array]()
+    for value in keys:
+        if not isinstance(value, Hashable):
+            number.distribution.check(number.name, value)
+    for value in dict.fromkeys(keys):
+        number.distribution.check(number.name, value)
+        if number.distribution.kind == FREE:
+            check_taken(number, layout, value)
+        found[value] = encode(module, number.field, int(value) if number.kind is int else value).view(np.uint32)
+    given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
+    return given
+
+
+def has_one_each(values: Any) -> bool:
+    """Whether these are values for several worlds, one each; a tuple is a single value."""
+    return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
+
+
+def check_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) -> None:
+    """Raise NumberError unless the mechanic takes this value of a free number."""
+    layout.modules[number.module].replace(**{number.field: value}).check(layout)
+
+
+def _is_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) -> bool:
+    """Whether the mechanic takes this value of a free number."""
+    try:
+        check_taken(number, layout, value)
+    except NumberError:
+        return False
+    return True
+
+
+def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
+    """Which worlds have words that could not have been drawn: bool (worlds,).
+
+    Args:
+        number: The number.
+        layout: A layout that varies it.
+        words: int32 (worlds, width), the words of this number.
+    """
+    module = layout.modules[number.module]
+    if number.distribution.kind == FREE:
+        values, which = np.unique(np.ascontiguousarray(words).view(number.dtype), axis=0, return_inverse=True)
+        fits = np.array([_is_taken(number, layout, tuple(value.tolist())) for value in values], bool)[which.reshape(-1)]
+    elif number.distribution.kind == CHOICE:
+        known = np.array([encode(module, number.field, value) for value in number.distribution.values])
+        fits = (words[:, None] == known).all(2).any(1)
+    else:
+        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
+        low, high = (number.dtype.type(end) for end in number.distribution.values)
+        fits = (low <= values) & (values <= high)
+    return ~np.asarray(fits)
+
+
+def wrongly_given(layout: MemoryLayout, words: Array) -> str:
+    """What is wrong with words of Given from a file, which kernels would use as indices unchecked; "" if nothing is.
+
+    Args:
+        layout: A layout with varied numbers.
+        words: uint64 (worlds, words).
+    """
+    for name, number in layout.varied.items():
+        own = words[:, number.words]
+        there, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
+        flags = own >> GIVEN
+        wrong = (flags[:, :1] != flags).any(1) | ((flags != 1) & (flags != 3)).any(1)
+        wrong[there] |= misfits(number, layout, low[there])
+        if (wrong := wrong & there).any():
+            w = int(wrong.argmax())
+            return f"{name} in world {w} is not of {number.distribution!r:.80}"
+    for part in (KEY, AWAY):
+        if (wrong := words[:, part][:, 0] > 1).any():
+            return f"the key of random numbers in world {int(wrong.argmax())} is none"
+    if (wrong := (words[:, KEY][:, 0] == 1) & (words[:, KEY][:, 3] == 0)).any():
+        return f"the key of random numbers in world {int(wrong.argmax())} is of episode 0: the first one is 1"
+    return ""
