@@ -8,6 +8,7 @@ from .contact import Driven, Filter, Material
 from .heal import Heal, HealsUsed, HealView
 from .health import Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
+from .joint import Rope, RopeBroken, Weld, WeldBroken
 from .lidar import LidarView, Rays
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
@@ -70,6 +71,8 @@ __all__ = [
     "Respawns",
     "Return",
     "Reward",
+    "Rope",
+    "RopeBroken",
     "Score",
     "SelfView",
     "Shape",
@@ -87,6 +90,8 @@ __all__ = [
     "Use",
     "Wall",
     "Weapon",
+    "Weld",
+    "WeldBroken",
     "Zone",
     "ZoneView",
 ]

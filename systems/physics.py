@@ -12,7 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Driven, Fault, Filter, Material, Phase, Push, Shape, Solid
+from outlast.components import (
+    Body,
+    Driven,
+    Fault,
+    Filter,
+    Material,
+    Phase,
+    Push,
+    Rope,
+    RopeBroken,
+    Shape,
+    Solid,
+    Weld,
+    WeldBroken,
+)
 from outlast.components.body import inverse
 from outlast.components.limits import STRONG
 from outlast.ecs import (
@@ -40,6 +54,7 @@ from .box2d import native, portable
 from .box2d.batch import (
     ANGLE,
     COLUMNS,
+    JOINTS,
     LIMITS,
     LONGEST,
     MAX_TRAVEL,
@@ -51,6 +66,7 @@ from .box2d.batch import (
     Settings,
     X,
 )
+from .box2d.connect import gather_joints, mark_joined, number_marked, read_forces
 from .box2d.transfer import describe, gather, own, scatter
 from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
@@ -126,6 +142,10 @@ class Physics(Module):
             return np.zeros((dims["rows"], COLUMNS), np.float32)
         if name == "traits":
             return np.zeros((dims["rows"], TRAITS), np.float32)
+        if name == "rows_of_joints":
+            return np.zeros((2 * dims["rows"], JOINTS), np.float32)
+        if name == "spots":
+            return np.zeros(dims["rows"], np.int32)
         if name == "workspace":
             return (native if self.native() else portable).make_workspace()
         return make_scratch(name, dims)
@@ -252,10 +272,18 @@ def collider(solve: Any) -> Any:
         materials: Read[Material] | None,
         made: RowIndex[Material] | None,
         driven: RowIndex[Driven] | None,
+        welds: Write[Weld] | None,
+        welders: Rows[Weld] | None,
+        ropes: Write[Rope] | None,
+        tied: Rows[Rope] | None,
+        weld_events: Write[WeldBroken] | None,
+        rope_events: Write[RopeBroken] | None,
         half_extents: Scratch,
         workspace: Scratch,
         batch: Scratch,
         traits: Scratch,
+        rows_of_joints: Scratch,
+        spots: Scratch,
         rate: float,
         substeps: int,
         velocity_iterations: int,
@@ -278,6 +306,8 @@ def collider(solve: Any) -> Any:
             np.float32(angular_damping),
             int(continuous),
         )
+        mark_joined(welds, solid, entities, solids, welders)
+        mark_joined(ropes, solid, entities, solids, tied)
         result = SOLVED
         for everything in (False, True):
             if everything:
@@ -288,14 +318,18 @@ def collider(solve: Any) -> Any:
                 return
             if everything:
                 batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
-            if filters is None and materials is None:
+            if filters is None and materials is None and welds is None and ropes is None:
                 result = solve(workspace, settings, batch, count)
             else:
                 describe(traits, settings, solid, entities, solids, filters, filtered, materials, made)
-                result = solve(workspace, settings, batch, count, traits)
+                number_marked(spots, solid, entities, solids)
+                joined = gather_joints(rows_of_joints, body, solid, welds, welders, ropes, tied, spots)
+                result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined)
             if result == SOLVED:
                 break
         fault.physics[0] = result != SOLVED
+        ended = read_forces(rows_of_joints, 0, welds, weld_events, solid, welders)
+        read_forces(rows_of_joints, ended, ropes, rope_events, solid, tied)
         scatter(batch, body, solid, entities, solids)
 
     return collide

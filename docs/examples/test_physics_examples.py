@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from bouncing_ball import BOUNCING_BALL
+from grab import GRAB
+from leash import LEASH, Torn
 from one_way_door import ONE_WAY_DOOR
 from ramp import RAMP
 
 import outlast
-from outlast.components import Body
+from outlast.components import Body, Rope, Weld
 
 STAY, AHEAD, BACK = (1, 1, 1), (2, 1, 1), (0, 1, 1)
 
@@ -28,7 +30,9 @@ def walk(env, ticks, *actions):
     return env.worlds[Body].x[0, 0], env.worlds[Body].y[0, 0]
 
 
-@pytest.mark.parametrize("scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL], ids=lambda scenario: scenario.name)
+@pytest.mark.parametrize(
+    "scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL, GRAB, LEASH], ids=lambda scenario: scenario.name
+)
 def test_nothing_is_wrong_with_it(scenario):
     assert outlast.check(scenario) == []
 
@@ -58,3 +62,26 @@ def test_a_ball_goes_on_bouncing_and_a_door_sliding():
     assert max(places) == pytest.approx(3, abs=0.1)
     assert min(places) == pytest.approx(-3, abs=0.1)
     assert np.abs(np.diff(places)).max() == pytest.approx(1 / 30, rel=1e-3)
+
+
+def test_what_is_grabbed_comes_along_until_it_is_let_go():
+    env, body, span = placed(GRAB, (-1.2, 0), (0, 1.2))
+    crate, welds = span("crate").start, env.worlds[Weld]
+    walk(env, 1, (*STAY, 1), (*STAY, 1))
+    assert welds.other[0, :2].tolist() == [crate, crate]
+    walk(env, 30, (*BACK, 1), (*STAY, 1))
+    assert body.x[0, crate] < -1
+    assert np.hypot(body.x[0, 0] - body.x[0, crate], body.y[0, 0] - body.y[0, crate]) == pytest.approx(1.2, abs=0.01)
+    walk(env, 1, (*STAY, 0), (*STAY, 0))
+    assert welds.other[0, :2].tolist() == [-1, -1]
+    walk(env, 40, (*STAY, 0), (*AHEAD, 0))
+    assert abs(np.hypot(body.x[0, 1] - body.x[0, crate], body.y[0, 1] - body.y[0, crate]) - 1.2) > 0.3
+
+
+@pytest.mark.parametrize(("strength", "holds"), [(0, True), (150, False)])
+def test_a_leash_holds_until_it_is_pulled_too_hard(strength, holds):
+    env, _, span = placed(LEASH.replace(leash_strength=strength), (0.8, 0))
+    x = walk(env, 90, AHEAD)[0]
+    assert (env.worlds[Rope].other[0, 0] == span("post").start) == holds
+    assert x == pytest.approx(3.0 if holds else 5.44, abs=0.05)
+    assert env.worlds[Torn].torn[0] == (not holds)

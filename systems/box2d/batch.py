@@ -13,6 +13,7 @@ from outlast.ecs.kernels.errors import OutlastError
 
 ContactBatch = NDArray[np.float32]
 Traits = NDArray[np.float32] | None
+Joints = NDArray[np.float32] | None
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
@@ -35,15 +36,27 @@ LAYER, HITS = 4, 5  # bit masks below 65,536: two bodies touch if the layer of e
 SENSOR = 6  # 1: touches, but neither pushes nor stops anything
 TRAITS = 7
 
+# Joints: a float32 array (joints, 11), with a row for each joint between two bodies of the batch
+KIND = 0  # WELD, ROD or ROPE
+FIRST, SECOND = 1, 2  # the two bodies, by their row in the batch
+OWN_X, OWN_Y, OTHER_X, OTHER_Y = 3, 4, 5, 6  # metres, the two ends, each in the frame of its body
+REST = 7  # of a weld, radians: angle of the second body minus that of the first; else metres between the ends
+HERTZ, RATIO = 8, 9  # frequency and damping ratio of a spring: a weld's for the angle, a rod's for the length; 0: rigid
+FORCE = 10  # newtons, the largest of all substeps; written
+JOINTS = 11
+ROD, WELD, ROPE = 3, 8, 10  # b2JointType. Bodies that are welded do not touch each other
+
 SOLVED = 0  # the batch holds the state after the tick
 ABANDONED = 1  # a body went further than its MAX_TRAVEL; the batch is untouched
 INVALID = 2  # too many bodies, or a number out of bounds or NaN: an error of the caller; the batch is untouched
 CAPACITY = 512  # the most bodies in a batch
+MOST_JOINTS = 1024
 LIMITS = np.full(COLUMNS, 1e6, np.float32)  # the largest numbers; of still larger ones, Box2D's squares overflow
 LIMITS[[VX, VY, OMEGA]] = 1e15, 1e15, 1e19
 LIMITS[[MASS, INERTIA]] = 1e17, 1e26
 LIMITS[MAX_TRAVEL] = np.inf
 TRAIT_LIMITS = np.array([1e5, 1e5, 1e5, 1e5, 0xFFFF, 0xFFFF, 1], np.float32)  # the largest; the least are 0
+JOINT_LIMITS = np.array([ROPE, CAPACITY, CAPACITY, 1e6, 1e6, 1e6, 1e6, 1e6, 1e5, 1e5, np.inf], np.float32)  # likewise
 LONGEST = np.float32(2)  # metres: how far Box2D lets a body fly in a substep (b2_maxTranslation)
 SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it
 

@@ -10,8 +10,22 @@ import numpy as np
 from outlast.ecs.kernels.jit import noinline_kernel
 
 from . import layout as at
-from .batch import Settings, Traits
-from .workspace import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
+from .batch import Joints, Settings, Traits
+from .joints import begin_joints, joint_positions, joint_velocities
+from .workspace import (
+    BEFORE,
+    CONTACTS,
+    GROUP,
+    IMPULSES,
+    JOINT,
+    JOINT_SLOT,
+    LINKS,
+    POSITIONS,
+    SOLVER,
+    SOLVER_DEF,
+    STACK,
+    VELOCITIES,
+)
 
 _MAX_TURN = np.float32(0.5 * 3.14159265359)  # b2_maxRotation
 _MAX_TURN_SQUARED = _MAX_TURN * _MAX_TURN
@@ -19,15 +33,18 @@ _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float
 
 
 @noinline_kernel
-def solve_islands(workspace: int, settings: Settings, traits: Traits) -> None:
+def solve_islands(workspace: int, settings: Settings, traits: Traits, joints: Joints, joined: int) -> None:
     """Advance every body that moves by one substep; new contacts are found at the end."""
     _clear_flags(workspace)
+    if joints is not None:
+        for k in range(joined):
+            at.store_u1(workspace + JOINT + JOINT_SLOT * k + at.JOINT_FLAG, np.uint8(0))
     seed = at.load_i8(workspace + at.WORLD_BODIES)
     while seed:
         moving = at.load_i4(seed + at.BODY_TYPE) != at.STATIC
         if moving and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
-            bodies, contacts = _gather(workspace, seed, traits)
-            _solve_island(workspace, settings, bodies, contacts, traits)
+            bodies, contacts, links = _gather(workspace, seed, traits, joints)
+            _solve_island(workspace, settings, bodies, contacts, links, traits, joints)
         seed = at.load_i8(seed + at.BODY_NEXT)
     body = at.load_i8(workspace + at.WORLD_BODIES)
     while body:
@@ -50,13 +67,13 @@ def _clear_flags(workspace: int) -> None:
 
 
 @noinline_kernel
-def _gather(workspace: int, seed: int, traits: Traits) -> tuple[int, int]:
-    """Collect what touches `seed`, depth first as Box2D does, but not beyond static bodies.
+def _gather(workspace: int, seed: int, traits: Traits, joints: Joints) -> tuple[int, int, int]:
+    """Collect what touches `seed` or is joined to it, depth first as Box2D does, but not beyond static bodies.
 
     Returns:
-        How many bodies there are, and how many contacts.
+        How many bodies there are, how many contacts, and how many joints.
     """
-    bodies, contacts, waiting = 0, 0, 1
+    bodies, contacts, links, waiting = 0, 0, 0, 1
     at.store_i8(workspace + STACK, seed)
     at.store_u2(seed + at.BODY_FLAGS, at.load_u2(seed + at.BODY_FLAGS) | at.IN_ISLAND)
     while waiting:
@@ -83,7 +100,20 @@ def _gather(workspace: int, seed: int, traits: Traits) -> tuple[int, int]:
                     at.store_i8(workspace + STACK + 8 * waiting, other)
                     waiting += 1
             edge = at.load_i8(edge + at.EDGE_NEXT)
-    return bodies, contacts
+        if joints is not None:
+            edge = at.load_i8(body + at.BODY_JOINTS)
+            while edge:
+                joint, other = at.load_i8(edge + at.LINK_JOINT), at.load_i8(edge + at.LINK_OTHER)
+                if not at.load_u1(joint + at.JOINT_FLAG):
+                    at.store_u1(joint + at.JOINT_FLAG, np.uint8(1))
+                    at.store_i8(workspace + LINKS + 8 * links, joint)
+                    links += 1
+                    if not at.load_u2(other + at.BODY_FLAGS) & at.IN_ISLAND:
+                        at.store_u2(other + at.BODY_FLAGS, at.load_u2(other + at.BODY_FLAGS) | at.IN_ISLAND)
+                        at.store_i8(workspace + STACK + 8 * waiting, other)
+                        waiting += 1
+                edge = at.load_i8(edge + at.LINK_NEXT)
+    return bodies, contacts, links
 
 
 @noinline_kernel
@@ -100,7 +130,9 @@ def _damping(dt: np.float32, rate: np.float32) -> np.float32:
 
 
 @noinline_kernel
-def _solve_island(workspace: int, settings: Settings, bodies: int, contacts: int, traits: Traits) -> None:
+def _solve_island(
+    workspace: int, settings: Settings, bodies: int, contacts: int, links: int, traits: Traits, joints: Joints
+) -> None:
     linear = _damping(settings.dt, settings.linear_damping)
     angular = _damping(settings.dt, settings.angular_damping)
     for k in range(bodies):
@@ -115,20 +147,40 @@ def _solve_island(workspace: int, settings: Settings, bodies: int, contacts: int
         at.construct_solver(solver, workspace + SOLVER_DEF)
         at.initialize_velocities(solver)
         at.warm_start(solver)
+    if joints is not None and links > 0:
+        _iterate_joined(workspace, settings.velocity_iterations, contacts, links)
+    elif contacts:
         _iterate(workspace, settings.velocity_iterations, bodies, contacts)
+    if contacts:
         at.store_impulses(solver)
     for k in range(bodies):
         _move(workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k, settings.dt)
-    if contacts:
+    if joints is not None and links > 0:
+        for _ in range(settings.position_iterations):
+            settled = contacts == 0 or at.solve_positions(solver) != 0
+            if joint_positions(workspace, links) and settled:
+                break
+    elif contacts:
         for _ in range(settings.position_iterations):
             if at.solve_positions(solver):
                 break
+    if contacts:
         at.destroy_solver(solver)
     for k in range(bodies):
         body = at.load_i8(workspace + GROUP + 8 * k)
         _store(body, workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k)
         if at.load_i4(body + at.BODY_TYPE) == at.STATIC:  # it may belong to other islands too
             at.store_u2(body + at.BODY_FLAGS, at.load_u2(body + at.BODY_FLAGS) & 0xFFFE)
+
+
+@noinline_kernel
+def _iterate_joined(workspace: int, iterations: int, contacts: int, links: int) -> None:
+    """Solve velocities of joints, then of contacts, again and again."""
+    begin_joints(workspace, links)
+    for _ in range(iterations):
+        joint_velocities(workspace, links)
+        if contacts:
+            at.solve_velocities(workspace + SOLVER)
 
 
 @noinline_kernel

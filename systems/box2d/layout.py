@@ -38,7 +38,7 @@ DEF_LINEAR_DAMPING, DEF_ANGULAR_DAMPING, DEF_SIZE = 0x1C, 0x20, 0x40
 BODY_TYPE, BODY_FLAGS, BODY_INDEX, BODY_POSITION, BODY_SIN, BODY_COS = 0x00, 0x04, 0x08, 0x0C, 0x14, 0x18
 BODY_LOCAL, BODY_CENTER0, BODY_CENTER, BODY_ANGLE0, BODY_ANGLE = 0x1C, 0x24, 0x2C, 0x34, 0x38
 BODY_VELOCITY, BODY_OMEGA, BODY_WORLD, BODY_NEXT = 0x40, 0x48, 0x58, 0x68
-BODY_FIXTURES, BODY_FIXTURE_COUNT, BODY_EDGES = 0x70, 0x78, 0x88
+BODY_FIXTURES, BODY_FIXTURE_COUNT, BODY_JOINTS, BODY_EDGES = 0x70, 0x78, 0x80, 0x88
 BODY_INVERSE_MASS, BODY_INVERSE_INERTIA = 0x94, 0x9C
 BODY_LINEAR_DAMPING, BODY_ANGULAR_DAMPING, BODY_SIZE = 0xA0, 0xA4, 0xB8
 STATIC, KINEMATIC, MOVING = 0, 1, 2  # b2BodyType
@@ -57,6 +57,16 @@ POLYGON_VERTICES, POLYGON_SIZE = 0x18, 0x120
 CONTACT_FLAGS, CONTACT_NEXT, CONTACT_FIXTURE_A, CONTACT_FIXTURE_B = 0x08, 0x18, 0x60, 0x68
 SOLID = 6  # bits of a contact that is enabled and touching
 EDGE_OTHER, EDGE_CONTACT, EDGE_NEXT = 0x00, 0x08, 0x18
+# b2Joint, with a b2JointEdge for either body's list
+JOINT_TYPE, JOINT_EDGE_A, JOINT_EDGE_B, JOINT_BODY_A, JOINT_BODY_B = 0x08, 0x20, 0x40, 0x60, 0x68
+JOINT_FLAG, JOINT_COLLIDES = 0x74, 0x75  # whether it is in an island; whether its two bodies touch each other
+LINK_OTHER, LINK_JOINT, LINK_NEXT = 0x00, 0x08, 0x18
+# b2WeldJoint, b2DistanceJoint, b2RopeJoint: a spring has a frequency and a damping ratio, anchors have four numbers
+WELD_SPRING, WELD_ANCHORS, WELD_ANGLE, WELD_IMPULSE = 0x80, 0x8C, 0x9C, 0xA4
+ROD_SPRING, ROD_ANCHORS, ROD_IMPULSE, ROD_LENGTH, ROD_AXIS = 0x80, 0x8C, 0xA0, 0xA4, 0xB0
+ROPE_ANCHORS, ROPE_LENGTH, ROPE_IMPULSE, ROPE_AXIS = 0x80, 0x90, 0x98, 0xA4
+# b2SolverData: a b2TimeStep comes first
+DATA_POSITIONS, DATA_VELOCITIES = 0x18, 0x20
 # b2TimeStep
 STEP_DT, STEP_INVERSE_DT, STEP_RATIO = 0x00, 0x04, 0x08
 STEP_VELOCITY, STEP_POSITION, STEP_WARM = 0x0C, 0x10, 0x14
@@ -85,6 +95,15 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
     "_ZN15b2ContactSolver24SolveVelocityConstraintsEv": ("void", "intp"),
     "_ZN15b2ContactSolver13StoreImpulsesEv": ("void", "intp"),
     "_ZN15b2ContactSolver24SolvePositionConstraintsEv": ("uint8", "intp"),
+    "_ZN11b2WeldJoint23InitVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN11b2WeldJoint24SolveVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN11b2WeldJoint24SolvePositionConstraintsERK12b2SolverData": ("uint8", "intp", "intp"),
+    "_ZN15b2DistanceJoint23InitVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN15b2DistanceJoint24SolveVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN15b2DistanceJoint24SolvePositionConstraintsERK12b2SolverData": ("uint8", "intp", "intp"),
+    "_ZN11b2RopeJoint23InitVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN11b2RopeJoint24SolveVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
+    "_ZN11b2RopeJoint24SolvePositionConstraintsERK12b2SolverData": ("uint8", "intp", "intp"),
     "sincosf": ("void", "float32", "intp", "intp"),  # which Box2D calls, too: other sines may differ in the last bit
 }
 
@@ -108,6 +127,15 @@ warm_start = _function("_ZN15b2ContactSolver9WarmStartEv")
 solve_velocities = _function("_ZN15b2ContactSolver24SolveVelocityConstraintsEv")
 store_impulses = _function("_ZN15b2ContactSolver13StoreImpulsesEv")
 solve_positions = _function("_ZN15b2ContactSolver24SolvePositionConstraintsEv")
+begin_weld = _function("_ZN11b2WeldJoint23InitVelocityConstraintsERK12b2SolverData")
+weld_velocities = _function("_ZN11b2WeldJoint24SolveVelocityConstraintsERK12b2SolverData")
+weld_positions = _function("_ZN11b2WeldJoint24SolvePositionConstraintsERK12b2SolverData")
+begin_rod = _function("_ZN15b2DistanceJoint23InitVelocityConstraintsERK12b2SolverData")
+rod_velocities = _function("_ZN15b2DistanceJoint24SolveVelocityConstraintsERK12b2SolverData")
+rod_positions = _function("_ZN15b2DistanceJoint24SolvePositionConstraintsERK12b2SolverData")
+begin_rope = _function("_ZN11b2RopeJoint23InitVelocityConstraintsERK12b2SolverData")
+rope_velocities = _function("_ZN11b2RopeJoint24SolveVelocityConstraintsERK12b2SolverData")
+rope_positions = _function("_ZN11b2RopeJoint24SolvePositionConstraintsERK12b2SolverData")
 sincos = _function("sincosf")
 
 

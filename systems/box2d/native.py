@@ -17,6 +17,7 @@ from .batch import (
     COLUMNS,
     DRIVEN,
     DYNAMIC,
+    FORCE,
     FRICTION,
     HALF_HEIGHT,
     HALF_WIDTH,
@@ -44,6 +45,7 @@ from .batch import (
     VY,
     ContactBatch,
     IncompatibleBox2D,
+    Joints,
     Settings,
     Traits,
     X,
@@ -51,8 +53,9 @@ from .batch import (
 )
 from .impact import may_hit
 from .island import solve_islands
+from .joints import build_joint, measure_forces, sound
 from .verify import verify
-from .workspace import BODY_DEF, BOX, DISC, FILTER, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_workspace
+from .workspace import BODY_DEF, BOX, DISC, FILTER, FIXTURE, SLOT, SLOTS, SOLVER_DATA, SOLVER_DEF, STEP, make_workspace
 
 __all__ = ["CAPACITY", "available", "make_workspace", "solve", "verify"]
 
@@ -70,11 +73,18 @@ def available() -> bool:
 
 @noinline_kernel
 def solve(
-    workspace: NDArray[np.uint8], settings: Settings, batch: ContactBatch, count: int, traits: Traits = None
+    workspace: NDArray[np.uint8],
+    settings: Settings,
+    batch: ContactBatch,
+    count: int,
+    traits: Traits = None,
+    joints: Joints = None,
+    joined: int = 0,
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
+    joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
@@ -83,17 +93,23 @@ def solve(
     if not _valid(batch, count):
         return INVALID
     filtering = base + at.WORLD_MANAGER + at.MANAGER_FILTER
+    if traits is not None and not _fair(traits, count):
+        return INVALID
+    if joints is not None and not sound(joints, joined, count):
+        return INVALID
     if traits is not None:
-        if not _fair(traits, count):
-            return INVALID
         at.store_i8(filtering, at.load_i8(base + FILTER))
     for k in range(count):
         _build(base, settings, batch, k, traits)
+    if joints is not None:
+        for k in range(joined):
+            joints[k, FORCE] = _ZERO
+            build_joint(base, joints, k)
     at.store_i4(base + at.WORLD_BODY_COUNT, count)
     at.find_new_contacts(base + at.WORLD_MANAGER)
     result = SOLVED
     for substep in range(settings.substeps):
-        _step(base, settings, batch, count, substep, traits)
+        _step(base, settings, batch, count, substep, traits, joints, joined)
         result = _check_travel(base, batch, count)
         if result != SOLVED:
             break
@@ -192,13 +208,22 @@ def _shape(body: int, batch: ContactBatch, k: int) -> int:
 
 
 @noinline_kernel
-def _step(base: int, settings: Settings, batch: ContactBatch, count: int, substep: int, traits: Traits) -> None:
+def _step(
+    base: int,
+    settings: Settings,
+    batch: ContactBatch,
+    count: int,
+    substep: int,
+    traits: Traits,
+    joints: Joints,
+    joined: int,
+) -> None:
     """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
         if batch[k, DYNAMIC] == MOVED:
             _push(base + SLOTS + SLOT * k, batch, k)
     inverse = _ONE / settings.dt
-    for step in (base + STEP, base + SOLVER_DEF):
+    for step in (base + STEP, base + SOLVER_DEF, base + SOLVER_DATA):
         at.store_f4(step + at.STEP_DT, settings.dt)
         at.store_f4(step + at.STEP_INVERSE_DT, inverse)
         at.store_f4(step + at.STEP_RATIO, inverse * settings.dt if substep else _ZERO)
@@ -206,7 +231,9 @@ def _step(base: int, settings: Settings, batch: ContactBatch, count: int, subste
         at.store_i4(step + at.STEP_POSITION, settings.position_iterations)
         at.store_u1(step + at.STEP_WARM, 1)
     at.collide(base + at.WORLD_MANAGER)
-    solve_islands(base, settings, traits)
+    solve_islands(base, settings, traits, joints, joined)
+    if joints is not None:
+        measure_forces(base, inverse, joints, joined)
     if settings.continuous and may_hit(base):
         at.solve_impacts(base, base + STEP)
 

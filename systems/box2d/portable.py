@@ -16,15 +16,21 @@ from .batch import (
     CAPACITY,
     DRIVEN,
     DYNAMIC,
+    FIRST,
+    FORCE,
     FRICTION,
     HALF_HEIGHT,
     HALF_WIDTH,
+    HERTZ,
     HITS,
     INERTIA,
     INVALID,
+    JOINT_LIMITS,
+    JOINTS,
     JTURN,
     JX,
     JY,
+    KIND,
     LAYER,
     LIMITS,
     LINEAR_DAMPING,
@@ -32,15 +38,25 @@ from .batch import (
     MAX_TRAVEL,
     MOVED,
     OMEGA,
+    OTHER_X,
+    OTHER_Y,
+    OWN_X,
+    OWN_Y,
     RADIUS,
+    RATIO,
+    REST,
     RESTITUTION,
+    ROPE,
+    SECOND,
     SENSOR,
     SMALLEST,
     SOLVED,
     TRAIT_LIMITS,
     VX,
     VY,
+    WELD,
     ContactBatch,
+    Joints,
     Settings,
     Traits,
     X,
@@ -53,25 +69,42 @@ def make_workspace() -> None:
     return None
 
 
-def solve(workspace: Any, settings: Settings, batch: ContactBatch, count: int, traits: Traits = None) -> int:
+def solve(
+    workspace: Any,
+    settings: Settings,
+    batch: ContactBatch,
+    count: int,
+    traits: Traits = None,
+    joints: Joints = None,
+    joined: int = 0,
+) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
+    joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number out of bounds.
     """
     if not _valid(batch, count) or not (traits is None or _fair(traits[:count])):
         return INVALID
+    tied = np.zeros((0, JOINTS), np.float32) if joints is None else joints[:joined]
+    if not _sound(tied, count):
+        return INVALID
     world = Box2D.b2World(gravity=(0, 0))
     world.continuousPhysics = bool(settings.continuous)
     rows = [batch[k] for k in range(count)]
     own = [_usual(settings)] * count if traits is None else [traits[k] for k in range(count)]
     bodies = [_build(world, row, of) for row, of in zip(rows, own, strict=True)]
+    links, inverse = [_join(world, bodies, row) for row in tied], np.float32(1) / settings.dt
+    tied[:, FORCE] = 0
     for _ in range(settings.substeps):
         for body, row in zip(bodies, rows, strict=True):
             _push(body, row)
         world.Step(float(settings.dt), int(settings.velocity_iterations), int(settings.position_iterations))
+        for link, row in zip(links, tied, strict=True):
+            x, y = (np.float32(force) for force in link.GetReactionForce(float(inverse)))
+            row[FORCE] = max(row[FORCE], np.sqrt(x * x + y * y))
         if any(_outside(body, row) for body, row in zip(bodies, rows, strict=True)):
             return ABANDONED
     for body, row in zip(bodies, rows, strict=True):
@@ -90,6 +123,32 @@ def _valid(batch: ContactBatch, count: int) -> bool:
 
 def _fair(traits: NDArray[np.float32]) -> bool:
     return bool(((traits >= 0) & (traits <= TRAIT_LIMITS)).all())
+
+
+def _sound(joints: NDArray[np.float32], count: int) -> bool:
+    """Whether all numbers of joints are in bounds, none is NaN, and both bodies of each are in the batch."""
+    ends, springs = joints[:, FIRST : SECOND + 1], joints[:, HERTZ : RATIO + 1]
+    bounded = (np.abs(joints) <= JOINT_LIMITS).all() and (ends >= 0).all() and (springs >= 0).all()
+    apart = (ends < count).all() and (ends[:, 0] != ends[:, 1]).all()
+    return bool(bounded and apart and ((joints[:, KIND] == WELD) | (joints[:, REST] >= 0)).all())
+
+
+def _join(world: Any, bodies: list[Any], row: NDArray[np.float32]) -> Any:
+    """One joint, in Box2D's own order."""
+    kind, rest = int(row[KIND]), float(row[REST])
+    ends = {
+        "bodyA": bodies[int(row[FIRST])],
+        "bodyB": bodies[int(row[SECOND])],
+        "localAnchorA": (float(row[OWN_X]), float(row[OWN_Y])),
+        "localAnchorB": (float(row[OTHER_X]), float(row[OTHER_Y])),
+        "collideConnected": kind != WELD,
+    }
+    if kind == ROPE:
+        return world.CreateRopeJoint(**ends, maxLength=rest)
+    spring = {"frequencyHz": float(row[HERTZ]), "dampingRatio": float(row[RATIO])}
+    if kind == WELD:
+        return world.CreateWeldJoint(**ends, **spring, referenceAngle=rest)
+    return world.CreateDistanceJoint(**ends, **spring, length=rest)
 
 
 def _usual(settings: Settings) -> NDArray[np.float32]:

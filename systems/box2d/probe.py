@@ -143,4 +143,24 @@ def _thrown(continuous: bool) -> tuple[Any, Any]:
     return world, disc
 
 
-RUN = (_construction, _solver, _impulses, _impacts)
+def _solver_data(sample: Sample) -> Iterator[Check]:
+    """Check where a joint finds the tables of positions and velocities: a weld turns the velocities that it is given.
+
+    All other words are the address of zeros.
+    """
+    for name in ("DATA_POSITIONS", "DATA_VELOCITIES"):
+        yield name, 8 * STEP_WORDS <= getattr(at, name) < 8 * WORDS and getattr(at, name) % 8 == 0, True
+    zeros = (ctypes.c_float * 64)()
+    positions, velocities = (ctypes.c_float * 64)(*[0.5] * 6), (ctypes.c_float * 64)(*[0.25] * 6)
+    data = (ctypes.c_int64 * WORDS)(*[0] * STEP_WORDS, *[ctypes.addressof(zeros)] * (WORDS - STEP_WORDS))
+    ctypes.c_float.from_buffer(data, at.STEP_DT).value = 1 / 60
+    for name, table in ("DATA_POSITIONS", positions), ("DATA_VELOCITIES", velocities):
+        data[getattr(at, name) // 8] = ctypes.addressof(table)
+    for function in "InitVelocityConstraints", "SolveVelocityConstraints", "SolvePositionConstraints":
+        symbol = f"_ZN11b2WeldJoint{len(function)}{function}ERK12b2SolverData"
+        _call(symbol, int(sample.joints[0].this), ctypes.addressof(data))
+    yield "DATA_VELOCITIES", (any(each != 0.25 for each in velocities[:6]), any(zeros)), (True, False)
+    yield "DATA_POSITIONS", any(each != 0.5 for each in positions[:6]), True
+
+
+RUN = (_construction, _solver, _impulses, _impacts, _solver_data)

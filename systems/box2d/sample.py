@@ -72,3 +72,19 @@ class Sample:
         self.moved = read(int(self.world.contactManager.this), "MOVE_COUNT", ctypes.c_int32)
         self.world.Step(1 / 60, 10, 10)
         self.disc.fixtures[0].sensor = True
+        self.joined, self.joints = _joined()
+
+
+def _joined() -> tuple[Any, list[Any]]:
+    """Two bodies joined by a weld, a rod and a rope, stepped once; and the three joints."""
+    world = Box2D.b2World(gravity=(0, 0))
+    first, second = (world.CreateDynamicBody(position=(x, x / 4), angle=x / 6, linearVelocity=(x, 1)) for x in (1, 3))
+    for body in first, second:
+        body.CreateFixture(shape=Box2D.b2CircleShape(radius=0.5), density=1)
+    ends = {"bodyA": first, "bodyB": second, "localAnchorA": (0.1, 0.2), "localAnchorB": (0.3, 0.4)}
+    spring = {"frequencyHz": 1.6, "dampingRatio": 0.7}
+    weld = world.CreateWeldJoint(**ends, **spring, referenceAngle=0.9, collideConnected=True)
+    rod = world.CreateDistanceJoint(**ends, **spring, length=1.5)
+    rope = world.CreateRopeJoint(**ends, maxLength=1.25)
+    world.Step(1 / 60, 10, 10)
+    return world, [weld, rod, rope]

@@ -14,7 +14,7 @@ import numpy as np
 
 from . import layout as at
 from . import probe
-from .batch import IncompatibleBox2D
+from .batch import ROD, ROPE, WELD, IncompatibleBox2D
 from .sample import Check, Sample, floats, integer, pointer, read, readable
 
 VERSION = "2.3.10"
@@ -161,4 +161,33 @@ def _contacts(sample: Sample) -> Iterator[Check]:
         yield pointer(contact, "CONTACT_FIXTURE_B", contact.fixtureB)
 
 
-READ = (_definition, _body, _links, _fixture, _world, _tree, _contacts)
+def _joints(sample: Sample) -> Iterator[Check]:
+    weld, rod, rope = sample.joints
+    ends = (0.1, 0.2, 0.3, 0.4)
+    for joint, kind, touching in (weld, WELD, 1), (rod, ROD, 0), (rope, ROPE, 0):
+        yield integer(joint, "JOINT_TYPE", kind)
+        yield pointer(joint, "JOINT_BODY_A", joint.bodyA)
+        yield pointer(joint, "JOINT_BODY_B", joint.bodyB)
+        yield "JOINT_FLAG", read(int(joint.this), "JOINT_FLAG", ctypes.c_uint8), 1
+        yield "JOINT_COLLIDES", read(int(joint.this), "JOINT_COLLIDES", ctypes.c_uint8), touching
+        for edge, other in ("JOINT_EDGE_A", joint.bodyB), ("JOINT_EDGE_B", joint.bodyA):
+            older = {rope: rod, rod: weld}.get(joint)
+            behind = int(older.this) + getattr(at, edge) if older else 0
+            expected = {"LINK_OTHER": int(other.this), "LINK_JOINT": int(joint.this), "LINK_NEXT": behind}
+            found = {name: read(int(joint.this) + getattr(at, edge), name, ctypes.c_int64) for name in expected}
+            wrong = [name for name in expected if found[name] != expected[name]]
+            yield wrong[0] if len(wrong) == 1 else edge, found, expected
+    yield "BODY_JOINTS", read(int(rope.bodyA.this), "BODY_JOINTS", ctypes.c_int64), int(rope.this) + at.JOINT_EDGE_A
+    yield from floats(weld, WELD_SPRING=(1.6, 0.7), WELD_ANCHORS=ends, WELD_ANGLE=(0.9,))
+    yield from floats(weld, WELD_IMPULSE=(*weld.GetReactionForce(1), weld.GetReactionTorque(1)))
+    yield from floats(rod, ROD_SPRING=(1.6, 0.7), ROD_ANCHORS=ends, ROD_LENGTH=(1.5,))
+    yield from floats(rope, ROPE_ANCHORS=ends, ROPE_LENGTH=(1.25,))
+    for joint, name in (rod, "ROD"), (rope, "ROPE"):
+        impulse = read(int(joint.this), f"{name}_IMPULSE")
+        axis = [read(int(joint.this), f"{name}_AXIS", extra=extra) for extra in (0, 4)]
+        force = (*joint.GetReactionForce(1),)
+        yield f"{name}_AXIS", math.isclose(math.hypot(*axis), 1, rel_tol=1e-5), True
+        yield f"{name}_IMPULSE", tuple(float(np.float32(impulse) * np.float32(each)) for each in axis), force
+
+
+READ = (_definition, _body, _links, _fixture, _world, _tree, _contacts, _joints)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import layout as at
-from .batch import CAPACITY
+from .batch import CAPACITY, MOST_JOINTS
 
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
 
@@ -26,7 +26,10 @@ VELOCITIES = POSITIONS + 12 * CAPACITY  # b2Velocity, likewise
 BEFORE = VELOCITIES + 12 * CAPACITY  # what VELOCITIES were an iteration ago
 CONTACTS = BEFORE + 12 * CAPACITY  # the contacts of the island
 IMPULSES = CONTACTS + 8 * _PAIRS  # what their impulses were an iteration ago
-SLOTS = (IMPULSES + 16 * _PAIRS + 63) // 64 * 64
+SOLVER_DATA = IMPULSES + 16 * _PAIRS  # b2SolverData, for joints
+LINKS = SOLVER_DATA + 64  # the joints of the island
+JOINT, JOINT_SLOT = LINKS + 8 * MOST_JOINTS, 320  # joint k of a batch lives in slot k: see joints
+SLOTS = (JOINT + JOINT_SLOT * MOST_JOINTS + 63) // 64 * 64
 
 # Body k of a batch lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
 SLOT = 640
@@ -41,7 +44,7 @@ def make_workspace() -> NDArray[np.uint8]:
     """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
 
     It holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
-    It has about 3.4 MiB, most of which is never touched.
+    It has about 3.8 MiB, most of which is never touched.
     """
     memory = np.zeros(SIZE + 64, np.uint8)
     owner = _Owner(memory)
@@ -93,6 +96,8 @@ def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
     words[(SOLVER_DEF + at.SOLVER_CONTACTS) // 8] = base + CONTACTS
     words[(SOLVER_DEF + at.SOLVER_POSITIONS) // 8] = base + POSITIONS
     words[(SOLVER_DEF + at.SOLVER_VELOCITIES) // 8] = base + VELOCITIES
+    words[(SOLVER_DATA + at.DATA_POSITIONS) // 8] = base + POSITIONS
+    words[(SOLVER_DATA + at.DATA_VELOCITIES) // 8] = base + VELOCITIES
     words[(SOLVER_DEF + at.SOLVER_STACK) // 8] = base + at.WORLD_STACK
     slots, starts = words[SLOTS // 8 :].reshape(CAPACITY, SLOT // 8), base + np.arange(SLOTS, SIZE, SLOT)
     slots[:, (FIXTURE + at.FIXTURE_BODY) // 8] = starts

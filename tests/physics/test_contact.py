@@ -1,4 +1,4 @@
-"""Games whose bodies have filters and materials, or are driven: both backends do the same, and what the tables say."""
+"""Games with filters, materials, joints and bodies that are driven: both backends do the same, and what tables say."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,15 +7,45 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast.components import Body, Driven, Fault, Filter, Material, Phase, Push, Shape, Solid
+from outlast.components import (
+    Body,
+    Driven,
+    Fault,
+    Filter,
+    Material,
+    Phase,
+    Push,
+    Rope,
+    RopeBroken,
+    Shape,
+    Solid,
+    Weld,
+    WeldBroken,
+)  # fmt: skip
 from outlast.components.contact import fix, free
-from outlast.ecs import RESET, STEP, Archetype, Array, Component, Entity, Module, Rows, Worlds, Write, column
+from outlast.components.joint import hold, let_go, tie
+from outlast.ecs import (
+    RESET,
+    STEP,
+    Archetype,
+    Array,
+    Component,
+    Entity,
+    Module,
+    Read,
+    Rows,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+)
 from outlast.systems import Physics, Room
 from tests.conftest import COMPILED
 
+GHOST = Archetype("ghost", (Body(), Shape(radius=0.3)), 1)
 KINDS: dict[str, tuple[int, tuple[Component, ...]]] = {
-    "ball": (5, (Shape(radius=0.4), Solid(dynamic=1), Filter(), Material())),
-    "crate": (4, (Shape(half_width=0.6, half_height=0.3), Solid(dynamic=1), Filter())),
+    "ball": (5, (Shape(radius=0.4), Solid(dynamic=1), Filter(), Material(), Weld())),
+    "crate": (4, (Shape(half_width=0.6, half_height=0.3), Solid(dynamic=1), Filter(), Rope())),
     "stone": (3, (Shape(half_width=0.5, half_height=0.5), Solid(dynamic=1), Material())),
     "post": (2, (Shape(radius=0.5), Solid())),
     "door": (2, (Shape(half_width=0.1, half_height=1.0), Solid(), Driven(), Filter())),
@@ -28,17 +58,31 @@ class Held(Component):
     fixed: Array = column("u1", high=1)
 
 
+class Wish(Component):
+    """What a ball is to hold, and a crate to be tied to, from now on."""
+
+    other: Array = column("i4", fill=-1, unit="entity")  # -1: as before; itself: nothing any more
+
+
 @dataclass(frozen=True)
 class Zoo(Module):
     """Bodies of all kinds."""
 
     def archetypes(self) -> Iterable[Archetype]:
         kinds = [Archetype(name, (Body(), Push(), *parts), count) for name, (count, parts) in KINDS.items()]
-        return [*kinds, Archetype("stone", (Held(),))]
+        return [
+            *kinds,
+            GHOST,
+            Archetype("stone", (Held(),)),
+            *(Archetype(name, (Wish(),)) for name in ("ball", "crate")),
+        ]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [WeldBroken(), RopeBroken()]
 
 
 @Zoo.system(Phase.DRIVE)
-def hold(solid: Write[Solid], body: Write[Body], held: Write[Held], stones: Rows[Held]) -> None:
+def stand(solid: Write[Solid], body: Write[Body], held: Write[Held], stones: Rows[Held]) -> None:
     for e in stones:
         if held.fixed[e]:
             fix(solid, body, e)
@@ -46,8 +90,31 @@ def hold(solid: Write[Solid], body: Write[Body], held: Write[Held], stones: Rows
             free(solid, e)
 
 
-def worlds(count: int = 1, backend: str = "auto", **numbers: Any) -> Worlds:
-    made = Worlds((Room(size=8.0), Physics(backend=backend, **numbers), Zoo()), count)
+@Zoo.system(Phase.DRIVE, after="zoo.stand")
+def grip(
+    welds: Write[Weld],
+    ropes: Write[Rope],
+    wish: Write[Wish],
+    body: Read[Body],
+    balls: Rows[Weld, Wish],
+    crates: Rows[Rope, Wish],
+) -> None:
+    for e in balls:
+        if wish.other[e] == e:
+            let_go(welds, e)
+        elif wish.other[e] >= 0:
+            hold(welds, body, e, wish.other[e])
+        wish.other[e] = -1
+    for e in crates:
+        if wish.other[e] == e:
+            let_go(ropes, e)
+        elif wish.other[e] >= 0:
+            tie(ropes, body, e, wish.other[e])
+        wish.other[e] = -1
+
+
+def worlds(count: int = 1, backend: str = "auto", size: float = 8.0, **numbers: Any) -> Worlds:
+    made = Worlds((Room(size=size), Physics(backend=backend, **numbers), Zoo()), count)
     made.run(np.full(count, RESET, np.int8))
     return made
 
@@ -88,6 +155,12 @@ def stir(made: Worlds, rng: np.random.Generator) -> None:
     made[Filter].layer[:, bodies] = 1 << rng.integers(0, 3, shape)[:, bodies]
     made[Filter].hits[:, bodies] = rng.choice([0xFFFF, 1, 3, 0], shape, p=[0.7, 0.1, 0.1, 0.1])[:, bodies]
     made[Filter].sensor[:, bodies] = (rng.random(shape) < 0.1)[:, bodies]
+    for joints in made[Weld], made[Rope]:
+        for name, most in ("hertz", 8), ("damping", 2), ("breaks_at", 400):
+            getattr(joints, name)[:] = rng.uniform(0, most, shape) * (rng.random(shape) < 0.5)
+    made[Rope].rod[:] = rng.random(shape) < 0.5
+    some = rng.integers(0, bodies.stop, shape)  # walls, too
+    made[Wish].other[:] = np.where(rng.random(shape) < 0.5, some, -1)
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
@@ -169,11 +242,138 @@ def test_a_material_that_physics_cannot_take_is_a_fault(value: float) -> None:
     assert made[Fault].physics[0]
 
 
+def carried(made: Worlds, holders: int, force: float, ticks: int) -> float:
+    """How far a stone gets from where balls hold it, at most, while all push with this force their own way; metres."""
+    body, stone = made[Body], made.span("stone").start
+    balls = range(made.span("ball").start, made.span("ball").start + holders)
+    made[Entity].alive[0, bodies_of(made)] = 0
+    made[Entity].alive[0, [stone, *balls]] = 1
+    for name in ("x", "y", "angle", "vx", "vy", "omega"):
+        getattr(body, name)[0, bodies_of(made)] = 0
+    rng, around = np.random.default_rng(1), 2 * np.pi * np.arange(holders) / holders
+    body.x[0, balls.start : balls.stop], body.y[0, balls.start : balls.stop] = np.cos(around), np.sin(around)
+    body.cosine[0, bodies_of(made)], body.sine[0, bodies_of(made)] = 1, 0
+    made[Wish].other[0, balls.start : balls.stop] = stone
+    farthest = 0.0
+    for k in range(ticks):
+        if k % 10 == 0:
+            ways = rng.uniform(0, 2 * np.pi, holders)
+            made[Push].x[0, balls.start : balls.stop] = force / 30 * np.cos(ways)
+            made[Push].y[0, balls.start : balls.stop] = force / 30 * np.sin(ways)
+        tick(made)
+        for e in balls:
+            x, y, c, s = (float(v[0, e]) for v in (made[Weld].x, made[Weld].y, body.cosine, body.sine))
+            place = body.x[0, e] + c * x - s * y, body.y[0, e] + s * x + c * y
+            farthest = max(farthest, float(np.hypot(place[0] - body.x[0, stone], place[1] - body.y[0, stone])))
+    return farthest
+
+
+@pytest.mark.parametrize("holders", [1, 2, 4])
+def test_a_held_box_stays_within_a_centimetre(holders: int) -> None:
+    """Each holder pulls with 60 newtons, which gives it alone 120 m/s² (a disc of 0.5 kg), its own way."""
+    made = worlds(size=200.0)
+    assert carried(made, holders, 60.0, 120) < 0.01
+    assert (made[Weld].other[0, made.span("ball")][:holders] == made.span("stone").start).all()
+    assert made[Weld].force[0, made.span("ball").start] > 1
+
+
+def test_a_box_that_is_carried_into_walls_stays_near() -> None:
+    """At 2 m/s. Box2D lets an impact on a wall stop one of two bodies a moment ahead of the other."""
+    assert carried(worlds(linear_damping=3.0, angular_damping=3.0), 4, 7.5, 200) < 0.02
+
+
+def test_what_is_let_go_moves_on_its_own() -> None:
+    made = worlds(linear_damping=0.0)
+    rows = alone(made, ball=(-1, 0, 3, 0), crate=(0.5, 0, 3, 0))
+    made[Wish].other[0, rows["ball"]] = rows["crate"]
+    tick(made)
+    made[Wish].other[0, rows["ball"]] = rows["ball"]
+    made[Push].x[0, rows["ball"]] = -0.5
+    for _ in range(10):
+        tick(made)
+    assert made[Body].vx[0, rows["crate"]] == pytest.approx(3, abs=1e-3)
+    assert made[Body].vx[0, rows["ball"]] < 0
+
+
+def test_a_rope_holds_up_to_its_strength_and_then_breaks() -> None:
+    made = worlds(linear_damping=0.0)
+    rows = alone(made, crate=(2, 0), post=(0, 0))
+    made[Wish].other[0, rows["crate"]], made[Rope].breaks_at[0, rows["crate"]] = rows["post"], 100
+    made[Push].x[0, rows["crate"]] = 90 / 30
+    for _ in range(20):
+        tick(made)
+        assert made[RopeBroken].count[0] == 0
+    assert made[Body].x[0, rows["crate"]] == pytest.approx(2, abs=0.01)
+    assert made[Rope].force[0, rows["crate"]] == pytest.approx(90, rel=0.01)
+    made[Push].x[0, rows["crate"]] = 110 / 30
+    tick(made)
+    broken = made[RopeBroken]
+    assert broken.count[0] == 1
+    assert (broken.solid[0, 0], broken.other[0, 0]) == (rows["crate"], rows["post"])
+    assert broken.force[0, 0] == pytest.approx(110, rel=0.01)
+    tick(made)
+    assert made[RopeBroken].count[0] == 0
+    assert made[Rope].other[0, rows["crate"]] == -1
+    assert made[Body].vx[0, rows["crate"]] > 0.5
+
+
+@pytest.mark.parametrize("what", ["itself", "the dead", "no solid", "its holder is dead"])
+def test_an_impossible_joint_ends(what: str) -> None:
+    made = worlds()
+    rows = alone(made, ball=(-2, 0), crate=(0, 0))
+    ball, crate = rows["ball"], rows["crate"]
+    other = {"itself": ball, "the dead": crate + 1, "no solid": made.span("ghost").start}.get(what, crate)
+    made[Weld].other[0, ball] = other
+    made[Entity].alive[0, ball] = what != "its holder is dead"
+    before = made[Body].x[0, [ball, crate]].tolist()
+    tick(made)
+    assert made[Weld].other[0, ball] == -1
+    assert made[Body].x[0, [ball, crate]].tolist() == before
+    assert made[WeldBroken].count[0] == 0
+
+
+def test_bodies_can_be_joined_in_a_circle_and_twice() -> None:
+    made = worlds(linear_damping=0.0)
+    balls = made.span("ball")
+    alone(made, ball=(0, 0))
+    made[Entity].alive[0, balls] = 1
+    around = 2 * np.pi * np.arange(5) / 5
+    made[Body].x[0, balls], made[Body].y[0, balls] = np.cos(around), np.sin(around)
+    made[Wish].other[0, balls] = np.roll(np.arange(balls.start, balls.stop), 1)
+    made[Body].vx[0, balls.start] = 5
+    for _ in range(30):
+        tick(made)
+    x, y = made[Body].x[0, balls].astype(float), made[Body].y[0, balls].astype(float)
+    np.testing.assert_allclose(np.hypot(x - x.mean(), y - y.mean()), 1, atol=0.01)
+
+
+def test_an_angle_that_loses_whole_turns_tears_no_weld() -> None:
+    made = worlds(angular_damping=0.0, linear_damping=0.0)
+    rows = alone(made, ball=(0, 0), crate=(1.2, 0))
+    made[Wish].other[0, rows["ball"]] = rows["crate"]
+    tick(made)
+    made[Body].angle[0, rows["crate"]] += 40 * np.pi
+    for _ in range(5):
+        tick(made)
+    assert abs(made[Body].omega[0, rows["ball"]]) < 0.01
+
+
+@pytest.mark.parametrize("column", ["x", "angle", "hertz"])
+def test_a_joint_that_physics_cannot_take_is_a_fault(column: str) -> None:
+    made = worlds()
+    rows = alone(made, ball=(0, 0), crate=(0.5, 0))
+    made[Weld].other[0, rows["ball"]] = rows["crate"]
+    getattr(made[Weld], column)[0, rows["ball"]] = np.nan
+    made.run(np.full(1, STEP, np.int8))
+    assert made[Fault].physics[0]
+
+
 @pytest.mark.skipif(not COMPILED, reason="compares with machine code")
 def test_games_without_them_have_neither_columns_nor_machine_code_for_them() -> None:
     plain = Worlds((Room(size=8.0), Physics(), Crates()), 1)
-    assert not {Filter, Material, Driven} & {*plain.components}
-    assert "filter" not in plain.source().split("physics.collide")[1].split("physics.fly")[0].lower()
+    assert not {Filter, Material, Driven, Weld, Rope} & {*plain.components}
+    source = plain.source().lower()
+    assert not [name for name in ("filter", "material", "driven", "weld", "rope") if f"view_{name}" in source]
 
 
 @dataclass(frozen=True)
