@@ -12,7 +12,7 @@ running      a batch of worlds: ticks, threads, tables that callers see
 ============ ====================================================================================================
 
 From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.MemoryLayout` of them, a
-`compilation.schedule.Schedule` of their systems, checks these (`checks.kernel_check`), writes the tick
+`compilation.schedule.Schedule` of their systems, tries users' systems out (`checks.trial`), writes the tick
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 

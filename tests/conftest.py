@@ -12,8 +12,9 @@ import numba
 import numpy as np
 import pytest
 
-from outlast.ecs import Worlds
 from outlast.ecs.declarations.event import zero_unused
+from outlast.ecs.memory.tables import Tables
+from outlast.ecs.running import compiled_game
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -63,7 +64,7 @@ def scaled(count: int, least: int = 1) -> int:
     return count if COMPILED else max(least, count // 100)
 
 
-def digest(worlds: Worlds, where: Any = slice(None), but: tuple[type, ...] = ()) -> str:
+def digest(worlds: Tables, where: Any = slice(None), but: tuple[type, ...] = ()) -> str:
     """A digest of every byte of the worlds `where`: state, events, and buffers of components except `but`."""
     zero_unused(worlds.layout.events, worlds.event_memory)
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
@@ -109,6 +110,12 @@ def call(command: ModuleType, *words: object) -> int:
     command.add(parser.add_subparsers())
     options = parser.parse_args([command.__name__.rpartition(".")[2], *map(str, words)])
     return int(options.run(options))
+
+
+@pytest.fixture
+def untried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No trial of users' systems when worlds are made: what they do is left to machine code and to real runs."""
+    monkeypatch.setattr(compiled_game, "try_out", lambda *_: None)
 
 
 @pytest.fixture

@@ -29,6 +29,7 @@ def segments(
     split: bool = False,
     interpret: Collection[str] = (),
     specialize: bool = False,
+    python: bool = False,
 ) -> list[Segment]:
     """Generate the units of a tick.
 
@@ -38,13 +39,14 @@ def segments(
         split: Whether each unit gets a segment of its own.
         interpret: Labels of systems to run as Python.
         specialize: Whether the machine code is for this layout alone.
+        python: Whether all of them run as Python.
     """
     modules = {module.name: module for module in layout.modules}
 
     tables: dict[Any, tuple[Any, str]] = {}
 
-    def generator(**options: bool) -> Generator:
-        return Generator(layout, specialize=specialize, tables=tables, **options)
+    def generator(as_python: bool = False, outside: bool = False) -> Generator:
+        return Generator(layout, python=python or as_python, outside=outside, specialize=specialize, tables=tables)
 
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []
@@ -55,8 +57,8 @@ def segments(
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
         units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
-        python = not system.compiled or system.label in interpret
-        units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
+        as_python = not system.compiled or system.label in interpret
+        units.append(generator(as_python, system.outside).system(modules[system.module], system))
         if system.outside:
             units += [generator().check_range(system, *found) for found in ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):

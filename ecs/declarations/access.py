@@ -3,7 +3,7 @@
 =============== =====================================================================================
 annotation      the kernel receives, for one world
 =============== =====================================================================================
-Read[C]         the table of component C, read-only: a kernel that writes it is refused (checks.kernel_check)
+Read[C]         the table of component C, read-only: a kernel that writes it is refused (checks.trial)
 Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to: column[...] += integer, or -=; anything else is refused. Sums of
                 integers do not depend on the order, so systems that add may run in any order

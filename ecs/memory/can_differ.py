@@ -15,7 +15,7 @@ import numpy as np
 
 from ..declarations.declared import PrefabNumber, entries
 from ..declarations.module import Module
-from ..declarations.numbers import full_name, is_read, owners, rule_of
+from ..declarations.numbers import is_read, owners, rule_of
 from ..declarations.system import System
 from ..kernels.errors import NumberError, meant
 from .layout import MemoryLayout
@@ -116,12 +116,6 @@ def _misfit(layout: MemoryLayout, number: Number, prefab: PrefabNumber) -> str:
         if ends and not ends[0] <= plain <= ends[1]:
             return f"{what} has the range {ends[0]} to {ends[1]}, and the number can be {value}"
     return ""
-
-
-def differing_numbers(layout: MemoryLayout, system: System) -> list[str]:
-    """Return the parameters of a system that are numbers in which roles differ."""
-    names = [parameter.name for parameter in system.parameters if parameter.kind == "number"]
-    return [name for name in names if full_name(layout.modules, system.module, name) in layout.per_agent]
 
 
 def changed_modules(

@@ -2,9 +2,11 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ..checks.kernel_check import check, check_interpretable
+from ..checks.code_hash import code_digest
+from ..checks.traced import PYTHON_ONLY, Traced
+from ..checks.trial import python_refusal, try_out
 from ..compilation.cache import CompiledUnits
 from ..compilation.compiled_step import RUN, WHOLE_STEP, run_units, step
 from ..compilation.schedule import Schedule, check_brought, order
@@ -12,13 +14,13 @@ from ..compilation.segments import Segment, segments
 from ..declarations.access import SELECTIONS
 from ..declarations.distributions import Distribution
 from ..declarations.module import Module
-from ..declarations.phase import Phase, When
+from ..declarations.phase import Phase
 from ..declarations.roles import Roles
 from ..declarations.system import System
-from ..kernels.errors import ScheduleError, did_you_mean
+from ..kernels.errors import DeclarationError, ScheduleError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.jit import compiled
-from ..memory.can_differ import check_numbers, differing_numbers
+from ..memory.can_differ import check_numbers
 from ..memory.layout import MemoryLayout
 
 KEPT = 16  # the most plans that are kept: those that were used last
@@ -85,30 +87,25 @@ def _made(wanted: Wanted) -> CompiledGame:
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
     _check_labels(wanted.interpret, schedule)
-    resets = [system.label for system in schedule.systems if system.phase.when is When.RESET]
+    if any(system.outside for system in schedule.systems):
+        outside = [code_digest(module) for module in layout.modules if is_outside(type(module))]
+        options = wanted.varied, wanted.roles, wanted.without, wanted.ordered
+        try_out(layout, schedule.systems, (repr((wanted.modules, options)), *outside, compiled()))
     for system in schedule.systems:
-        if system.outside:
-            behind = resets[resets.index(system.label) + 1 :] if system.label in resets else ()
-            check(system, differing_numbers(layout, system), _widths(layout, system.module), layout, behind)
-        if system.label in wanted.interpret:
-            check_interpretable(system)
-    tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
+        if system.label in wanted.interpret and (why := python_refusal(system)):
+            raise DeclarationError(f"{system.label} cannot run as Python: {why}")
+    run = [_as_it_runs(system, layout, wanted.interpret) for system in schedule.systems]
+    tick = segments(layout, run, wanted.split, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
     code = CompiledUnits(units, {WHOLE_STEP: step}, {RUN: run_units})
     return CompiledGame(layout, schedule, tick, code)
 
 
-def _widths(layout: MemoryLayout, module: str) -> dict[str, int]:
-    """For each field that a mechanic adds, by name of its Offset, how many columns from there on are the mechanic's."""
-    found = dict[str, int]()
-    for mechanic in layout.modules:
-        for key, added in mechanic.fields().items() if mechanic.name == module else ():
-            there, from_start = layout.fields.get(key, {}), dict[int, int]()
-            own = [there[field.name] for field in added if field.name in there]
-            for field in sorted(own, key=lambda field: -field.start):
-                width = field.size + from_start.get(field.start + field.size, 0)
-                from_start[field.start] = found[f"{key}_{field.name}"] = width
-    return found
+def _as_it_runs(system: System, layout: MemoryLayout, interpret: Sequence[str]) -> System:
+    """The system, on stand-ins if it is a user's and runs as Python."""
+    if not system.outside or (system.compiled and system.label not in interpret):
+        return system
+    return replace(system, kernel=Traced(system, layout, PYTHON_ONLY if system.compiled else None))
 
 
 def _applies(system: System, layout: MemoryLayout) -> bool:

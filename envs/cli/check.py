@@ -15,8 +15,8 @@ def add(commands: Any) -> None:
     description = (
         "Let random agents play a game, and look for mistakes in its mechanics that raise no error. The observed "
         "numbers must be finite and within their declared bounds. A world must come out the same when it is played "
-        "again, without the other worlds, or from a saved state. And your own mechanics must do the same when they run "
-        "as Python. The exit status is 1 if a mistake was found."
+        "again, without the other worlds, or from a saved state. And your own mechanics must do what they declare, "
+        "and the same when they run as Python. The exit status is 1 if a mistake was found."
     )
     examples = [("check mygame.py:ARENA", "a game of your own, with all its mechanics")]
     command = commands.add_parser("check", help=text, description=description, examples=examples)

@@ -8,7 +8,8 @@ import pytest
 
 import outlast
 from outlast.components import Phase, Reward, Side
-from outlast.ecs import Array, Clock, Module, Observation, Read, Rows, Write, column
+from outlast.ecs import Array, Clock, Module, Observation, Random, Read, Rows, Write, column
+from outlast.ecs.kernels.random import uniform
 from outlast.envs.check import CHECKS
 from outlast.envs.cli.main import main
 from tests.conftest import COMPILED
@@ -47,6 +48,16 @@ def pay_nan(reward: Write[Reward], clock: Read[Clock]) -> None:
         reward.reward[1] = np.nan
 
 
+class Late(Gauges):
+    """What it does is seen only in ticks that no trial takes."""
+
+
+@Late.system(Phase.OBSERVE)
+def draw_twice(view: Write[Gauge], clock: Read[Clock], key: Random) -> None:
+    for i in range(view.gauge.shape[0]):
+        view.gauge[i, 0] = uniform(key, 0 if clock.tick[0] == 25 else i)
+
+
 class Timed(Gauges):
     """By what is no part of the worlds."""
 
@@ -74,6 +85,7 @@ GAME = outlast.variant("ffa_3")
     [
         (Beyond(), {"bounds": "gauge of agent 1 in world 0, step 5, is 7, and 0 to 1 is declared"}),
         (Unpaid(), {"finite": "reward of agent 1 in world 0, step 3, is nan"}),
+        (Late(), {"python": "draws at an index at which it has drawn already (0)"}),
         (
             Timed(),
             {

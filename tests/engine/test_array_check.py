@@ -21,6 +21,7 @@ from tests.conftest import COMPILED
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 HOME, FAR, TABLE = Path(__file__).name, 300, np.arange(4.0)
+pytestmark = pytest.mark.usefixtures("untried")
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 
 

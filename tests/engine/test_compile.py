@@ -145,6 +145,7 @@ def test_the_source_of_a_tick() -> None:
     compile(source, "source", "exec")
 
 
+@pytest.mark.usefixtures("untried")
 @compiled_only
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_exception_in_a_kernel_names_its_system(threads: int) -> None:

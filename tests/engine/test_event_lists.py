@@ -168,6 +168,7 @@ def test_the_state_of_a_world_is_as_without_events() -> None:
     assert (one.block == other.block).all()
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize("room", [1, 5, 11])
 def test_a_full_list_is_an_error_that_says_what_to_do(room: int) -> None:
     worlds = belfry(room=room)

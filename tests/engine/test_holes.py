@@ -1,6 +1,5 @@
 """What a game on outlast.ecs alone may declare, and once got wrong numbers or a crash for."""
 
-import math
 from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,6 @@ from outlast.ecs import (
     RESET,
     STEP,
     Action,
-    Add,
     Archetype,
     Array,
     Component,
@@ -22,10 +20,8 @@ from outlast.ecs import (
     Event,
     Module,
     NumberError,
-    Random,
     Read,
     Rows,
-    ScheduleError,
     Scratch,
     When,
     Worlds,
@@ -37,9 +33,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.checks.code_hash import _describe_value
-from outlast.ecs.checks.kernel_check import check
 from outlast.ecs.compilation.cache_key import CacheKey
-from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED
 
 COUNT = 2
@@ -336,66 +330,6 @@ def test_a_function_is_a_system_of_one_phase() -> None:
     Twice.system(Phase.BEGIN)(count)
     with pytest.raises(DeclarationError, match=r"twice\.count is registered for two phases"):
         Twice.system(Phase.MOVE)(count)
-
-
-# ---- the check of kernels
-
-
-class Checked(Module):
-    pass
-
-
-@Checked.system(Phase.MOVE)
-def flat(place: Read[Place]) -> None:
-    place.x.flat[0] = 7.0
-
-
-@Checked.system(Phase.MOVE)
-def contiguous(place: Read[Place]) -> None:
-    np.ascontiguousarray(place.x)[0] = 7.0
-
-
-@Checked.system(Phase.MOVE)
-def iterated(place: Read[Place]) -> None:
-    for value in np.nditer(place.x):
-        value[()] = 7.0
-
-
-@Checked.system(Phase.MOVE)
-def root(place: Add[Place]) -> None:
-    place.n[0] += math.sqrt(0.36)
-
-
-@Checked.system(Phase.MOVE)
-def drawn(place: Write[Place], key: Random) -> None:
-    place.n[0] = 10 * uniform(key, 0)
-
-
-@Checked.system(Phase.MOVE)
-def whole(place: Write[Place]) -> None:
-    place.n[0] = math.floor(place.x[0])
-    place.n[1] = not place.x[0]
-    place.n[0] = place.x[0] in (0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("flat", "writes Place.x, which its parameter list declares as Read"),
-        ("contiguous", "writes Place.x, which its parameter list declares as Read"),
-        ("iterated", "writes Place.x, which its parameter list declares as Read"),
-        ("root", "a float is added to Place.n, int32"),
-        ("drawn", "writes a float to Place.n, int32"),
-        ("whole", ""),
-    ],
-)
-def test_what_slips_through(name: str, words: str) -> None:
-    (system,) = (each for each in Checked().systems() if each.name == name)
-    if words:
-        with pytest.raises((ScheduleError, DeclarationError), match=words):
-            check(system)
-    else:
-        check(system)
 
 
 @pytest.mark.parametrize(("low", "high"), [(1, 3), (-3, -1)])

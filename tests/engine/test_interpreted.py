@@ -1,6 +1,7 @@
 """How kernels run: as Python within a compiled process, with the same bits; and with checks of their indices."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Collection
@@ -12,7 +13,7 @@ import pytest
 
 from outlast import Scenario
 from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, kernel
-from outlast.ecs.checks.kernel_check import check_interpretable
+from outlast.ecs.checks.trial import python_refusal
 from outlast.ecs.compilation.cache_key import CacheKey
 from outlast.ecs.kernels import jit
 from outlast.ecs.kernels.jit import interpreted, loader, storer
@@ -144,11 +145,10 @@ def test_the_native_backend_is_not_for_python() -> None:
     with pytest.raises(DeclarationError, match=REFUSED):
         box2d.sincos(0.0, 0, 0)
     for system in Module.imported_systems():
-        if system.label == "physics.collide" and system.compiled:
-            with pytest.raises(DeclarationError, match=rf"^physics\.collide cannot run as Python: {REFUSED}"):
-                check_interpretable(system)
-        else:
-            check_interpretable(system)
+        native = system.label == "physics.collide" and system.compiled
+        assert bool(re.fullmatch(REFUSED, python_refusal(system))) is native
+    with pytest.raises(DeclarationError, match=rf"^physics\.collide cannot run as Python: {REFUSED}"):
+        Worlds(short("ffa_1").modules, 1, interpret=["physics.collide"])
 
 
 # ---- bounds checks
@@ -169,6 +169,7 @@ def reaches_out_in_a_kernel(place: Write[Place], rows: Rows[Place]) -> None:
         place.x[e] = far(place, e)
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("function", [reaches_out, reaches_out_in_a_kernel])
 def test_an_index_out_of_range_raises(function: Any, threads: int) -> None:

@@ -322,6 +322,7 @@ def bring_back(entities: Write[Entity], health: Write[Health], agents: Rows[Side
             entities.alive[e], health.points[e] = 1, 100
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize("interpret", [False, True])
 def test_who_is_absent_is_not_brought_back(interpret: bool) -> None:
     varied = DUEL.vary(n_agents=outlast.integers(1, 3))
@@ -398,6 +399,7 @@ def point(marked: Add[Marked]) -> None:  # noqa: F811
     marked.marked[1] -= 1
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize("interpret", [False, True])
 @pytest.mark.parametrize(
     ("module", "words"),
@@ -431,6 +433,7 @@ def look_far(side: Write[Side], masks: Read[ObservationMasks], agents: Rows[Side
         side.side[agents[0]] = 0
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize("interpret", [False, True])
 @pytest.mark.parametrize("function", [push_far, place_far, look_far])
 def test_functions_of_outlast_check_the_indices_that_others_give_them(function: Any, interpret: bool) -> None:
@@ -584,6 +587,7 @@ def reach(body: Read[Body], sums: Write[Sums]) -> None:
     sums.least[0] += body.x[np.array([0, 100_000])].sum()
 
 
+@pytest.mark.usefixtures("untried")
 @pytest.mark.skipif(not COMPILED, reason="numpy's own message")
 def test_rows_that_are_gathered_are_there() -> None:
     env = outlast.make_vec(DUEL.with_(Reaches()), 1, seed=0)

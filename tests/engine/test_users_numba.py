@@ -150,6 +150,7 @@ def fails_for(energy: Write[Energy], rows: Rows[Energy]) -> None:
         raise ValueError("row", e)
 
 
+@pytest.mark.usefixtures("untried")
 def test_what_an_exception_says_of_a_value_is_left_to_python() -> None:
     with pytest.raises(ValueError, match=r"local\.act \(test_users_numba\.py, line \d+\): row \.\.\."):
         run(make(Walkers(), system_of(fails_for)), STEP)

@@ -8,7 +8,13 @@ import numpy as np
 
 from outlast import Scenario, integers, make_vec, role, variant
 from outlast.components import Body
-from outlast.ecs import Entity
+from outlast.ecs import RESET, STEP, Entity
+from outlast.ecs.checks import trial
+from outlast.ecs.checks.traced import Traced
+from outlast.ecs.compilation.arguments import ArgumentBlock
+from outlast.ecs.compilation.segments import segments
+from outlast.ecs.kernels.jit import interpreted
+from outlast.ecs.memory.tables import Tables
 from outlast.envs.errors import FaultError
 from outlast.systems import Maze
 from tests.conftest import digest, few_by_day, scaled
@@ -200,3 +206,32 @@ def first_difference(batch: ExecutionMode, mode: ExecutionMode) -> str:
             if whole[mode.compared].tobytes() != own[: len(mode.compared)].tobytes():
                 return f"{component.__name__}.{column} differs"
     return "some byte between the columns differs"
+
+
+def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
+    """Digests of a world after each tick as Python, on plain arrays or with all compiled systems on stand-ins.
+
+    What only machine code can do is left out.
+    """
+    worlds = scenario.worlds(1)
+    tables, names, chosen = Tables(worlds.layout, 1), trial.PYTHON_ONLY, worlds.schedule.systems
+    chosen = [system for system in chosen if not trial.python_refusal(system)]
+    if stand_ins:
+        chosen = [dataclasses.replace(s, kernel=Traced(s, worlds.layout, names)) if s.compiled else s for s in chosen]
+    units = [unit for each in segments(worlds.layout, chosen, python=True) for unit in each.units]
+    runs = [(unit.function(), ArgumentBlock(unit.arguments, tables, compiled=False)) for unit in units]
+    rng, found = np.random.default_rng(SEED), list[str]()
+    for tick in range(ticks):
+        tables.mode[:] = STEP if tick else RESET
+        tables.actions[:] = rng.integers(0, 2, tables.actions.shape)
+        with interpreted():
+            for function, block in runs:
+                function(block, 0, 1)
+        found.append(digest(tables))
+    return found
+
+
+def assert_stand_ins_change_nothing(scenario: Scenario, ticks: int) -> None:
+    """And nothing is refused."""
+    portable = scenario.replace(physics_backend="portable")
+    assert as_python(portable, ticks, stand_ins=True) == as_python(portable, ticks, stand_ins=False)

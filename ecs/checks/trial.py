@@ -1,0 +1,198 @@
+"""A trial of a game's mechanics: a few ticks of one world as Python, in which users' systems run on stand-ins.
+
+So a slip gets an error that names system, line, component and column, before anything is compiled. What other branches
+do is read in the source; what neither sees is left to the compiler, and to the checks of indices and ranges that are
+part of machine code.
+"""
+
+import contextlib
+import dataclasses
+import logging
+import sys
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from opcode import opmap
+from types import CodeType, TracebackType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.extending import _Intrinsic
+
+from ..compilation.arguments import ArgumentBlock
+from ..compilation.segments import segments
+from ..declarations.component import Clock
+from ..declarations.event import COUNT, Event, capacity_error
+from ..declarations.phase import When
+from ..declarations.system import System
+from ..kernels.errors import CapacityError, DeclarationError, EngineError
+from ..kernels.frozen_values import reachable, references
+from ..kernels.jit import External, Intrinsic, interpreted
+from ..memory.clock import RESET, STEP
+from ..memory.layout import MemoryLayout
+from ..memory.tables import Tables
+from .source_check import check_source
+from .stand_ins import Columns
+from .traced import PYTHON_ONLY, Traced
+
+MODES = (RESET, STEP, STEP)
+MOST_ROWS = 64  # where worlds have more, steps of outlast's own systems would take too long as Python
+MOST_LINES = 100_000  # of Python that users' systems run
+TRIED: dict[Any, None] = {}  # the games that were tried
+KEPT = 256  # the most games that are remembered
+NOTE = "Raised by {} in a trial: the first ticks of a world, as Python and with random actions."
+LOGGER = logging.getLogger("outlast")
+
+
+class _TooLong(BaseException):
+    """More than MOST_LINES have run."""
+
+
+def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
+    """Check users' systems in a game, unless an equal one was tried before.
+
+    Args:
+        layout: The layout of the worlds.
+        systems: The systems, in order.
+        key: What the game consists of.
+
+    Raises:
+        EngineError: A system does what its parameter list does not declare, or what cannot be meant.
+        IndexError: It takes an index out of range.
+        Exception: What it raises itself, with a note.
+    """
+    if key in TRIED:
+        return
+    found = {system.label: check_source(system) for system in systems if system.outside}
+    chosen = [system for system in systems if _runs(layout, system)]
+    traced = {s.label: Traced(s, layout, {**PYTHON_ONLY, "print": _silent}) for s in chosen if s.outside}
+    _play(layout, [dataclasses.replace(s, kernel=traced.get(s.label, s.kernel)) for s in chosen], traced)
+    for label, each in traced.items():
+        found[label][0].update(each.watch.used)
+        found[label][1].update(each.watch.written)
+    resets = [system.label for system in systems if system.phase.when is When.RESET]
+    for system in systems:
+        if system.outside:
+            _check_events(system, found[system.label][0])
+            behind = resets[resets.index(system.label) + 1 :] if system.label in resets else ()
+            _check_coupled(system, found[system.label][1], behind)
+    TRIED[key] = None
+    while len(TRIED) > KEPT:
+        del TRIED[next(iter(TRIED))]
+
+
+def python_refusal(system: System) -> str:
+    """Return why a system cannot run as Python in a compiled process; "" if it can."""
+    kernel: Any = system.kernel
+    for function in reachable(getattr(kernel, "py_func", kernel), lambda inner: True):
+        for name, value in references(function):
+            if isinstance(value, External):
+                return value.refusal
+            if isinstance(value, (numba.types.ExternalFunction, _Intrinsic)) and not isinstance(value, Intrinsic):
+                return f"only machine code can call {name}"
+    return ""
+
+
+def _runs(layout: MemoryLayout, system: System) -> bool:
+    """Whether a system is part of trials. Users' Python may change more than the world, such as files."""
+    if system.outside:
+        return system.compiled and not python_refusal(system)
+    few = layout.dims["rows"] <= MOST_ROWS or system.phase.when is When.RESET
+    return few and system.compiled and not python_refusal(system)
+
+
+def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, Traced]) -> None:
+    """Take a world through a few ticks, with random actions. An error of outlast's own systems only ends that."""
+    tables, generator = Tables(layout, 1), np.random.default_rng(0)
+    tables[Clock].seed[:] = 1
+    units = [unit for segment in segments(layout, systems, python=True) for unit in segment.units]
+    functions = [(unit, unit.function(), ArgumentBlock(unit.arguments, tables, compiled=False)) for unit in units]
+    lines = _Lines()
+    for mode in MODES:
+        tables.mode[:] = mode
+        for actions, (component, name) in zip(tables.actions, layout.actions, strict=True):
+            column = component.columns[name]
+            actions[:] = generator.integers(int(column.low), int(column.high) + 1, actions.shape)
+        for unit, function, block in functions:
+            try:
+                with interpreted(), lines.counted(traced[unit.label].codes if unit.label in traced else ()):
+                    function(block, 0, 1)
+            except _TooLong as error:
+                LOGGER.warning("%s: the trial of %s ended after %d lines of Python", error, unit.label, MOST_LINES)
+                return
+            except Exception as error:
+                if isinstance(error, CapacityError):
+                    ticks = tables[Clock].tick[:, 0]
+                    error = capacity_error(layout.events, tables.event_memory, systems, ticks) or error
+                elif isinstance(error, EngineError) and not unit.system:
+                    error = type(error)(f"{unit.label}: {error}{unit.needed}")
+                elif not isinstance(error, EngineError):
+                    owned = unit.label in traced and (isinstance(error, IndexError) or _is_raised(error.__traceback__))
+                    if not owned:
+                        return  # of outlast's own, or about numbers and types, of which machine code has other rules
+                error.add_note(NOTE.format(unit.label))
+                raise error from error.__cause__
+
+
+def _is_raised(trace: TracebackType | None) -> bool:
+    """Whether an exception comes from a statement `raise` or `assert`, and not from Python or numpy."""
+    while trace and trace.tb_next:
+        trace = trace.tb_next
+    return trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
+
+
+class _Lines:
+    """Counts the lines of Python that run, unless a debugger or a measurement of coverage does that."""
+
+    def __init__(self) -> None:
+        self._left: int = MOST_LINES
+        self._codes: Collection[CodeType] = ()
+
+    @contextlib.contextmanager
+    def counted(self, codes: Collection[CodeType]) -> Iterator[None]:
+        """Raise _TooLong in the block once too many lines of these have run."""
+        wanted, self._codes = bool(codes) and sys.gettrace() is None, codes
+        if wanted:
+            sys.settrace(self._trace)
+        try:
+            yield
+        finally:
+            if wanted:
+                sys.settrace(None)
+
+    def _trace(self, frame: Any, event: str, value: Any) -> Any:
+        if frame.f_code not in self._codes:
+            return None
+        self._left -= 1
+        if self._left < 0:
+            raise _TooLong(f"{frame.f_code.co_filename}, line {frame.f_lineno}")
+        return self._trace
+
+
+def _silent(*values: Any, **options: Any) -> None:
+    """Print nothing: the system will, when it runs for good."""
+
+
+def _check_events(system: System, used: Columns) -> None:
+    """Refuse columns of events that are used while nothing asks which events there are."""
+    for parameter in system.parameters:
+        for event in parameter.components if parameter.kind in ("read", "write") else ():
+            columns = {name for component, name in used if component is event}
+            if issubclass(event, Event) and columns and COUNT not in columns:
+                raise DeclarationError(
+                    f"{system.label} uses {event.__name__}.{min(columns)}, but neither emits the event nor looks at "
+                    f"its count: take k = emit({parameter.name}) for a new one, or a loop over "
+                    f"range({parameter.name}.count[0]), and {parameter.name}.{min(columns)}[k]"
+                )
+
+
+def _check_coupled(system: System, written: Columns, behind: Iterable[str]) -> None:
+    """Refuse columns that are written without those that have to fit them. behind: later systems of the reset."""
+    for component, name in sorted(written, key=lambda column: (column[0].__qualname__, column[1])):
+        for coupled in component.coupled:
+            lacking = [each for each in coupled.needs if (component, each) not in written]
+            if name in coupled.columns and lacking and coupled.computed_by not in behind:
+                later = system.phase.when is When.RESET and coupled.computed_by
+                raise DeclarationError(
+                    f"{system.label} writes {component.__name__}.{name}, but not {' and '.join(lacking)}, which must "
+                    f"fit it: {coupled.cure}{f'; or run before {later}, which computes that' if later else ''}"
+                )
