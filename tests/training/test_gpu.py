@@ -98,7 +98,7 @@ def test_nothing_waits_in_an_update(changes: dict[str, Any]) -> None:
             learner._gradients(samples.select(part))
             learner._differentiate(samples, part)
             torch.nn.utils.clip_grad_norm_(learner.parameters, 0.5)
-            learner.optimizer.step()
+            learner.optimizer.step(1e-3)
     finally:
         torch.cuda.set_sync_debug_mode("default")
 

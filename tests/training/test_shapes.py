@@ -15,6 +15,7 @@ from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.policies import rows  # noqa: E402
 from outlast.training.policies.rows import FILL, Rows  # noqa: E402
 from outlast.training.ppo import cuda_graph  # noqa: E402
+from outlast.training.ppo.adam import Adam  # noqa: E402
 from outlast.training.ppo.learner import Learner  # noqa: E402
 from outlast.training.ppo.minibatches import Chunks, Samples  # noqa: E402
 from outlast.training.runs.run import Trainer  # noqa: E402
@@ -88,7 +89,7 @@ def test_a_copy_that_is_trained_elsewhere_gives_the_same_bits(changes: dict[str,
     for learner in other.learners:
         learner.trained = deepcopy(learner.policy)
         learner.parameters = list(learner.trained.parameters())
-        learner.optimizer = torch.optim.Adam(learner.parameters, learner.numbers.learning_rate, eps=1e-5, fused=True)
+        learner.optimizer = Adam(learner.parameters)
     for _ in range(2):
         for one in (plain, other):
             one.update(one.collect())

@@ -1,5 +1,7 @@
 """outlast.train: a run in one call; and what a run comprises is said before it begins."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -162,3 +164,10 @@ def test_a_run_that_has_no_checkpoint_to_go_on_from_says_so(tmp_path: Path, caps
         file.unlink()
     assert outlast.train("ffa_1", tmp_path, steps=100, resume=True, **TINY).steps == 1024
     assert capsys.readouterr().err.splitlines()[1] == words
+
+
+def test_a_run_does_not_load_the_compiler_of_pytorch(tmp_path: Path) -> None:
+    """It takes seconds and 80 MB. A process of its own, as other tests may have loaded it."""
+    program = "import sys, outlast; outlast.train('ffa_1', sys.argv[1], steps=1, worlds=8, rollout=64, quiet=True); "
+    program += "sys.exit('torch._dynamo' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program, str(tmp_path / "run")], check=False).returncode == 0

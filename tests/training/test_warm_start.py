@@ -62,7 +62,7 @@ def test_a_policy_learns_to_do_as_the_teacher_does() -> None:
     assert last["imitation/cross_entropy"] < 0.8 * measured[0]["imitation/cross_entropy"]
     assert last["imitation/agent_steps"] == 40 * EACH
     assert trainer.steps == trainer.updates == 0
-    assert not trainer.learners[0].optimizer.state
+    assert not trainer.learners[0].optimizer.moments[0]["step"]
     assert trainer.lane.teacher is None
 
 

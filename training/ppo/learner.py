@@ -14,6 +14,7 @@ from ..base.hyperparameters import Hyperparameters
 from ..policies.policy import Networks
 from ..policies.rows import Rows
 from ..policies.torch_settings import INDEX
+from .adam import Adam
 from .crew import Crew
 from .cuda_graph import GraphedGradients
 from .loss import ALWAYS, Loss, evaluated, imitation_loss, ppo_loss
@@ -37,7 +38,7 @@ class Learner:
         policy: The policy that plays and is saved, on the CPU.
         trained: The policy that gradients are computed for: the same one or, on another device, a copy. `policy` is
             copied to it when an update begins, and it is copied back when the update ends.
-        optimizer: Adam, for `trained`.
+        optimizer: For `trained`.
         epochs: Epochs begun so far, in all updates.
         figures: Names of the figures that the loss returns; () before its first call.
     """
@@ -71,7 +72,7 @@ class Learner:
         # shares of a minibatch seldom have the same size, and a loss of a user's own may wait for the GPU
         graphed = device.type == "cuda" and self.crew.size == 1 and loss in OUR_LOSSES
         self.graphs = GraphedGradients(device) if graphed else None
-        self.optimizer = torch.optim.Adam(self.parameters, numbers.learning_rate, eps=1e-5, fused=True)
+        self.optimizer = Adam(self.parameters)
         self.epochs = 0
 
     def update(
@@ -97,8 +98,6 @@ class Learner:
         if len(chosen) < 2:
             return {}
         rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
         self._copy(self.policy, self.trained)
         samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
@@ -114,7 +113,7 @@ class Learner:
                 if not going:
                     break
                 nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
-                self.optimizer.step()
+                self.optimizer.step(rate)
                 steps += 1
             if not going:
                 break

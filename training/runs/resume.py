@@ -25,7 +25,6 @@ from ..policies.checkpoint import (
     recorded_scales,
     tree_content,
 )
-from ..policies.torch_settings import FLOAT
 from ..ppo.learner import Learner
 from ..ppo.trainer import Trainer
 
@@ -76,7 +75,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     for learner, given, own, optimiser in zip(trainer.learners, learners, weights, optimisers, strict=True):
         load_weights(learner.policy, own)
         learner.policy.rescale(factors)
-        learner.optimizer.load_state_dict(optimiser)
+        learner.optimizer.restore(optimiser)
         learner.generator.set_state(given["minibatches"].clone())
         learner.epochs = given["epochs"]
     if not is_count(rest["updates"]):
@@ -105,14 +104,14 @@ def _state_bytes(worlds: State) -> bytes:
 
 def _learner_state(learner: Learner) -> dict[str, Any]:
     return {
-        "optimiser": {str(k): moments for k, moments in learner.optimizer.state_dict()["state"].items()},
+        "optimiser": {str(k): moments for k, moments in enumerate(learner.optimizer.moments)},
         "minibatches": learner.generator.get_state(),
         "epochs": learner.epochs,
     }
 
 
-def _checked_learner(learner: Learner, given: Any) -> dict[str, Any]:
-    """The state that the learner's optimiser goes on with; the rest of what is given is checked, too."""
+def _checked_learner(learner: Learner, given: Any) -> list[dict[str, torch.Tensor]]:
+    """The moments that the learner's optimiser goes on with; the rest of what is given is checked, too."""
     if not isinstance(given, dict) or given.keys() != {"optimiser", "minibatches", "epochs"}:
         raise TrainingError(WRONG)
     if not is_count(given["epochs"]):
@@ -121,26 +120,22 @@ def _checked_learner(learner: Learner, given: Any) -> dict[str, Any]:
     return _optimiser(learner, given["optimiser"])
 
 
-def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
-    """The state that the learner's optimiser goes on with, given the moments of all its parameters (or of none yet).
-
-    Its settings are not read: the learning rate is set before each update, the others are the same for all policies.
-    """
-    parameters = {str(k): each for k, each in enumerate(learner.parameters)}
-    if not isinstance(moments, dict) or moments.keys() not in (set(), parameters.keys()):
-        raise TrainingError(f"{REST} of the checkpoint is not of an optimiser of this policy")
-    for k, kept in moments.items():
-        if not isinstance(kept, dict) or kept.keys() != {"step", "exp_avg", "exp_avg_sq"}:
-            raise TrainingError(f"{REST} of the checkpoint is not of an optimiser of this policy")
-        for name, value in kept.items():
-            like = parameters[k] if name != "step" else torch.zeros((), **FLOAT)
-            check_like(value, like, f"{name} of parameter {k} in {REST}")
+def _optimiser(learner: Learner, given: Any) -> list[dict[str, torch.Tensor]]:
+    """The moments that the learner's optimiser goes on with, those of all its parameters in order."""
+    wrong = f"{REST} of the checkpoint is not of an optimiser of this policy"
+    if not isinstance(given, dict) or given.keys() != {str(k) for k in range(len(learner.parameters))}:
+        raise TrainingError(wrong)
+    for k, moments in given.items():
+        like = learner.optimizer.moments[int(k)]
+        if not isinstance(moments, dict) or moments.keys() != like.keys():
+            raise TrainingError(wrong)
+        for name, value in moments.items():
+            check_like(value, like[name], f"{name} of parameter {k} in {REST}")
             if not torch.isfinite(value).all():
                 raise TrainingError(f"{name} of parameter {k} in {REST} of the checkpoint is not finite")
-        if not 0 <= float(kept["step"]) <= LAST:
-            raise TrainingError(f"step of parameter {k} in {REST} of the checkpoint is {float(kept['step'])}")
-    copies = {int(k): {name: value.clone() for name, value in kept.items()} for k, kept in moments.items()}
-    return {"state": copies, "param_groups": learner.optimizer.state_dict()["param_groups"]}
+        if not 0 <= float(moments["step"]) <= LAST:
+            raise TrainingError(f"step of parameter {k} in {REST} of the checkpoint is {float(moments['step'])}")
+    return [given[str(k)] for k in range(len(given))]
 
 
 def _check_random(generator: torch.Generator, given: Any) -> None:
