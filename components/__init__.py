@@ -14,7 +14,7 @@ from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
 from .phase import Phase
 from .respawn import Respawned, Respawns, Return
-from .score import End, Episode, Reward, Score
+from .score import End, Episode, Outcome, Reward, Score
 from .sight import ObservationMasks, Sight
 from .wall import Before, Unplaced, Wall
 from .zone import Zone, ZoneView
@@ -64,6 +64,7 @@ __all__ = [
     "Material",
     "ObservationMasks",
     "OthersView",
+    "Outcome",
     "Phase",
     "Push",
     "Rays",

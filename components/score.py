@@ -11,6 +11,15 @@ class Score(Singleton):
     kills: Array = column("i4", "sides")
 
 
+class Outcome(Statistic):
+    """How far each side has come, in games that are not won by living longest: the side with the highest number wins.
+
+    A mechanic of the game declares and writes it. Games without it are won by the side that lives longest.
+    """
+
+    outcome: Array = column("f8", "sides")
+
+
 class Reward(Signal):
     """Reward of each agent for this tick."""
 

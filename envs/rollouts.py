@@ -18,7 +18,18 @@ from .rollout import local
 from .rollout.against import Against
 from .rollout.episode_file import Ended, episode_file, numbered
 from .rollout.event_file import event_file
-from .rollout.lineup import Entries, Lineup, Other, Others, checked_entries, entries_of, load_policies, loaded, maker
+from .rollout.lineup import (
+    Entries,
+    Lineup,
+    Other,
+    Others,
+    checked_entries,
+    entries_of,
+    is_foreign,
+    load_policies,
+    loaded,
+    maker,
+)
 from .rollout.memory import check_memories
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
@@ -149,7 +160,7 @@ def worlds_of(
     entries = _entries(policy, others)
     names = [each for each, _ in entries]
     fitting, players = load_policies(names, asked, settings["seed"])
-    foreign = any(map(callable, names))  # users' functions may keep observations, and return anything
+    foreign = any(map(is_foreign, names))
     env = make_vec(fitting, worlds, copy=foreign, check_actions=foreign, **settings)
     try:
         return env, *_playing(env, players, entries, settings["seed"])

@@ -15,7 +15,7 @@ from outlast.ecs import NumberError
 
 from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
-from ..rollout.lineup import checked_entries, parse_lineup
+from ..rollout.lineup import OWN_AS, checked_entries, parse_lineup
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED_AS
 from ..scenarios.changes import by_full_name
@@ -181,8 +181,8 @@ def save_scenario(options: argparse.Namespace) -> None:
 
 def add_policy(command: Parser, default: str) -> None:
     """--policy; what it names is loaded where worlds are made for it."""
-    text = f"who plays: {', '.join(POLICIES)}, or a saved policy ({SAVED_AS}, whose newest checkpoint is "
-    text += f"taken) (default: {default})"
+    text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}, whose newest checkpoint is "
+    text += f"taken), or {OWN_AS} of your own (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 

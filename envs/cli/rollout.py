@@ -152,7 +152,7 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
     if options.others:
         raise ClusterError("--others plays on one machine: leave it out with --ray")
     if options.policy not in POLICIES:
-        raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")
+        raise ClusterError(f"--policy {options.policy} plays on one machine: leave out --ray")
     try:
         from ..rollout import ray as cluster  # here, as Ray takes seconds to load
     except ModuleNotFoundError as error:

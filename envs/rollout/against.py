@@ -12,7 +12,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .lineup import Lineup, key_of, own_side
 from .memory import tell
-from .outcome import living_sides, own_wins
+from .outcome import Standings, own_wins
 from .policies import Policy
 from .summary import RESULTS
 
@@ -46,7 +46,7 @@ class Against:
         if sides < 2:
             raise UsageError(f"{env.scenario.name} has one side: there is nobody to play against; leave out --others")
         self._own, self._sides = np.zeros((2, env.num_worlds), int)
-        self._life = np.zeros((env.num_worlds, sides), int)
+        self._standings = Standings(env.worlds)
         self.counts = np.zeros((len(others.names), len(RESULTS)), int)
         self._results = np.full(env.num_worlds, len(RESULTS))  # of the last episode that ended in each world
 
@@ -57,7 +57,7 @@ class Against:
         _, worlds, episodes = key_of(self._env.worlds, where)
         self._sides[where] = side(self._env.worlds, where).max(1) + 1
         self._own[where] = own_side(worlds, episodes, self._sides[where])
-        self._life[where] = 0
+        self._standings.begin(where)
 
     def __call__(self, observations: Arrays) -> Actions:
         """The actions of all agents, integers (worlds, agents, actions)."""
@@ -70,12 +70,12 @@ class Against:
 
     def watch(self, where: Array) -> None:
         """Count the episodes of the worlds `where`, bool (worlds,), that ended in a step; to be called after each."""
-        self._life += living_sides(self._env.worlds)
+        self._standings.watch()
         end = self._env.worlds[End]
         ended = (end.terminated | end.truncated)[:, 0] & where
         rows = np.flatnonzero(ended & (self._sides > 1))
         self._results[ended] = len(RESULTS)
-        self._results[rows] = 2 - 2 * own_wins(self._life[rows], self._own[rows])
+        self._results[rows] = 2 - 2 * own_wins(self._standings.of(rows), self._own[rows])
         np.add.at(self.counts, (self._others.drawn[rows], self._results[rows]), 1)
 
     def played(self, rows: Array) -> dict[str, Array]:

@@ -2,8 +2,10 @@
 
 import contextlib
 import copy
+import inspect
 import math
 import os
+import re
 import weakref
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +21,7 @@ from ..core.make import make_vec
 from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
+from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
 from .models import models
@@ -30,6 +33,8 @@ Other = str | os.PathLike[str] | Policy
 Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
 ROLES = 2
+OWN = re.compile(r".+\.py:[^\W\d]\w*|[^\W\d]\w*(\.[^\W\d]\w*)+:[^\W\d]\w*")  # policies in users' files and modules
+OWN_AS = "FILE.py:FUNCTION"  # what such a policy is named by
 
 # the line-up that plays a policy with a memory, by the policy's id
 OWNERS = weakref.WeakValueDictionary[int, "Lineup"]()
@@ -42,8 +47,8 @@ def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[st
     """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
 
     Args:
-        text: Names of policies or models, or saved policies (FILE.zip, FILE.safetensors or the folder of a run), each
-            followed by a colon and its weight; without these, the weight is 1.
+        text: Names of policies or models, saved policies (FILE.zip, FILE.safetensors or the folder of a run), or
+            FILE.py:FUNCTION, see `own_policy`; each followed by a colon and its weight, or else the weight is 1.
         names: The names that are allowed.
 
     Returns:
@@ -56,7 +61,7 @@ def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[st
     for part in text.split(","):
         name, weight = part.strip(), "1"
         # C:/runs may be a folder, whose colon is not that of a weight
-        if ":" in name and not is_saved(name) and not Path(name).is_dir():
+        if ":" in name and not (is_saved(name) or is_own(name) or Path(name).is_dir()):
             name, _, weight = (piece.strip() for piece in name.rpartition(":"))
         pairs.append((name, weight))
     return {str(name): weight for name, weight in checked_entries(pairs, names)}
@@ -138,18 +143,56 @@ def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> 
     return fitting, chosen
 
 
+def is_own(name: str) -> bool:
+    """Whether it names a policy in a file or module of the user: "mygame.py:clever", "package.module:clever"."""
+    return OWN.fullmatch(name) is not None and not is_saved(name)
+
+
+def is_foreign(policy: str | Policy) -> bool:
+    """Whether it is a user's function, which may keep observations, and return anything."""
+    return callable(policy) or is_own(policy)
+
+
+def own_policy(name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """Return a function (env, seed) that makes the policy which `is_own` is about; its file or module is imported.
+
+    Args:
+        name: "FILE.py:NAME" or "package.module:NAME", where NAME is a policy (observations) -> actions, or a function
+            (env) or (env, seed), whose first parameter is called env, that returns one.
+
+    Raises:
+        UsageError: It is no function; or later, what it returned is none.
+        ScenarioError: There is no such name, or the file or module cannot be imported.
+    """
+    place, _, member = name.rpartition(":")
+    given = member_of(module_of(place), member, place, ())
+    if not callable(given):
+        raise UsageError(f"{name} is {given!r:.60}: a policy, or a function (env, seed) that returns one, is needed")
+    parameters = [*inspect.signature(given).parameters]
+
+    def make(env: SurvivalVectorEnv, seed: int) -> Policy:
+        policy = given(*(env, seed)[: len(parameters)]) if parameters[:1] == ["env"] else given
+        if not callable(policy):
+            raise UsageError(f"{name} returned {policy!r:.60}: a function (observations) -> actions is needed")
+        return cast(Policy, policy)
+
+    return make
+
+
 def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
     """Return the names and functions, with loaded policies in place of their files' paths. Raises UsageError."""
     seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
     return [
-        load_saved(name, own) if isinstance(name, str) and name not in POLICIES else name
+        load_saved(name, own) if isinstance(name, str) and not (name in POLICIES or is_own(name)) else name
         for name, own in zip(names, seeds, strict=True)
     ]
 
 
 def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
     """Return a function that makes the policy for an environment and a seed, as in POLICIES, or returns `chosen`."""
-    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen
+    if isinstance(chosen, str):
+        return POLICIES[chosen] if chosen in POLICIES else own_policy(chosen)
+    return lambda env, seed: chosen
 
 
 def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: Any) -> Array:
@@ -241,7 +284,7 @@ class Lineup:
             said, self._axes = f"others: {said}", "(worlds, agents but the learner, actions)"
         self._whats = [said.format(name) for name in self.names]
         self._shape = (env.num_worlds, len(ids), len(env.action_sizes))
-        self._foreign = any(map(callable, given))  # users' functions, which may keep the arrays that they get
+        self._foreign = any(map(is_foreign, given))  # users' functions, which may keep the arrays that they get
         self._begins = None if len(given) == 1 and not has_memory(self._policies[0]) else Begins(env)
         self.drawn = np.zeros(env.num_worlds, int)
 
@@ -250,6 +293,8 @@ class Lineup:
         """Return the function that plays for an entry."""
         if isinstance(policy, str) and policy in POLICIES:
             return others_policy(policy, env, agents)
+        if isinstance(policy, str) and is_own(policy):
+            return own_policy(policy)(env, 0)
         playing: Any = load_saved(policy) if isinstance(policy, str) else policy
         if isinstance(policy, str):
             playing.key_by(env, agents)
@@ -300,13 +345,14 @@ class Lineup:
 def _named(name: str, names: Collection[str]) -> str:
     """Return the name, or the path of a saved policy. Raises UsageError if it is neither."""
     name = policy_file(name, names)
-    if name in names or is_saved(name):
+    if name in names or is_saved(name) or (is_own(name) and tuple(names) == tuple(POLICIES)):
         return name
     raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, [*names, *models()], after=' ')}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:
-    return f"{', '.join(names)} or a saved policy ({SAVED_AS}) is needed"
+    own = f", or {OWN_AS} of your own" * (tuple(names) == tuple(POLICIES))
+    return f"{', '.join(names)} or a saved policy ({SAVED_AS}) is needed{own}"
 
 
 def _checked_weight(policy: object, weight: Any) -> float:

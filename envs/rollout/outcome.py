@@ -1,62 +1,92 @@
-"""Who wins an episode."""
+"""Who wins an episode: the side that lives longest or, where the game says how far sides have come, the farthest."""
 
 from typing import Any
 
 import numpy as np
 
-from outlast.components import Score
+from outlast.components import Outcome, Score
 from outlast.ecs import Worlds
+
+from ..core.agents import side
 
 Array = np.ndarray[Any, Any]
 
 
-def living_sides(worlds: Worlds) -> Array:
-    """Return which sides have a living member, bool (worlds, sides). A side lives in ticks at whose end it has one."""
-    return np.asarray(worlds[Score].alive > 0)
+class Standings:
+    """How far each side of each world has come in its episode.
+
+    Attributes:
+        life: int (worlds, sides), the ticks that each side has lived: those at whose end it had a living member.
+    """
+
+    def __init__(self, worlds: Worlds) -> None:
+        self._worlds = worlds
+        self.life = np.zeros((worlds.count, worlds.dims["sides"]), int)
+
+    def begin(self, where: Array) -> None:
+        """Begin anew in the worlds `where`, bool (worlds,)."""
+        self.life[where] = 0
+
+    def watch(self) -> None:
+        """Count the ticks that sides live; to be called after each step."""
+        self.life += self._worlds[Score].alive > 0
+
+    def of(self, rows: Array) -> Array:
+        """Return how far the sides of the worlds `rows` have come, float64 (rows, sides); absent ones -inf.
+
+        That is what a mechanic says in components.Outcome, or the ticks that they have lived.
+        """
+        come = self._worlds[Outcome].outcome[rows] if Outcome in self._worlds else self.life[rows]
+        there = (side(self._worlds, rows)[:, :, None] == np.arange(come.shape[1])).any(1)
+        return np.where(there, come, -np.inf)
 
 
-def own_wins(life: Array, own: Array) -> Array:
+def own_wins(come: Array, own: Array) -> Array:
     """Return whether one side of each world wins against all others; see `wins`.
 
     Args:
-        life: Ticks that each side lived, (worlds, sides).
+        come: How far each side came, (worlds, sides).
         own: The one side of each world, (worlds,).
 
     Returns:
         float64 (worlds,): 1 where it wins, 0 where another side does, 0.5 for a draw.
     """
-    mine = own[:, None] == np.arange(life.shape[1])
-    best: Array = wins(np.stack([np.where(mine, life, 0).max(1), np.where(mine, 0, life).max(1)], 1))[:, 0]
+    mine = own[:, None] == np.arange(come.shape[1])
+    best: Array = wins(np.stack([np.where(each, come, -np.inf).max(1) for each in (mine, ~mine)], 1))[:, 0]
     return best
 
 
-def shares_outlived(life: Array, own: Array, sides: Array) -> Array:
-    """Return the share of the other sides that one side of each world outlived.
+def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
+    """Return the share of the other sides that one side of each world came farther than, by living longer or otherwise.
 
     For sides that play equally well it is 1/2 on average, whatever their number; for two sides it is `own_wins`.
 
     Args:
-        life: Ticks that each side lived, (worlds, sides).
+        come: How far each side came, (worlds, sides).
         own: The one side of each world, (worlds,).
         sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
 
     Returns:
-        float64 (worlds,): the share; a side that ended at the same time counts half.
+        float64 (worlds,): the share; a side that came equally far counts half.
     """
-    number = np.arange(life.shape[1])
+    number = np.arange(come.shape[1])
     others = (number < sides[:, None]) & (number != own[:, None])
-    outlived = (1 + np.sign(np.take_along_axis(life, own[:, None], 1) - life)) / 2
-    share: Array = (outlived * others).sum(1) / others.sum(1)
+    share: Array = (_beats(np.take_along_axis(come, own[:, None], 1), come) * others).sum(1) / others.sum(1)
     return share
 
 
-def wins(life: Array) -> Array:
-    """Return who wins: the role whose longest-lived side lives longer.
+def wins(come: Array) -> Array:
+    """Return who wins: the role whose best side came farther.
 
     Args:
-        life: Ticks that the longest-lived side of each role lived, (..., roles).
+        come: How far the best side of each role came, (..., roles).
 
     Returns:
         float64 of the same shape: 1 for the winner, 0 for the other role, 0.5 for both in a draw.
     """
-    return np.asarray((1 + np.sign(life - life[..., ::-1])) / 2)
+    return _beats(come, come[..., ::-1])
+
+
+def _beats(one: Array, other: Array) -> Array:
+    """1 where one is more than the other, 0 where it is less, 0.5 where neither is: float64."""
+    return np.where(one > other, 1.0, np.where(one < other, 0.0, 0.5))

@@ -12,7 +12,7 @@ from outlast.envs.errors import UsageError
 from outlast.envs.rollout.against import Against
 from outlast.envs.rollout.lineup import own_side, role_of
 from outlast.envs.rollout.local import rollout
-from outlast.envs.rollout.outcome import own_wins, shares_outlived, wins
+from outlast.envs.rollout.outcome import own_wins, shares_beaten, wins
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, digest, run, scaled
 from tests.helpers.execution_modes import short
@@ -41,13 +41,13 @@ def test_the_longest_lived_side_wins() -> None:
 
 def test_equals_outlive_half_of_the_others_however_many_sides_there_are() -> None:
     life = np.array([[5, 9, 5, 0, 7], [5, 9, 3, 0, 0]])  # in the second world, three sides are there
-    of_each = [shares_outlived(life, np.full(2, own), np.array([5, 3])).tolist() for own in range(3)]
+    of_each = [shares_beaten(life, np.full(2, own), np.array([5, 3])).tolist() for own in range(3)]
     assert of_each == [[1.5 / 4, 0.5], [1, 1], [1.5 / 4, 0]]
     many = np.random.default_rng(0).integers(0, 4, (50, 5))
-    each = [shares_outlived(many, np.full(50, own), np.full(50, 5)) for own in range(5)]
+    each = [shares_beaten(many, np.full(50, own), np.full(50, 5)) for own in range(5)]
     np.testing.assert_allclose(np.mean(each, 0), 0.5)
     two, own = many[:, :2], many[:, 2] % 2
-    assert (shares_outlived(two, own, np.full(50, 2)) == own_wins(two, own)).all()
+    assert (shares_beaten(two, own, np.full(50, 2)) == own_wins(two, own)).all()
 
 
 # ---- a policy against a line-up

@@ -77,7 +77,7 @@ def test_figures_are_those_of_the_tags_in_order() -> None:
         ("collecting", "90.1k/s"),
         ("updating", "36.5k/s"),
         ("length", "812"),
-        ("return", "410.0"),
+        ("return", "400.0 / 420.0"),
         ("kills", "0.75"),
         ("heals used", "2.70"),
         ("scripted", "12 % (310)"),
@@ -131,7 +131,7 @@ def test_the_terminal_shows_a_bar_and_a_line_for_each_group(terminal: Terminal) 
     assert len(bar) == 99
     assert lines == [
         "speed     collecting 90.1k/s · updating 36.5k/s",
-        "episodes  length 812 · return 410.0 · kills 0.75 · heals used 2.70",
+        "episodes  length 812 · return 400.0 / 420.0 · kills 0.75 · heals used 2.70",
         "wins      scripted 12 % (310) · past 55 %",
         "learning  epochs 3.2 · KL 0.0113 · entropy 4.21",
     ]
@@ -209,8 +209,8 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None
     lines = file.getvalue().splitlines()
     assert [line.split()[0] for line in lines] == ["1.10M", "1.40M", "1.70M"]  # and nothing twice
     assert lines[0] == (
-        "1.10M of 2.00M agent-steps; 10.0k/s, 01:30 left; speed: collecting 90.1k/s, updating 36.5k/s; "
-        "episodes: length 812, return 410.0, kills 0.75, heals used 2.70; wins: scripted 12 % (310), past 55 %; "
+        "1.10M of 2.00M agent-steps; 10.0k/s, 01:30 left; speed: collecting 90.1k/s, updating 36.5k/s; episodes: "
+        "length 812, return 400.0 / 420.0, kills 0.75, heals used 2.70; wins: scripted 12 % (310), past 55 %; "
         "learning: epochs 3.2, KL 0.0113, entropy 4.21"
     )
     assert "\x1b" not in file.getvalue()

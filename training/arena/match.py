@@ -10,7 +10,7 @@ from outlast.ecs import Statistic
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.lineup import ROLES, role_of
-from outlast.envs.rollout.outcome import wins
+from outlast.envs.rollout.outcome import Standings, wins
 from outlast.envs.rollout.summary import MOMENTS
 
 from ..base.metrics import AgentMetrics
@@ -59,6 +59,7 @@ class Match:
         self.base_env, self.acts, self.each = base_env, acts, each
         base_env.reset(seed=seed)
         self.metrics, self.results = AgentMetrics(base_env), MatchResults(base_env.num_worlds, each)
+        self.standings = Standings(base_env.worlds)
         self.done, self.begun = np.zeros(base_env.num_worlds, int), np.zeros(base_env.num_worlds, int)
         self.records = 0  # the number of the last tick record
         self.dims = {key: column.dims for key, _, _, column in published(base_env.worlds, Statistic)}
@@ -91,6 +92,7 @@ class Match:
         self.metrics.before_step(actions)
         _, _, terminated, truncated, info = self.base_env.step(actions)
         self.metrics.after_step()
+        self.standings.watch()
         self.records += 1
         done = terminated | truncated
         return self._finish(done, info["statistics"]) if done.any() else 0
@@ -103,6 +105,7 @@ class Match:
         self._enter(rows, where, statistics)
         self.base_env.reset(options={"reset_mask": done})
         self.metrics.reset(done)
+        self.standings.begin(done)
         self.records += 1
         self.begun[done] = self.records
         self.done[rows] += 1
@@ -111,14 +114,14 @@ class Match:
 
     def _enter(self, rows: Array, where: AgentIndices, statistics: dict[str, Array]) -> None:
         mine = self.role[rows][:, None] == np.arange(ROLES)[:, None]  # (rows, roles, agents)
-        life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
-        won, first = wins(life), role_of(0, rows, self.done[rows])[:, None] == np.arange(ROLES)
+        sides = np.arange(self.base_env.worlds.dims["sides"])
+        by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
+        won = wins(np.where(by_side, self.standings.of(rows)[:, None], -np.inf).max(2))
+        first = role_of(0, rows, self.done[rows])[:, None] == np.arange(ROLES)
         self.results.enter(where, "wins", won)
         self.results.enter(where, "wins_first", won * first, first)
         self.results.enter(where, "wins_second", won * ~first, ~first)
-        self.results.enter(where, "life", life)
-        sides = np.arange(self.base_env.worlds.dims["sides"])
-        by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
+        self.results.enter(where, "life", (self.standings.life[rows][:, None] * by_side).max(2))
         for name, values in statistics.items():  # for agents, the mean over those of a role; for sides, the sum
             if self.dims.get(name) == ("agents",):
                 there = mine.sum(2)
@@ -127,8 +130,7 @@ class Match:
             elif self.dims.get(name) == ("sides",):
                 self.results.enter(where, name, (values[rows, None] * by_side).sum(2))
         for name, total in self.metrics.totals.items():
-            if name != "life":
-                self.results.enter(where, name, (total[rows][:, None] * mine).sum(2))
+            self.results.enter(where, name, (total[rows][:, None] * mine).sum(2))
         for name, rate in self.metrics.rates.items():
             summed = (rate[rows][:, None] * mine[..., None]).sum(2)
             self.results.enter(where, name, summed[..., 0], summed[..., 1])

@@ -171,8 +171,8 @@ class OpponentPool:
     def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
         """Record the games of a rollout, in any order: the step in which each ended, the opponent, how far it was won.
 
-        How far is the share of the other sides that the learners' side outlived. Between equals it is 1/2 on average,
-        however many sides there are, and ratings and priorities take 1/2 for even.
+        How far is the share of the other sides that the learners' side beat, see outcome.shares_beaten. Between equals
+        it is 1/2 on average, however many sides there are, and ratings and priorities take 1/2 for even.
         """
         ended: dict[tuple[int, int], list[float]] = {}
         for step, index, won in games:

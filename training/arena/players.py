@@ -12,7 +12,7 @@ from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.lineup import checked_entries
+from outlast.envs.rollout.lineup import OWN_AS, checked_entries, is_own, maker
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import POLICIES, Policy
@@ -40,8 +40,9 @@ class Contender:
         self.label, self.player = label, policy if isinstance(policy, Player) else None
         self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
         self._function = None if isinstance(policy, (str, Player)) else policy
-        if isinstance(policy, str) and policy not in POLICIES:
+        if isinstance(policy, str) and not (policy in POLICIES or is_own(policy)):
             self.player = Player(policy)
+        self._make = maker(self.player or policy)
 
     def check(self, env: SurvivalVectorEnv) -> None:
         """Check that the policy can play in these worlds. Raises TrainingError."""
@@ -60,7 +61,9 @@ class Contender:
         """
         player = self.player
         if player is None:
-            whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
+            whole = self._make(env, seed)
+            if self._function is not None or is_own(self.text):
+                whole = self._checked(whole, env)
             return lambda seen, indices: np.asarray(whole(seen)[indices])
         player = copy.copy(player)  # so that the caller's stays as it is
         player.reset = player._reset if player.memory else None
@@ -133,9 +136,9 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
     place, text = Path(policy), text_of(policy)
     if text in (*POLICIES, *models()) or not place.is_dir():
-        if len(place.parts) > 1 and not is_saved(text):
+        if len(place.parts) > 1 and not (is_saved(text) or is_own(text)):
             meant = did_you_mean(text, models(), after=" ")
-            raise TrainingError(f"{text} is no saved policy: {meant}{SAVED_AS} is needed")
+            raise TrainingError(f"{text} is no saved policy: {meant}{SAVED_AS} is needed, or {OWN_AS} of your own")
         checked_entries([(text, 1)])
         return [(text, text)]
     return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
@@ -151,7 +154,7 @@ def labels(texts: Sequence[str]) -> list[str]:
 
 def _parts(text: str) -> tuple[str, ...]:
     """Parts of a path, without the ending of a file; a name as it is."""
-    if text in POLICIES or not (is_saved(text) or re.search(r"[/\\]", text)):
+    if text in POLICIES or is_own(text) or not (is_saved(text) or re.search(r"[/\\]", text)):
         return (text,)
     if text in models():
         return tuple(text.split("/"))

@@ -10,7 +10,6 @@ from outlast.ecs import Entity, Statistic, columns_of
 from outlast.envs.core.agents import alive, counted, present, side
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.outcome import living_sides
 from outlast.envs.rollout.summary import MOMENTS
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee
@@ -206,15 +205,15 @@ class BehaviourMetrics:
 class AgentMetrics:
     """Sums over the running episode of every world, for each agent; make it when the worlds have been reset.
 
-    totals: float64 (worlds, agents) by name: life, the ticks to whose end the agent's side lived; deaths_TYPE;
-    heals_given. rates: float64 (worlds, agents, 2) by name, those of BehaviourMetrics.quantities and heals_held: the
-    sum over the ticks in which the quantity counts for the agent, and the number of these ticks.
+    totals: float64 (worlds, agents) by name: deaths_TYPE; heals_given. rates: float64 (worlds, agents, 2) by name,
+    those of BehaviourMetrics.quantities and heals_held: the sum over the ticks in which the quantity counts for the
+    agent, and the number of these ticks.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
         self.base_env, self.behaviour = base_env, BehaviourMetrics(base_env)
         self.agents, self.sides = base_env.worlds.span("agent"), side(base_env.worlds)
-        names = ["life", *(f"deaths_{cause}" for cause in base_env.worlds.layout.damage_types)]
+        names = [f"deaths_{cause}" for cause in base_env.worlds.layout.damage_types]
         names += ["heals_given"] * (self.behaviour.heals is not None)
         self.totals = {name: np.zeros((base_env.num_worlds, base_env.num_agents)) for name in names}
         self.rates: dict[str, Array] = {}
@@ -231,11 +230,9 @@ class AgentMetrics:
             rate[..., 1] += where
 
     def after_step(self) -> None:
-        """Count who is alive, who died and who gave. Call after every step."""
+        """Count who died and who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
         deaths = deaths[_among(deaths["agent"], self.agents)]
-        living = np.take_along_axis(living_sides(self.base_env.worlds), np.maximum(self.sides, 0), 1)
-        self.totals["life"] += living & (self.sides >= 0)
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1

@@ -17,7 +17,9 @@ SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; 
 # "Its" refers to the policy of the row, which plays one of two sides, or every other side where there are more.
 COLUMNS = {
     "wins": Column(
-        "share", "of the episodes that it wins, as one of its sides outlives all others; a draw counts half"
+        "share",
+        "of the episodes that it wins, as one of its sides outlives all others, or as the game says who wins; a draw "
+        "counts half",
     ),
     "wins_first": Column(
         "share",

@@ -57,6 +57,7 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
 WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: share of recent games won; games in all; Elo
 OWN = "rating/self"
+APART = 4  # returns of so many sides are shown side by side where they differ
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
@@ -64,13 +65,16 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
 
     Args:
         tags: What was logged last, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added
-            up, and returns are averaged.
+            up, and returns are averaged; as text, those of a few sides stand side by side.
     """
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []
     for group, name, pattern, combine, text in _FIGURES:
         if values := [finite[tag] for tag in combinable([tag for tag in finite if re.fullmatch(pattern, tag)])]:
-            found.append(Figure(group, name, combine(values), text(combine(values))))
+            each = list(dict.fromkeys(map(text, values)))
+            apart = name == "return" and 1 < len(each) <= len(values) <= APART  # in a zero-sum game, their mean is 0
+            shown = " / ".join(map(text, values)) if apart else text(combine(values))
+            found.append(Figure(group, name, combine(values), shown))
     for tag, share in finite.items():
         if tag.startswith(WINS):
             name, games = tag.removeprefix(WINS), finite.get(tag.replace(WINS, GAMES, 1))

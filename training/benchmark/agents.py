@@ -1,16 +1,14 @@
 """Who takes part in the benchmark: presets that it trains, existing runs and policies, functions in files."""
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.models import models
-from outlast.envs.rollout.policies import Policy
 from outlast.envs.rollout.saved import SAVED_AS, is_saved, located
-from outlast.envs.scenarios.imports import module_of
 
 from ..arena.match import Act
 from ..arena.players import Contender
@@ -84,26 +82,13 @@ class Agent:
 
 
 class Made(Contender):
-    """A policy that a user's function (env, seed) makes."""
+    """A policy that a user's function (env, seed) makes, with the seed of the agent."""
 
     def __init__(self, label: str, source: str, seed: int) -> None:
         """source: "FILE.py:FUNCTION". seed: The seed of the agent. Raises TrainingError, ScenarioError."""
-        place, _, name = source.rpartition(":")
-        make = getattr(module_of(place), name, None)
-        if not callable(make):
-            raise TrainingError(f"{source}: {place} has no function {name}, of (env, seed), that returns a policy")
-        super().__init__(label, self._unmade)
-        self.text, self.file = source, Path(place)
-        self._make: Callable[[SurvivalVectorEnv, int], Policy] = make
-        self._seed = seed
+        super().__init__(label, source)
+        self.file, self._seed = Path(source.rpartition(":")[0]), seed
 
     def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
         """Make the policy for these worlds. It draws as it likes, so `keyed` and `slack` have no effect."""
-        policy = self._make(env, self._seed)
-        if not callable(policy):
-            raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")
-        return Contender(self.label, policy).act(env, seed)
-
-    @staticmethod
-    def _unmade(observations: Any) -> Any:
-        raise AssertionError("a policy is made for its worlds")
+        return super().act(env, self._seed)

@@ -8,6 +8,7 @@ from typing import Any
 
 from outlast.envs.cli.options import STOPPED, add_scenario, output, positive, scenario, seed
 from outlast.envs.errors import install
+from outlast.envs.rollout.lineup import OWN_AS
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.text_table import terminal_width
@@ -40,8 +41,10 @@ def add(commands: Any) -> None:
     epilog = f"columns ('it' is the policy of the row), each with its standard error over games:\n{columns}"
     command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
     add_scenario(command)
-    text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}), or a folder of several "
-    command.add_argument("policies", nargs="+", metavar="POLICY", help=f"{text}runs, whose newest checkpoints play")
+    text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}), {OWN_AS} of your own, or a folder of "
+    command.add_argument(
+        "policies", nargs="+", metavar="POLICY", help=f"{text}several runs, whose newest checkpoints play"
+    )
     text = "episodes of each pairing, rounded up so that all worlds play the same number (default 1000)"
     command.add_argument("--episodes", type=positive, default=1000, help=text)
     command.add_argument("--worlds", type=positive, default=64, help="worlds that play at once (default 64)")

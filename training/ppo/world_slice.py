@@ -13,7 +13,7 @@ from outlast.envs.core.agents import alive, counts_vary, side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.lineup import draw, key_of, own_side
-from outlast.envs.rollout.outcome import living_sides, shares_outlived
+from outlast.envs.rollout.outcome import Standings, shares_beaten
 
 from ..arena.opponent_pool import OpponentPool, Plain
 from ..base.config import CHUNK
@@ -50,7 +50,7 @@ class CollectedSamples:
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
         games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
-            sides that the learners outlived.
+            sides that the learners beat.
     """
 
     seen: list[Observed]
@@ -125,7 +125,7 @@ class Lane:
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
-        self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
+        self.standings = Standings(env.worlds)
         self.memory = torch.zeros((self.agents, opponents.memory), **FLOAT)
         self.begins = np.ones(self.agents, bool)
         self.assign()
@@ -218,7 +218,7 @@ class Lane:
             samples.ends[t] |= ~living
         self.behaviour.after_step()
         if not self.pool.alone:
-            self.life += living_sides(env.worlds)
+            self.standings.watch()
         if done.any():
             goes_on = np.repeat(truncated & ~terminated, env.num_agents) & (living | (self.dead == "keep"))
             if goes_on.any():
@@ -265,7 +265,13 @@ class Lane:
         """Return who plays, and what they remember, by name, (worlds, ...), without the worlds themselves."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
-        found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        found = {
+            "opponent": self.opponent,
+            "own": self.own,
+            "life": self.standings.life,
+            "memory": memory,
+            "begins": begins,
+        }
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
@@ -273,7 +279,7 @@ class Lane:
         opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError(f"lane in {REST} of the checkpoint names players that there are not")
-        self.opponent, self.own, self.life = opponent, own, life
+        self.opponent, self.own, self.standings.life = opponent, own, life
         self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).clone()
         self.begins = given["begins"].ravel() > 0
@@ -323,12 +329,12 @@ class Lane:
         """
         sides = self._sides.max(1) + 1
         worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
-        won = shares_outlived(self.life[worlds], self.own[worlds], sides[worlds])
+        won = shares_beaten(self.standings.of(worlds), self.own[worlds], sides[worlds])
         self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
 
     def _draw(self, where: Array) -> None:
         """Draw who plays in the worlds `where`, bool (worlds,), in which episodes begin."""
-        self.life[where] = 0
+        self.standings.begin(where)
         self.begins[np.repeat(where, self.env.num_agents)] = True
         self._sides[where] = side(self.env.worlds, where)
         if self.pool.alone:

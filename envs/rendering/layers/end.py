@@ -1,10 +1,11 @@
 """The end of an episode: who won, and why it ended."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import End, Health, Score, Side
+from outlast.components import End, Health, Outcome, Score, Side
 from outlast.ecs import Clock
 from outlast.systems.ending import outliving_wins
 
@@ -21,10 +22,10 @@ MOST = 1.9  # width of words at most, in halves of the picture
 
 @dataclass(frozen=True)
 class EndLayer(Layer):
-    """A banner across the last picture of an episode: the side that lived longest, and why it ended.
+    """A banner across the last picture of an episode: the side that won, and why it ended.
 
-    If episodes only end at their limit (ending_rule "never"), it names no side, as survival does not decide who wins.
-    Pictures too small for its words have no banner.
+    If episodes only end at their limit (ending_rule "never"), survival does not decide who wins: it names no side,
+    unless the game says how far sides have come (components.Outcome). Pictures too small for its words have no banner.
     """
 
     zorder = ZOrder.WORDS + 1
@@ -45,17 +46,31 @@ class EndLayer(Layer):
 
 
 def winner(scene: Scene) -> int | None:
-    """Return the side that lived longer than all others, after the last tick of an episode; None if there is none."""
+    """Return the side that came farther than all others, after the last tick of an episode; None if there is none."""
     if not _rivals(scene):
         return None
-    alive = scene[Score].alive
-    lived = [2**63 if count else -1 for count in alive]
+    come = _outcomes(scene) if Outcome in scene else _lived(scene)
+    best = max(come.values())
+    first, *others = (side for side, each in come.items() if each == best)
+    return None if others else first
+
+
+def _outcomes(scene: Scene) -> dict[int, float]:
+    return {side: float(scene[Outcome].outcome[side]) for side in _sides(scene)}
+
+
+def _lived(scene: Scene) -> dict[int, float]:
+    """Return the tick in which each side lost its last member; infinity for sides that live."""
+    lived = {side: math.inf if scene[Score].alive[side] else -1.0 for side in _sides(scene)}
     for e in scene.rows(Health, Side) if Health in scene else ():
-        if (side := scene[Side].side[e]) < 0:  # absent agents have no side
-            continue
-        lived[side] = max(lived[side], scene[Health].fatal_tick[e])
-    best = max(lived)
-    return lived.index(best) if lived.count(best) == 1 else None
+        if (side := int(scene[Side].side[e])) >= 0:  # absent agents have no side
+            lived[side] = max(lived[side], scene[Health].fatal_tick[e])
+    return lived
+
+
+def _sides(scene: Scene) -> set[int]:
+    """Return the sides that have agents."""
+    return {int(scene[Side].side[e]) for e in scene.rows(Side)} - {-1} if Side in scene else set()
 
 
 def _verdict(scene: Scene) -> tuple[str, Color | None]:
@@ -67,9 +82,9 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
 
 
 def _rivals(scene: Scene) -> bool:
-    """Return whether several sides could win by living longest, not counting sides without agents."""
-    sides = {scene[Side].side[e] for e in scene.rows(Side)} - {-1} if Side in scene else set()
-    return Score in scene and len(sides) > 1 and outliving_wins(scene.worlds.layout)
+    """Return whether several sides could win, not counting sides without agents."""
+    decided = Outcome in scene or (Score in scene and outliving_wins(scene.worlds.layout))
+    return decided and len(_sides(scene)) > 1
 
 
 def _reason(scene: Scene) -> str:

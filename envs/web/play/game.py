@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Respawned
-from outlast.components.score import End, Episode
+from outlast.components.score import End, Episode, Outcome
 from outlast.ecs import Action, Clock
 from outlast.systems.ending import outliving_wins
 
@@ -174,13 +174,17 @@ class Game:
     def _result(self) -> Json:
         """Return the result of the episode that has ended, as the person's side sees it.
 
-        verdict: "won" if this side outlived all others, "drawn" if it lived as long as the best other one, else "lost";
-        "over" if there is no other side, or the game is not about living longest. return: None if it is not finite.
+        verdict: "won" if this side came farther than all others, by living longer or as components.Outcome says,
+        "drawn" if as far as the best other one, else "lost"; "over" if there is no other side, or nothing says who won.
+        return: None if it is not finite.
         """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
-        others = [tick for other, tick in self._last.items() if other != mine]
-        best, own, paid = max(others, default=-1), self._last[mine], float(episode.returns[0, self.agent])
-        contested = others and outliving_wins(self.worlds.layout)
+        come: dict[int, float] = {**self._last}
+        if decided := Outcome in self.worlds:
+            come = {each: float(self.worlds[Outcome].outcome[0, each]) for each in self._last}
+        others = [each for other, each in come.items() if other != mine]
+        best, own, paid = max(others, default=-1.0), come[mine], float(episode.returns[0, self.agent])
+        contested = others and (decided or outliving_wins(self.worlds.layout))
         return {
             "verdict": "over" if not contested else "won" if own > best else "drawn" if own == best else "lost",
             "truncated": bool(self.worlds[End].truncated[0, 0]),
