@@ -65,129 +65,64 @@ def stay_equal(pair: tuple[Env, Env], reset: bool = True) -> None:
         assert digest(pair[0].worlds) == digest(pair[1].worlds)
 
 
-GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
-    "two dimensions": (lambda env: env.set_numbers(motors_ahead=np.full((3, 1), 0.2)), NumberError, "= (0.2,): it var"),
-    "another length": (
-        lambda env: env.set_numbers(motors_ahead=[0.2] * 4),
-        NumberError,
-        "4 values; give one, or one f",
-    ),
-    "nothing": (
-        lambda env: env.set_numbers(motors_ahead=[]),
-        NumberError,
-        "0 values; give one, or one for each of the 3",
-    ),
-    "ragged": (
-        lambda env: env.set_numbers(motors_ahead=[0.2, [0.2], 1]),
-        NumberError,
-        "motors_ahead = (0.2,): it varies",
-    ),
-    "NaN": (
-        lambda env: env.set_numbers(motors_ahead=[0.2, NAN, 0.2]),
-        NumberError,
-        "motors_ahead = nan: it varies as log",
-    ),
-    "a word": (
-        lambda env: env.set_numbers(motors_ahead="much"),
-        NumberError,
-        "motors_ahead = 'much': it varies as log_un",
-    ),
-    "none of them": (lambda env: env.set_numbers(motors_ahead=[0.2, None, 0.2]), NumberError, "motors_ahead = None"),
-    "an object": (
-        lambda env: env.set_numbers(motors_ahead={"a": 1}),
-        NumberError,
-        "motors_ahead = {'a': 1}: it varies",
-    ),
-    "half an agent": (
-        lambda env: env.set_numbers(n_agents=2.5),
-        NumberError,
-        "agents_count = 2.5: it varies as integers",
-    ),
-    "another word": (
-        lambda env: env.set_numbers(cameras_cone="round"),
-        NumberError,
-        "'round': it varies as choice('sect",
-    ),
-    "a number of roles": (
-        lambda env: env.set_numbers(melee_damage=3),
-        NumberError,
-        "roles differ in it; make new worlds",
-    ),
-    "two names": (
-        lambda env: env.set_numbers(n_agents=2, agents_count=3),
-        NumberError,
-        "agents_count is given twice",
-    ),
-    "a number as name": (lambda env: env.set_numbers({1: 2}), NumberError, "has no number '1'"),  # type: ignore[dict-item]
-    "a short mask": (
-        lambda env: env.set_numbers(n_agents=2, mask=[True]),
-        ValueError,
-        "mask must be bool, of shape (3,)",
-    ),
-    "a mask of numbers": (lambda env: env.set_numbers(n_agents=2, mask=[0, 1, 2]), ValueError, "mask must be bool"),
-    "one of two": (
-        lambda env: env.set_numbers(n_agents=2, motors_ahead=9),
-        NumberError,
-        "motors_ahead = 9: it varies as",
-    ),
-    "a short layout": (
-        lambda env: env.set_numbers(walls_layout=(0.0,) * 6),
-        NumberError,
-        "18 finite numbers are needed",
-    ),
-    "a layout of NaN": (
-        lambda env: env.set_numbers(walls_layout=(NAN,) * 18),
-        NumberError,
-        "18 finite numbers are need",
-    ),
-    "a nested layout": (
-        lambda env: env.set_numbers(walls_layout=((1.0,), *[0.0] * 17)),
-        NumberError,
-        "18 finite numbers",
-    ),
-    "a layout outside": (
-        lambda env: env.set_numbers(walls_layout=FloorPlan(walls=[(12, 0, 4, 1)]).layout(3)),
-        NumberError,
-        "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
-    ),
-    "a layout without floor": (
-        lambda env: env.set_levels([Level({"walls_layout": FloorPlan(walls=[(0, 0, 24.9, 24.9)]).layout(3)})]),
-        NumberError,
-        "walls.layout leaves 0 square metres where agents can be",
-    ),
-    "starts that overlap": (
-        lambda env: env.set_levels(
-            [Level({"walls_layout": FloorPlan(starts=[(0, 0, 0, 4, 4), (1, 1, 1, 4, 4)]).layout(3)})]
-        ),
-        NumberError,
-        "overlaps that of side 0 at (0, 0); move them apart",
-    ),
-    "a plan": (
-        lambda env: env.set_numbers(walls_layout=PLANS[0]),
-        NumberError,
-        "FloorPlan(1 walls, 0 start areas): it va",
-    ),
-    "no levels": (lambda env: env.set_levels([]), NumberError, "0 levels for 3 worlds: one, or as many, are needed"),
-    "two levels": (lambda env: env.set_levels([Level()] * 2), NumberError, "2 levels for 3 worlds"),
-    "a level by itself": (lambda env: env.set_levels(Level()), NumberError, "a list of outlast.Level is needed"),  # type: ignore[arg-type]
-    "no level": (lambda env: env.set_levels([Level(), {}, Level()]), NumberError, "outlast.Level is needed"),  # type: ignore[list-item]
-    "the last level": (
-        lambda env: env.set_levels([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})]),
-        NumberError,
-        "n_agents does not vary here; take its full name, agents_count",
-    ),
-    "levels of other worlds": (lambda env: env.set_levels([Level()], mask=[True]), ValueError, "mask must be bool"),
-}
+OUTSIDE = FloorPlan(walls=[(12, 0, 4, 1)]).layout(3)
+OVERLAPPING = FloorPlan(starts=[(0, 0, 0, 4, 4), (1, 1, 1, 4, 4)]).layout(3)
+NO_FLOOR = FloorPlan(walls=[(0, 0, 24.9, 24.9)]).layout(3)
+SET: list[tuple[dict[Any, Any], str]] = [  # what set_numbers refuses, and with which words
+    ({"motors_ahead": np.full((3, 1), 0.2)}, "motors_ahead = (0.2,): it varies as log_un"),
+    ({"motors_ahead": [0.2] * 4}, "4 values; give one, or one for each of the 3"),
+    ({"motors_ahead": []}, "0 values; give one, or one for each of the 3"),
+    ({"motors_ahead": [0.2, [0.2], 1]}, "motors_ahead = (0.2,): it varies"),
+    ({"motors_ahead": [0.2, NAN, 0.2]}, "motors_ahead = nan: it varies as log"),
+    ({"motors_ahead": "much"}, "motors_ahead = 'much': it varies as log_un"),
+    ({"motors_ahead": [0.2, None, 0.2]}, "motors_ahead = None"),
+    ({"motors_ahead": {"a": 1}}, "motors_ahead = {'a': 1}: it varies"),
+    ({"motors_ahead": 10**400}, "it varies as"),
+    ({"n_agents": -(10**400)}, "it varies as"),
+    ({"n_agents": True}, "agents_count = True: it varies as integers"),
+    ({"n_agents": 2.5}, "agents_count = 2.5: it varies as integers"),
+    ({"cameras_cone": "round"}, "'round': it varies as choice('sect"),
+    ({"melee_damage": 3}, "roles differ in it; make new worlds"),
+    ({"n_agents": 2, "agents_count": 3}, "agents_count is given twice"),
+    ({1: 2}, "has no number '1'"),
+    ({"n_agents": 2, "motors_ahead": 9}, "motors_ahead = 9: it varies as"),
+    ({"n_agents": 2, "melee_reach": -1}, "melee.reach = -1"),
+    ({"mask": [True] * 3, "rewards_kill": 1.5}, "rewards_kill is the same in all worlds: leave out the mask"),
+    ({"mask": [True], "n_agents": 2}, "mask must be bool, of shape (3,)"),
+    ({"mask": [0, 1, 2], "n_agents": 2}, "mask must be bool"),
+    ({"walls_layout": (0.0,) * 6}, "18 finite numbers are needed"),
+    ({"walls_layout": (NAN,) * 18}, "18 finite numbers are need"),
+    ({"walls_layout": ((1.0,), *[0.0] * 17)}, "18 finite numbers"),
+    ({"walls_layout": "x" * 18}, "18 finite numbers"),
+    ({"walls_layout": OUTSIDE}, "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room"),
+    ({"walls_layout": PLANS[0]}, "FloorPlan(1 walls, 0 start areas): it va"),
+]
+PLAYED: list[tuple[Any, str]] = [  # what set_levels refuses
+    ([Level({"walls_layout": NO_FLOOR})], "walls.layout leaves 0 square metres where agents can be"),
+    ([Level({"walls_layout": OVERLAPPING})], "overlaps that of side 0 at (0, 0); move them apart"),
+    ([], "0 levels for 3 worlds: one, or as many, are needed"),
+    ([Level()] * 2, "2 levels for 3 worlds"),
+    (Level(), "a list of outlast.Level is needed"),
+    ([Level(), {}, Level()], "level 1 is {}: an outlast.Level is needed"),
+    ([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})], "take its full name, agents_count"),
+    ([Level(key=(1, 2, 3)), Level(), Level({"motors_ahead": 9})], "level 2: motors_ahead = 9: it varies as"),
+]
 
 
-@pytest.mark.parametrize("name", GIVEN)
-def test_what_cannot_be_given_in_an_episode_changes_nothing(pair: tuple[Env, Env], name: str) -> None:
-    call, error, words = GIVEN[name]
+def give(env: Env, given: Any) -> None:
+    """Set levels, or numbers, of the worlds of a mask if there is one."""
+    if isinstance(given, dict):
+        env.set_numbers({name: value for name, value in given.items() if name != "mask"}, mask=given.get("mask"))
+    else:
+        env.set_levels(given)
+
+
+@pytest.mark.parametrize(("given", "words"), [*SET, *PLAYED])
+def test_what_cannot_be_given_in_an_episode_changes_nothing(pair: tuple[Env, Env], given: Any, words: str) -> None:
     begin(pair)
     before = digest(pair[0].worlds)
-    with pytest.raises(error) as raised:
-        call(pair[0])
-    assert type(raised.value) is error
+    with pytest.raises(ValueError if words.startswith("mask") else NumberError) as raised:
+        give(pair[0], given)
     assert words in str(raised.value)
     assert digest(pair[0].worlds) == before
     stay_equal(pair)
@@ -198,6 +133,10 @@ def test_numbers_of_no_episode_are_an_error() -> None:
     assert env.numbers() == env.scenario.numbers()
     with pytest.raises(NotResetError, match=r"numbers\(\) before reset\(\): those that differ are of the episodes"):
         outlast.make_vec(GAME, 2).numbers()
+    with pytest.raises(NotResetError, match=r"levels\(\) before reset"):
+        outlast.make_vec(GAME, 2).levels()
+    with pytest.raises(NumberError, match="seeds decide"):
+        env.set_levels([Level()])
 
 
 def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env]) -> None:
@@ -224,67 +163,45 @@ def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env
     assert pair[0].levels()[2].key == (1, 2, 3)
 
 
-MADE: dict[str, tuple[Callable[[], Any], str]] = {
-    "a range below": (lambda: GAME.vary(melee_reach=uniform(-1, 2)), "melee.reach = -1: must be > 0"),
-    "a range above": (lambda: GAME.vary(room_thickness=uniform(0.1, 0.9)), "room.thickness = 0.9: must be"),
-    "a range of a role": (
-        lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()),
-        "role a: melee.reach = -1",
-    ),
-    "NaN as an end": (lambda: uniform(NAN, 1), "two finite numbers are needed"),
-    "NaN as a choice": (lambda: GAME.vary(melee_reach=choice(1.0, NAN)), "melee.reach = nan: a finite number"),
-    "NaN of a role": (lambda: GAME.roles(a=role(1, melee_reach=NAN), b=role()), "role a: melee.reach = nan"),
-    "a role's unknown number": (
-        lambda: GAME.roles(a=role(1, melee_rage=1), b=role()),
-        "no number 'melee_rage'; did you",
-    ),
-    "a role that is none": (lambda: GAME.roles(a="hunter"), "a = 'hunter': a role is needed"),  # type: ignore[arg-type]
-    "layouts of two lengths": (
-        lambda: GAME.vary(walls_layout=choice(PLANS[0].layout(2), PLANS[1].layout(3))),
-        "tuples of one length are needed",
-    ),
-    "one of the layouts": (
-        lambda: outlast.make_vec(
-            GAME.vary(walls_layout=choice(PLANS[0].layout(3), FloorPlan(walls=[(12, 0, 4, 1)]).layout(3))), 1
-        ),
+MADE: list[tuple[Callable[[], Any], str]] = [
+    (lambda: GAME.vary(melee_reach=uniform(-1, 2)), "melee.reach = -1: must be > 0"),
+    (lambda: GAME.vary(room_thickness=uniform(0.1, 0.9)), "room.thickness = 0.9: must be"),
+    (lambda: GAME.vary(n_agents=integers(2, 3), agents_count=integers(2, 4)), "agents_count is given twice"),
+    (lambda: GAME.vary(melee_reach=choice(1.0, NAN)), "melee.reach = nan: a finite number"),
+    (lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()), "role a: melee.reach = -1"),
+    (lambda: GAME.roles(a=role(1, melee_reach=NAN), b=role()), "role a: melee.reach = nan"),
+    (lambda: GAME.roles(a=role(1, melee_rage=1), b=role()), "no number 'melee_rage'; did you"),
+    (lambda: GAME.roles(a="hunter"), "a = 'hunter': a role is needed"),  # type: ignore[arg-type]
+    (lambda: GAME.roles(**ROLES, observed="no"), "observed = 'no': allowed are True and False"),  # type: ignore[arg-type]
+    (
+        lambda: outlast.make_vec(GAME.vary(walls_layout=choice(PLANS[0].layout(3), OUTSIDE)), 1),
         "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
     ),
-    "integers that float32 has not": (
+    (
         lambda: GAME.vary(rewards_kill=integers(2**24 - 1, 2**24 + 1)),
         "rewards_kill = integers(16777215, 16777217): it is a float32, which has no integer above 16777216 exactly",
     ),
-    "a range where a value is needed": (
+    (
         lambda: GAME.replace(melee_damage=integers(1, 5)),
         "melee.damage = integers(1, 5): a value is needed; Scenario.vary lets it differ from world to world",
     ),
-    "whether roles are observed": (
-        lambda: GAME.roles(**ROLES, observed="no"),  # type: ignore[arg-type]
-        "observed = 'no': allowed are True and False",
-    ),
-    "one level in the place of many": (
-        lambda: levels.save("levels.json", GAME, Level()),  # type: ignore[arg-type]
-        "a list of outlast.Level is needed",
-    ),
-    "a plan that cannot be played": (
+    (lambda: levels.save("levels.json", GAME, Level()), "a list of outlast.Level is needed"),  # type: ignore[arg-type]
+    (
         lambda: levels.save("levels.json", GAME, [Level(), Level({"walls_layout": (0.0, 0, -1, 1, 0, 0) * 3})]),
         "level 1: walls.layout: rectangle 0 at (0, 0) is -1 x 1 m",
     ),
-    "a number that is of another game": (
+    (
         lambda: Level({"speed": 3}).mutated(GAME, np.random.default_rng(0)),
         "speed does not vary here; these do: agents_count",
     ),
-    "a seed in the place of a generator": (
-        lambda: Level().mutated(GAME, 0),  # type: ignore[arg-type]
-        "rng = 0: a generator is needed, as np.random.default_rng(0)",
-    ),
-    "numbers of a level": (lambda: Level([1, 2]), "values by name are needed, as a dict"),  # type: ignore[arg-type]
-    "a key of a level": (lambda: Level(key=5), "key = 5: seed, world and episode are needed"),  # type: ignore[arg-type]
-}
+    (lambda: Level().mutated(GAME, 0), "rng = 0: a generator is needed, as np.random"),  # type: ignore[arg-type]
+]
 
 
-@pytest.mark.parametrize("name", MADE)
-def test_what_cannot_be_made_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    make, words = MADE[name]
+@pytest.mark.parametrize(("make", "words"), MADE)
+def test_what_cannot_be_made_is_refused(
+    make: Callable[[], Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(NumberError) as raised:
         make()

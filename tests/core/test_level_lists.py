@@ -14,7 +14,7 @@ from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.ecs.memory.numbers import AgentRoles
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import NotResetError, RecordingError, ScenarioError, StateError
+from outlast.envs.errors import RecordingError, ScenarioError, StateError
 from outlast.envs.levels import check
 from outlast.systems import Maze
 from tests.conftest import draw_actions, scaled
@@ -152,22 +152,6 @@ def test_levels_of_worlds_are_levels_for_worlds(tmp_path: Path) -> None:
     env.close(), other.close()
 
 
-@pytest.mark.parametrize("huge", [10**400, -(10**400), 1e300])
-def test_numbers_beyond_all_are_refused(huge: float, tmp_path: Path) -> None:
-    env = make()
-    (tmp_path / "levels.json").write_text(
-        json.dumps({"version": 1, "varied": {}, "levels": [{"numbers": {"melee_damage": huge}, "key": None}]})
-    )
-    for give in (
-        lambda: env.set_numbers(melee_damage=huge),
-        lambda: env.set_levels([Level({"cameras_depth": huge})]),
-        lambda: levels.load(tmp_path / "levels.json", DUEL),
-    ):
-        with pytest.raises(NumberError, match="it varies as"):
-            give()
-    env.close()
-
-
 def test_levels_are_files(tmp_path: Path) -> None:
     env = make()
     levels.save(tmp_path / "levels.json", DUEL, [*env.levels(), Level({"melee_damage": 5})])
@@ -205,26 +189,6 @@ def test_files_that_are_none_are_refused(tmp_path: Path, spoil: Any, error: Any,
     with pytest.raises(ScenarioError, match="is no file of levels"):
         levels.load(path, DUEL)
     env.close()
-
-
-def test_levels_that_do_not_fit_are_refused_and_nothing_changes() -> None:
-    env = make()
-    before = env.worlds.block.copy()
-    for given, reason in (
-        ([Level(), Level()], "2 levels for 6 worlds"),
-        ([Level()] * 5 + [Level({"melee_damage": 99})], "melee_damage = 99: it varies as"),
-        ([Level({"melee_reach": 1.0})], "level 0: melee_reach does not vary here"),
-        (Level(), "a list of outlast.Level is needed"),
-        ([3] * 6, "level 0 is 3: an outlast.Level is needed"),
-    ):
-        with pytest.raises(NumberError, match=reason):
-            env.set_levels(given)
-    np.testing.assert_array_equal(env.worlds.block, before)
-    env.close()
-    plain = outlast.make_vec("ffa_1", 2, seed=0)
-    with pytest.raises(NumberError, match="seeds decide"):
-        plain.set_levels([Level()])
-    plain.close()
 
 
 @pytest.mark.parametrize("key", [5, "abc", (1, 2), (1, 2, 3.0), (1, 2, 2**64), (True, 0, 1)])
@@ -356,25 +320,6 @@ def test_free_layouts_are_any_that_is_given(tmp_path: Path) -> None:
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (PLAN.layout(7), "36 finite numbers"),
-        ((*PLAN.layout(6)[:-1], math.nan), "36 finite numbers"),
-        ("x" * 36, "36 finite numbers"),
-        ((50.0, 0.0, 1.0, 1.0, 0.0, 0.0) * 6, "outside of the room"),
-    ],
-)
-def test_free_layouts_that_cannot_be_change_nothing(wrong: Any, message: str) -> None:
-    env = outlast.make_vec(WALLED, 2, seed=0)
-    env.reset()
-    before = env.worlds.block.copy()
-    with pytest.raises(NumberError, match=message):
-        env.set_levels([Level({}, (1, 2, 3)), Level({"walls_layout": wrong})])
-    np.testing.assert_array_equal(env.worlds.block, before)
-    env.close()
-
-
 @pytest.mark.parametrize("in_units", [True, False])
 def test_observations_of_free_numbers_and_of_words_are_within_their_bounds(in_units: bool) -> None:
     game = WALLED.vary(cameras_cone=choice("sector", "kite"), melee_blocked=choice(True, False)).observe_numbers()
@@ -452,19 +397,6 @@ def test_values_come_back_from_worlds_as_they_were() -> None:
     env.set_levels([mine])
     env.reset()
     assert (env.numbers()["safe_zone_radii"] == np.float32([7.7, 3.1])).all()
-    env.close()
-
-
-def test_what_is_no_level_is_refused() -> None:
-    env = outlast.make_vec(DUEL, 2, seed=3)
-    with pytest.raises(NotResetError, match="before reset"):
-        env.levels()
-    env.reset()
-    for given in ([{"melee_damage": 7}], Level({"melee_damage": 7})):
-        with pytest.raises(NumberError, match=r"outlast\.Level is needed"):
-            env.set_levels(given)  # type: ignore[arg-type]
-    with pytest.raises(NumberError, match="agents_count is given twice"):
-        env.set_numbers({"n_agents": 2}, agents_count=3)
     env.close()
 
 

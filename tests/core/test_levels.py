@@ -320,29 +320,6 @@ def test_what_cannot_vary_is_refused(numbers: dict[str, Any], reason: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("given", "mask", "reason"),
-    [
-        ({"melee_damage": 3}, None, "melee_damage = 3: it varies as integers(5, 20)"),
-        ({"melee_damage": 7.5}, None, "melee_damage = 7.5: it varies as"),
-        ({"melee_damage": [7, 8]}, None, "melee_damage: 2 values; give one, or one for each of the 8 worlds"),
-        ({"melee_damage": True}, None, "melee_damage = True: it varies as"),
-        ({"melee_damage": 8, "n_agents": 7}, None, "agents_count = 7: it varies as integers(2, 6)"),
-        ({"melee_damage": 8, "melee_reach": -1}, None, "melee.reach = -1"),
-        ({"melee_reach": 1.5}, [True] * 8, "melee_reach is the same in all worlds: leave out the mask"),
-        ({"safe_zone_radii": (9, 9, 7, 5, 4, 2, 1)}, None, "it varies as choice("),
-    ],
-)
-def test_what_cannot_be_set_is_refused_and_changes_nothing(given: dict[str, Any], mask: Any, reason: str) -> None:
-    env = make()
-    before = env.worlds.block.copy()
-    with pytest.raises(NumberError) as caught:
-        env.set_numbers(given, mask=mask)
-    assert reason in str(caught.value)
-    np.testing.assert_array_equal(env.worlds.block, before)
-    env.close()
-
-
-@pytest.mark.parametrize(
     ("make_one", "reason"),
     [
         (lambda: uniform(2, 1), "the first must be below the second"),
@@ -387,11 +364,6 @@ def test_large_integers_are_themselves() -> None:
 def test_values_of_numpy_are_those_of_python_in_files(numbers: dict[str, Any]) -> None:
     scenario = outlast.variant("ffa_1").vary(**numbers)
     assert Scenario.from_json(scenario.to_json()) == scenario
-
-
-def test_a_number_is_drawn_in_one_way() -> None:
-    with pytest.raises(NumberError, match="agents_count is given twice"):
-        outlast.variant("ffa_1").vary(n_agents=integers(2, 3), agents_count=integers(2, 4))
 
 
 def test_deriving_goes_on_as_expected() -> None:

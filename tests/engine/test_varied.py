@@ -1,7 +1,7 @@
 """Numbers that vary, of mechanics of all kinds: what systems get, what episodes begin with, and what is refused."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -10,9 +10,12 @@ import outlast
 from outlast import choice, integers, log_uniform, uniform
 from outlast.components import Phase, Side
 from outlast.ecs import (
+    INDEX,
+    RESET,
     Archetype,
     Array,
     Component,
+    DeclarationError,
     Entity,
     Module,
     NumberError,
@@ -259,6 +262,106 @@ def test_a_count_among_others_of_a_kind_cannot_vary() -> None:
 def test_a_value_that_no_world_has_decides_on_nothing(drawn: Any) -> None:
     labels = [system.label for system in outlast.variant("ffa_1").vary(**drawn).worlds(1).schedule.systems]
     assert ("inventory.close_slots" in labels) == ("inventory_capacity" in drawn)
+
+
+class Tag(Component):
+    real: Array = column("f4")
+    whole: Array = column("i4")
+    small: Array = column("i1")
+    few: Array = column("i4", low=0, high=5)
+    place: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Tagged(Module):
+    """Begins with numbers in columns that are given by `columns`."""
+
+    real: float = number(1.0, per_agent=True)
+    whole: int = number(3, per_agent=True)
+    pair: tuple[float, ...] = number((1.0, 2.0))
+    count: int = number(2, low=1, per_agent=True)
+    columns: ClassVar[dict[str, str]] = {}
+    kind: ClassVar[str] = "agent"
+    sized: ClassVar[bool] = False
+
+    def archetypes(self) -> Any:
+        tag = Tag(place=INDEX, **{column: ref(name) for column, name in self.columns.items()})
+        return [Archetype(self.kind, (tag,), 0 if self.kind == "agent" else ref("count"))]
+
+    def dims(self) -> Any:
+        return {"pairs": len(self.pair), **({"lots": ref("whole")} if self.sized else {})}
+
+
+@Tagged.system(Phase.SPAWN)
+def read(tags: Write[Tag], rows: Rows[Tag], real: float, whole: int, pair: tuple[float, ...], count: int) -> None:
+    pass
+
+
+def tagged(kind_: str = "agent", sized_: bool = False, **columns_: str) -> Module:
+    """A mechanic of which these columns begin as these numbers."""
+
+    @dataclass(frozen=True)
+    class Own(Tagged):
+        name: ClassVar[str] = "tagged"
+        columns: ClassVar[dict[str, str]] = columns_
+        kind: ClassVar[str] = kind_
+        sized: ClassVar[bool] = sized_
+
+    return Own()
+
+
+def test_references_are_values_for_worlds_and_for_agents() -> None:
+    game = outlast.variant("ffa_1").with_(tagged(real="real", small="whole", few="count"))
+    worlds = game.vary(tagged_whole=integers(-9, 9), tagged_real=uniform(0, 1)).worlds(WORLDS)
+    worlds.seed(5, np.arange(WORLDS))
+    worlds.run(np.full(WORLDS, RESET, np.int8))
+    for held, name in (("small", "whole"), ("real", "real"), ("few", "count")):
+        values = np.broadcast_to(worlds.number(f"tagged_{name}"), WORLDS)
+        assert (getattr(worlds[Tag], held)[:, :2] == values[:, None]).all()
+    assert worlds[Tag].place[0, :2].tolist() == [0, 1]
+    worlds = game.roles(one=outlast.role(1, tagged_whole=-7), other=outlast.role()).worlds(1)
+    worlds.run(np.full(1, RESET, np.int8))
+    assert worlds[Tag].small[0, :2].tolist() == [-7, 3]
+    assert not any("_reads" in vars(kind) for kind in Module.imported())  # the copies that note what is read
+
+
+@pytest.mark.parametrize(
+    ("module", "differing", "words"),
+    [
+        (tagged(whole="size"), {}, r"agent: Tag.whole is ref\('size'\), which is no number of tagged"),
+        (tagged(whole="real"), {"real": uniform(0, 1)}, "tagged_real cannot vary: Tag.whole is int32, and the number"),
+        (tagged(small="whole"), {"whole": integers(0, 300)}, "Tag.small has the range -128 to 127, and .* can be 300"),
+        (tagged(few="whole"), {"whole": choice(2, 6)}, "Tag.few has the range 0 to 5, and the number can be 6"),
+        (tagged(real="pair"), {"pair": choice((1, 2), (3, 4))}, "a value of the shape|a tuple can only be given"),
+        (tagged(sized_=True), {"whole": integers(1, 3)}, "it decides how large the dimension 'lots' is"),
+        (tagged("box", whole="whole"), {"whole": outlast.role(1)}, "Tag.whole of 'box' is the number, and only agents"),
+        (tagged("tag"), {"count": outlast.role(1)}, "tagged_count cannot differ by role: it counts the entities 'tag'"),
+    ],
+)
+def test_references_that_cannot_be_are_refused(module: Module, differing: dict[str, Any], words: str) -> None:
+    game = outlast.variant("ffa_1").with_(module)
+    role = {name for name, value in differing.items() if isinstance(value, outlast.ecs.Role)}
+    numbers: Any = {f"tagged_{name}": 4 if name in role else drawn for name, drawn in differing.items()}
+    if role:
+        game = game.roles(one=outlast.role(1, **numbers), other=outlast.role())
+    with pytest.raises((NumberError, DeclarationError), match=words):
+        (game if role else game.vary(**numbers)).worlds(1)
+
+
+def test_the_length_of_a_tuple_can_be_read_and_its_elements_cannot() -> None:
+    @dataclass(frozen=True)
+    class Sums(Module):
+        pair: tuple[float, ...] = number((1.0, 2.0))
+
+        def singletons(self) -> Any:
+            return [Pile(half=sum(self.pair))]
+
+    assert (
+        "tagged_pair"
+        in outlast.variant("ffa_1").with_(tagged()).vary(tagged_pair=choice((1, 2), (3, 4))).worlds(1).layout.varied
+    )
+    with pytest.raises(NumberError, match=r"sums_pair cannot vary: Sums\.singletons\(\) reads it"):
+        outlast.variant("ffa_1").with_(Sums()).vary(sums_pair=choice((1, 2), (3, 4))).worlds(1)
 
 
 @dataclass(frozen=True)
