@@ -12,7 +12,7 @@ from .joint import Rope, RopeBroken, Weld, WeldBroken
 from .lidar import LidarView, Rays
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
-from .phase import Phase
+from .phase import Phase, Seconds
 from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Outcome, Reward, Score
 from .sight import ObservationMasks, Sight
@@ -75,6 +75,7 @@ __all__ = [
     "Rope",
     "RopeBroken",
     "Score",
+    "Seconds",
     "SelfView",
     "Shape",
     "Side",

@@ -1,11 +1,18 @@
-"""The phases of a tick, in the order of the paper's experiments. Each states what is true when it ends."""
+"""The tick: its phases, in the order of the paper's experiments, and its length."""
+
+from typing import Annotated, TypeAlias
+
+import numpy as np
 
 from outlast import ecs
-from outlast.ecs import When
+from outlast.ecs import Real, Service, When
 
 
 class Phase(ecs.Phase):
-    """The order of a tick. Phases with When.RESET or When.ALWAYS also run in the tick that starts an episode."""
+    """The order of a tick; each phase says what is true when it ends.
+
+    Phases with When.RESET or When.ALWAYS also run in the tick that starts an episode.
+    """
 
     DRAW = When.RESET, "what is random in an episode is drawn"
     SPAWN = When.RESET, "every body stands on a cell of its own"
@@ -26,3 +33,12 @@ class Phase(ecs.Phase):
     REWARD = When.ALWAYS, "rewards are paid"
     END = When.ALWAYS, "terminated and truncated are known"
     RECORD = When.STEP, "the statistics of the episode are up to date"
+
+
+def tick_length(physics_rate: float, physics_substeps: int) -> Real:
+    """Return the length of a tick, float32 seconds."""
+    return np.float32(physics_substeps / physics_rate)
+
+
+Seconds: TypeAlias = Annotated[Real, Service(tick_length)]
+"""A parameter of systems: the length of a tick in seconds, float32. It follows from two numbers of `Physics`."""

@@ -16,7 +16,7 @@ From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.Memo
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 
-from .declarations.access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
+from .declarations.access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Service, Write
 from .declarations.archetype import Archetype
 from .declarations.component import (
     Action,
@@ -104,6 +104,7 @@ __all__ = [
     "Rows",
     "ScheduleError",
     "Scratch",
+    "Service",
     "Signal",
     "Singleton",
     "Statistic",

@@ -14,11 +14,11 @@ from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch
 from outlast.ecs.kernels.jit import noinline_kernel
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load, to_bits, trailing_zeros
 
-from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
-from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
+from .geometry.aabb import AABBs, aabbs_hit_by_ray
+from .geometry.blocks import first_row, without_row
+from .geometry.bodies import Bodies, all_aabbs, crowded, in_box
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.spatial_index import FEW, ROWS, Index, build, make_scratch, query
 
 PER_WORD = 63 // SIMD_WIDTH  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
@@ -51,10 +51,7 @@ class Cameras(Module):
     )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        rows = SIMD_WIDTH * dims["blocks"]
-        if name == "listed":
-            return np.zeros((4, rows), np.float32)
-        return make_scratch("rows" if name == "targets" else name, dims)
+        return np.zeros((4, SIMD_WIDTH * dims["blocks"]), np.float32 if name == "listed" else np.int32)
 
 
 @Cameras.system(Phase.SEE)
@@ -64,17 +61,10 @@ def see(
     shape: Read[Shape],
     entities: Read[Entity],
     agents: Rows[Side],
-    bodies: Bitset[Shape],
     solids: Bitset[Shape, Solid],
-    half_extents: Scratch,
-    alive_blocks: Scratch,
-    blocks: Scratch,
-    sides: Scratch,
-    scale: Scratch,
-    words: Scratch,
-    rows: Scratch,
+    bodies: Bodies,
+    lists: Scratch,
     listed: Scratch,
-    targets: Scratch,
     fov: float,
     depth: float,
     cone: int,
@@ -86,54 +76,38 @@ def see(
     if mode == OMNISCIENT:
         return
     half_cos, half_sin = half_angle(of(fov, agents[0]))
-    aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)
-    occluders = bodies if items_occlude else solids
-    if living > FEW:
-        index = alive_blocks, sides, scale, words, rows
-        build(index, living, aabbs)
+    items_hide = -np.int32(items_occlude)  # all bits, or none
+    if crowded(bodies):
         see_in_crowd(
-            sight,
-            body,
-            shape,
-            entities,
-            agents,
-            bodies,
-            occluders,
-            aabbs,
-            index,
-            living,
-            listed,
-            targets,
-            fov,
-            depth,
-            cone,
+            sight, body, shape, entities, agents, solids, bodies, lists[0], listed, fov, depth, cone, items_hide
         )
         return
+    aabbs, living, hiding = all_aabbs(bodies), bodies.count[0], lists[0]
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
         if differs(fov):
             half_cos, half_sin = half_angle(of(fov, me))
-        for b in range(bodies.size):
+        for b in range(solids.size):
             sight.visible[i, b] = 0
         if not entities.alive[me]:
             continue
         for k in range(living):
-            b = alive_blocks[BLOCK, k]
-            here = without_row(alive_blocks[BITS, k], b, me)
+            b = bodies.lines[k]
+            here = without_row(bodies.living[b], b, me)
             inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
-            blocks[BITS, k], blocks[BLOCK, k] = around & here & occluders[b], b
+            hiding[k] = around & here & (solids[b] | items_hide)
         for start in range(0, living, PER_WORD):
             pending = 0  # of several blocks, as the end of a loop over few rows is often mispredicted
             for k in range(start, min(start + PER_WORD, living)):
-                pending |= int(sight.visible[i, blocks[BLOCK, k]]) * (1 << SIMD_WIDTH * (k - start))
+                pending |= int(sight.visible[i, bodies.lines[k]]) * (1 << SIMD_WIDTH * (k - start))
             while pending:
                 bit = trailing_zeros(pending)
                 pending &= pending - 1
-                b, lane = blocks[BLOCK, start + (bit >> SIMD_SHIFT)], bit & SIMD_WIDTH - 1
+                b, lane = bodies.lines[start + (bit >> SIMD_SHIFT)], bit & SIMD_WIDTH - 1
                 e = SIMD_WIDTH * b + lane  # inner walls hide others, but are not observed themselves
-                if is_inner_wall(entities, e) or not line_of_sight(blocks, living, aabbs, body, shape, me, e):
+                if is_inner_wall(entities, e) or not line_of_sight(hiding, bodies, body, shape, me, e):
                     sight.visible[i, b] ^= 1 << lane
 
 
@@ -150,31 +124,29 @@ def see_in_crowd(
     shape: Array,
     entities: Array,
     agents: Array,
-    bodies: Array,
-    occluders: Array,
-    aabbs: AABBs,
-    index: Index,
-    living: int,
-    listed: Array,
+    solids: Array,
+    bodies: Any,
     targets: Array,
+    listed: Array,
     fov: Any,
     depth: Any,
     cone: int,
+    items_hide: Any,
 ) -> None:
     """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
     half_cos, half_sin = half_angle(of(fov, agents[0]))
-    rows, lanes = index[ROWS], (listed[0], listed[1], listed[2], listed[3])
+    rows, lanes = bodies.rows, (listed[0], listed[1], listed[2], listed[3])
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
         if differs(fov):
             half_cos, half_sin = half_angle(of(fov, me))
-        for b in range(bodies.size):
+        for b in range(solids.size):
             sight.visible[i, b] = 0
         if not entities.alive[me]:
             continue
         wanted = hiding = 0
-        count = list_near(index, living, listed, aabbs, body, me, far, half_cos, half_sin)
+        count = list_near(bodies, listed, body, me, far, half_cos, half_sin)
         for start in range(0, count, SIMD_WIDTH):
             inside, around = in_view(lanes, body, me, start >> SIMD_SHIFT, far, half_cos, half_sin, cone)
             filled = first_lanes(count - start)
@@ -186,8 +158,8 @@ def see_in_crowd(
             while around:  # listed in place: the rows that may hide others are some of the near ones
                 e = rows[start + trailing_zeros(around)]
                 around &= around - 1
-                if occluders[e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1) & 1:
-                    list_row(listed, rows, hiding, aabbs, e)
+                if (solids[e >> SIMD_SHIFT] | items_hide) >> (e & SIMD_WIDTH - 1) & 1:
+                    list_row(listed, bodies, hiding, e)
                     hiding += 1
         for k in range(wanted):
             e = targets[k]
@@ -196,36 +168,25 @@ def see_in_crowd(
 
 
 @kernel
-def list_near(
-    index: Index,
-    living: int,
-    listed: Array,
-    aabbs: AABBs,
-    body: Array,
-    me: int,
-    depth: Real,
-    half_cos: Real,
-    half_sin: Real,
-) -> int:
+def list_near(bodies: Any, listed: Array, body: Array, me: int, depth: Real, half_cos: Real, half_sin: Real) -> int:
     """List the other rows whose AABB may overlap that of the vision cone of `me`; return how many."""
-    rows = index[ROWS]
     x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
     count = 0
-    for k in range(query(index, living, x + low_x, x + high_x, y + low_y, y + high_y)):
-        e = rows[k]
-        list_row(listed, rows, count, aabbs, e)
+    for k in range(in_box(bodies, bodies.living, x + low_x, x + high_x, y + low_y, y + high_y)):
+        e = bodies.rows[k]
+        list_row(listed, bodies, count, e)
         count += e != me
     return count
 
 
 @kernel
-def list_row(listed: Array, rows: Array, k: int, aabbs: Array, e: int) -> None:
+def list_row(listed: Array, bodies: Any, k: int, e: int) -> None:
     """Enter row `e` and its AABB as entry `k` of a list, so that sixteen entries lie side by side."""
-    xs, ys, half_x, half_y = aabbs
-    rows[k] = e
-    listed[0, k], listed[1, k], listed[2, k], listed[3, k] = xs[e], ys[e], half_x[e], half_y[e]
+    bodies.rows[k] = e
+    for column in range(4):
+        listed[column, k] = bodies.aabbs[column, e]
 
 
 @kernel
@@ -261,31 +222,31 @@ def in_view(
 
 
 @kernel
-def line_of_sight(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: Array, me: int, e: int) -> bool:
+def line_of_sight(hiding: Array, bodies: Any, body: Array, shape: Array, me: int, e: int) -> bool:
     """Return whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
 
-    blocks: the rows that may be in between.
+    hiding: bitsets of the rows that may be in between, line by line of the index.
     """
     x, y, dx, dy, reach = ray_to(body, shape, me, e)
     near = 0  # whether some body may be in between, which is hardly ever so: found without a branch for each block
-    for k in range(count):
-        near |= near_ray(blocks, k, aabbs, x, y, dx, dy, e)
+    for k in range(bodies.count[0]):
+        near |= near_ray(hiding, k, bodies, x, y, dx, dy, e)
     if near == 0 or reach == NO_HIT:
         return bool(reach != NO_HIT)
-    for k in range(count):
-        pending = near_ray(blocks, k, aabbs, x, y, dx, dy, e)
+    for k in range(bodies.count[0]):
+        pending = near_ray(hiding, k, bodies, x, y, dx, dy, e)
         while pending:
-            if raycast_entity(body, shape, x, y, dx, dy, first_row(blocks[BLOCK, k], pending)) < reach:
+            if raycast_entity(body, shape, x, y, dx, dy, first_row(bodies.lines[k], pending)) < reach:
                 return False
             pending &= pending - 1
     return True
 
 
 @kernel
-def near_ray(blocks: Array, k: int, aabbs: AABBs, x: Real, y: Real, dx: Real, dy: Real, e: int) -> int:
-    """Return the bitset of rows other than `e` in line `k` of `blocks` whose AABB a ray hits."""
-    b = blocks[BLOCK, k]
-    return without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, e)
+def near_ray(hiding: Array, k: int, bodies: Any, x: Real, y: Real, dx: Real, dy: Real, e: int) -> int:
+    """Return the bitset of rows other than `e` in line `k` of `hiding` whose AABB a ray hits."""
+    b = bodies.lines[k]
+    return without_row(hiding[k] & aabbs_hit_by_ray(all_aabbs(bodies), b, x, y, dx, dy), b, e)
 
 
 @kernel

@@ -6,20 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
+from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Side, Sides
 from outlast.components.inventory import empty_handed, full, pop, push
 from outlast.components.limits import FAR
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
     Array,
-    Bitset,
     Entity,
     Module,
     Read,
     RowIndex,
     Rows,
-    Scratch,
     Singleton,
     WorldsView,
     Write,
@@ -29,8 +27,7 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
-from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.bodies import Bodies, near
 
 ANY = 1  # index into the choices of GiveLast.nearest
 
@@ -72,9 +69,6 @@ class GiveLast(Module):
         passes_on = worlds.number(f"{self.name}_passes_on")
         return {"give": inactive(worlds) | empty_handed(worlds, received=passes_on)}
 
-    def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
-
 
 @kernel
 def may_take(side: Array, sides: Array, index: Array, me: int, e: int) -> bool:
@@ -88,46 +82,38 @@ def choose(
     give: Read[Give],
     bag: Read[Bag],
     body: Read[Body],
-    shape: Read[Shape],
     side: Read[Side],
     sides: Read[Sides],
     entities: Read[Entity],
     agents: Rows[Side, Gift],
     index: RowIndex[Side, Gift],
-    bodies: Bitset[Shape],
-    half_extents: Scratch,
-    blocks: Scratch,
+    bodies: Bodies,
     reach: float,
     nearest: int,
     passes_on: bool,
 ) -> None:
     """Choose all receivers before anything changes hands."""
-    givers = 0  # givers that have an item: if there are none, there is nothing to pass on either
+    givers = 0  # that have an item: if there are none, there is nothing to pass on either
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1
         givers += entities.alive[me] != 0 and give.give[i] != 0 and bag.count[me] > 0
     if givers == 0:
         return
-    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
         closest, far = np.float32(np.inf), of(reach, me)
-        for k in range(count):
-            b = blocks[BLOCK, k]
-            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], far), b, me)
-            while pending:
-                e = first_row(b, pending)
-                pending &= pending - 1
-                if nearest != ANY and not may_take(side, sides, index, me, e):
-                    continue
-                x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
-                square = x * x + y * y
-                if square <= far * far and square < closest:
-                    closest = square
-                    gift.taker[me] = e
+        for k in range(near(bodies, bodies.living, body.x[me], body.y[me], far)):
+            e = bodies.rows[k]
+            if e == me or (nearest != ANY and not may_take(side, sides, index, me, e)):
+                continue
+            x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
+            square = x * x + y * y
+            if square <= far * far and square < closest:
+                closest = square
+                gift.taker[me] = e
         if gift.taker[me] >= 0 and not may_take(side, sides, index, me, gift.taker[me]):
             gift.taker[me] = np.int32(-1)
 

@@ -29,8 +29,7 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.aabb import AABBs, aabbs_hit_by_ray, aabbs_near_point, compute_aabbs, make_half_extents
-from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, make_blocks, without_row
+from .geometry.bodies import Bodies, on_ray
 from .geometry.rays import raycast_entity
 
 WALLS, SOLIDS, BODIES = range(3)  # indices into TARGETS
@@ -73,7 +72,7 @@ class Lidar(Module):
         return {"lidar": {"distance": (0, self.depth)}}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
+        return np.zeros(dims["blocks"], np.int32)
 
 
 @Lidar.system(Phase.OBSERVE)
@@ -84,12 +83,10 @@ def measure_distances(
     shape: Read[Shape],
     entities: Read[Entity],
     agents: Rows[Side, Rays],
-    bodies: Bitset[Shape],
     solids: Bitset[Shape, Solid],
     spawned: Bitset[Shape, Solid, Spawned],
-    half_extents: Scratch,
-    targets_alive: Scratch,
-    targets_near: Scratch,
+    bodies: Bodies,
+    ends: Scratch,
     lidar_distance: Offset,
     rays: int,
     angle: float,
@@ -97,8 +94,9 @@ def measure_distances(
     targets: int,
 ) -> None:
     """Cast each ray from the centre of its agent against all other targets, at their places after the tick."""
-    aabbs = compute_aabbs(half_extents, body, shape)
-    living = list_targets(targets_alive, entities, bodies, solids, spawned, targets)
+    for b in range(ends.size):  # walls are the solids that did not get a cell of the spawn grid
+        members = bodies.living[b] if targets == BODIES else solids[b]
+        ends[b] = members & ~spawned[b] if targets == WALLS else members
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me] or state.off[me]:
@@ -106,12 +104,10 @@ def measure_distances(
                 view.lidar[i, lidar_distance + k] = 0
             continue
         far, part = of(depth, me), np.float64(of(angle, me)) / rays
-        count = list_near(targets_near, targets_alive, living, aabbs, body, me, far)
         first, turn = 0.5 * part * (1 - rays), (math.cos(part), math.sin(part))
         dx, dy = turned(np.float64(body.cosine[me]), np.float64(body.sine[me]), math.cos(first), math.sin(first))
         for k in range(rays):
-            end_x, end_y = np.float32(far * dx), np.float32(far * dy)
-            free = first_hit(targets_near, count, aabbs, body, shape, me, end_x, end_y)
+            free = first_hit(bodies, ends, body, shape, me, np.float32(far * dx), np.float32(far * dy))
             view.lidar[i, lidar_distance + k] = free * far
             dx, dy = turned(dx, dy, turn[0], turn[1])
 
@@ -123,40 +119,11 @@ def turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
 
 
 @kernel
-def list_targets(blocks: Array, entities: Array, bodies: Array, solids: Array, spawned: Array, targets: int) -> int:
-    """List the blocks with living targets, and their bitsets; return how many.
-
-    Walls are the solids that did not get a cell of the spawn grid.
-    """
-    count = 0
-    for b in range(bodies.size):
-        members = bodies if targets == BODIES else solids
-        here = alive_bits(entities, members, b)
-        blocks[BITS, count], blocks[BLOCK, count] = here & ~spawned[b] if targets == WALLS else here, b
-        count += blocks[BITS, count] != 0
-    return count
-
-
-@kernel
-def list_near(near: Array, blocks: Array, living: int, aabbs: AABBs, body: Array, me: int, far: Real) -> int:
-    """List the blocks with rows that rays of `me` may reach, and bitsets of these rows; return how many."""
-    count = 0
-    for k in range(living):
-        b = blocks[BLOCK, k]
-        here = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], far), b, me)
-        near[BITS, count], near[BLOCK, count] = here, b
-        count += here != 0
-    return count
-
-
-@kernel
-def first_hit(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: Array, me: int, dx: Real, dy: Real) -> Real:
-    """Return the free share of the ray from the centre of `me`, 1 if all of it is free. blocks: rows it may hit."""
+def first_hit(bodies: Any, ends: Array, body: Array, shape: Array, me: int, dx: Real, dy: Real) -> Real:
+    """Return the free share of the ray from the centre of `me`, 1 if all of it is free. ends: bitset of targets."""
     x, y, free = body.x[me], body.y[me], ONE
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        pending = blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, free * dx, free * dy)
-        while pending:
-            free = min(free, raycast_entity(body, shape, x, y, dx, dy, first_row(b, pending)))
-            pending &= pending - 1
+    for k in range(on_ray(bodies, ends, x, y, dx, dy)):
+        e = bodies.rows[k]
+        if e != me:
+            free = min(free, raycast_entity(body, shape, x, y, dx, dy, e))
     return free

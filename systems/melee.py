@@ -12,29 +12,22 @@ from outlast.components.limits import FAR, TICKS
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
-    Array,
-    Bitset,
     Clock,
     DamageType,
     Entity,
     Module,
     Read,
-    Real,
     Rows,
-    Scratch,
     Singleton,
     WorldsView,
     Write,
     emit,
-    kernel,
     number,
     of,
 )
 
-from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
-from .geometry.blocks import BITS, BLOCK, append_rows, nonempty_blocks
+from .geometry.bodies import Bodies, on_ray
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.spatial_index import FEW, build, make_scratch, query
 
 
 @dataclass(frozen=True)
@@ -78,9 +71,6 @@ class Melee(Module):
     def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
         return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
 
-    def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_scratch(name, dims)
-
 
 @Melee.system(Phase.MELEE)
 def aim(
@@ -94,13 +84,7 @@ def aim(
     side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Side, Weapon],
-    bodies: Bitset[Shape],
-    half_extents: Scratch,
-    blocks: Scratch,
-    sides: Scratch,
-    scale: Scratch,
-    words: Scratch,
-    rows: Scratch,
+    bodies: Bodies,
     reach: float,
     cooldown: int,
     blocked: bool,
@@ -115,23 +99,13 @@ def aim(
         elif entities.alive[me] and attack.attack[i]:
             k = emit(strikes)
             strikes.agent[k], strikes.target[k] = me, -1
-    if strikes.count[0] == first:
-        return
-    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
-    index, crowded = (blocks, sides, scale, words, rows), count > FEW
-    if crowded:
-        build(index, count, aabbs)
     for n in range(first, strikes.count[0]):
         me = strikes.agent[n]
         x, y, far = body.x[me], body.y[me], of(reach, me)
         dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest, target = NO_HIT, -1
-        if crowded:
-            found = query(index, count, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
-        else:
-            found = list_hit(rows, blocks, count, aabbs, x, y, dx, dy)
-        for k in range(found):
-            e = rows[k]
+        for k in range(on_ray(bodies, bodies.living, x, y, dx, dy)):
+            e = bodies.rows[k]
             if e == me or not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me]))):
                 continue
             at = raycast_entity(body, shape, x, y, dx, dy, e)
@@ -140,16 +114,6 @@ def aim(
         weapon.target[me] = strikes.target[n] = target
         if target >= 0:
             weapon.cooldown[me] = np.int32(of(cooldown, me))
-
-
-@kernel
-def list_hit(rows: Array, blocks: Array, count: int, aabbs: AABBs, x: Real, y: Real, dx: Real, dy: Real) -> int:
-    """List the rows whose AABB a ray hits; return how many."""
-    found = 0
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        found = append_rows(rows, found, b, blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy))
-    return found
 
 
 @Melee.system(Phase.MELEE, after="melee.aim")

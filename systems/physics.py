@@ -8,7 +8,7 @@ tables alone. The others move by Box2D's own arithmetic (`fly`), bit for bit.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from outlast.ecs import (
     RowIndex,
     Rows,
     Scratch,
+    Service,
     Singleton,
     System,
     Write,
@@ -48,7 +49,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.kernels.jit import compiled, noinline_kernel
-from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
 from .box2d import native, portable
 from .box2d.batch import (
@@ -68,11 +69,10 @@ from .box2d.batch import (
 )
 from .box2d.connect import gather_joints, mark_joined, number_marked, read_forces
 from .box2d.transfer import describe, gather, own, scatter
-from .geometry.aabb import AABBs, aabbs_near_point, compute_aabbs
-from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, nonempty_blocks, without_row
+from .geometry.blocks import alive_bits, first_row
+from .geometry.bodies import Bodies, all_aabbs, near
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
-from .geometry.spatial_index import FEW, build, make_scratch, query
 
 MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
@@ -146,9 +146,7 @@ class Physics(Module):
             return np.zeros((2 * dims["rows"], JOINTS), np.float32)
         if name == "spots":
             return np.zeros(dims["rows"], np.int32)
-        if name == "workspace":
-            return (native if self.native() else portable).make_workspace()
-        return make_scratch(name, dims)
+        return (native if self.native() else portable).make_workspace()
 
 
 @Physics.system(Phase.SPAWN, after=Shape)
@@ -177,46 +175,38 @@ def broad_phase(
     entities: Read[Entity],
     solids: Bitset[Solid],
     driven: Rows[Driven] | None,
-    half_extents: Scratch,
-    blocks: Scratch,
-    sides: Scratch,
-    scale: Scratch,
-    words: Scratch,
-    rows: Scratch,
+    bodies: Bodies,
     rate: float,
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    count = nonempty_blocks(blocks, entities, solids)
+    most = ZERO
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
+    for k in range(bodies.count[0]):
+        b = bodies.lines[k]
+        pending = dynamic(bodies, solid, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
             solid.max_travel[e] = min(travel(body, push, solid, e, substeps / rate), LONGEST * substeps) + MARGIN
+            most = max(most, solid.max_travel[e])
     if driven is not None:
         for e in driven:
             if entities.alive[e] and not solid.dynamic[e]:
                 solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
-    aabbs = compute_aabbs(half_extents, body, shape)  # not earlier: the processor stores the distances meanwhile
-    index, crowded = (blocks, sides, scale, words, rows), count > FEW
-    if crowded:
-        build(index, count, widened(aabbs, solid))
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
+                most = max(most, solid.max_travel[e])
+    for k in range(bodies.count[0]):
+        b = bodies.lines[k]
+        pending = dynamic(bodies, solid, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            x, y, far = body.x[e], body.y[e], solid.max_travel[e] + outer_radius(shape, e)
-            if crowded:
-                for n in range(query(index, count, x - far, x + far, y - far, y + far)):
-                    mark_pair(solid, body, shape, e, rows[n])
-            else:
-                mark_pairs(solid, aabbs, body, shape, blocks, count, e, far)
+            far = solid.max_travel[e] + outer_radius(shape, e) + most
+            for n in range(near(bodies, solids, body.x[e], body.y[e], far)):
+                o = bodies.rows[n]
+                if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
+                    solid.may_collide[e], solid.may_collide[o] = 1, 1
 
 
 @kernel
@@ -227,33 +217,34 @@ def sweep(body: Array, push: Array, solid: Array, shape: Array, e: int, substeps
 
 
 @kernel
-def widened(aabbs: AABBs, solid: Array) -> AABBs:
-    """Let the AABBs cover all places that a body may reach."""
-    for half in aabbs[2:]:
-        for start in range(0, half.size, SIMD_WIDTH):
-            store(half, start, load(half, start) + load(solid.max_travel, start))
-    return aabbs
+def dynamic(bodies: Any, solid: Array, solids: Array, b: int) -> int:
+    """Return the living bodies of block `b` that can be pushed."""
+    return int(bodies.living[b] & solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)))
 
 
-@kernel
-def mark_pairs(
-    solid: Array, aabbs: AABBs, body: Array, shape: Array, blocks: Array, count: int, e: int, far: Real
-) -> None:
-    """Mark body `e` and the bodies that it may touch."""
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        distance = load(solid.max_travel, SIMD_WIDTH * b) + far
-        pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance), b, e)
-        while pending:
-            mark_pair(solid, body, shape, e, first_row(b, pending))
-            pending &= pending - 1
-
-
-@kernel
-def mark_pair(solid: Array, body: Array, shape: Array, e: int, o: int) -> None:
-    """Mark two bodies if they may touch."""
-    if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
-        solid.may_collide[e], solid.may_collide[o] = 1, 1
+def box2d_settings(
+    rate: float,
+    substeps: int,
+    velocity_iterations: int,
+    position_iterations: int,
+    friction: float,
+    restitution: float,
+    linear_damping: float,
+    angular_damping: float,
+    continuous: bool,
+) -> Settings:
+    """Return the numbers of Physics as Box2D takes them."""
+    return Settings(
+        ONE / rate,
+        substeps,
+        velocity_iterations,
+        position_iterations,
+        np.float32(friction),
+        np.float32(restitution),
+        np.float32(linear_damping),
+        np.float32(angular_damping),
+        int(continuous),
+    )
 
 
 def collider(solve: Any) -> Any:
@@ -278,34 +269,16 @@ def collider(solve: Any) -> Any:
         tied: Rows[Rope] | None,
         weld_events: Write[WeldBroken] | None,
         rope_events: Write[RopeBroken] | None,
-        half_extents: Scratch,
+        bodies: Bodies,
         workspace: Scratch,
         batch: Scratch,
         traits: Scratch,
         rows_of_joints: Scratch,
         spots: Scratch,
-        rate: float,
-        substeps: int,
-        velocity_iterations: int,
-        position_iterations: int,
-        friction: float,
-        restitution: float,
-        linear_damping: float,
-        angular_damping: float,
-        continuous: bool,
+        settings: Annotated[Settings, Service(box2d_settings)],
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
-        settings = Settings(
-            ONE / rate,
-            substeps,
-            velocity_iterations,
-            position_iterations,
-            np.float32(friction),
-            np.float32(restitution),
-            np.float32(linear_damping),
-            np.float32(angular_damping),
-            int(continuous),
-        )
+        aabbs, substeps = all_aabbs(bodies), settings.substeps
         mark_joined(welds, solid, entities, solids, welders)
         mark_joined(ropes, solid, entities, solids, tied)
         result = SOLVED
@@ -313,7 +286,7 @@ def collider(solve: Any) -> Any:
             if everything:
                 for e in range(solid.may_collide.size):
                     solid.may_collide[e] = entities.alive[e]
-            count = gather(batch, half_extents, body, shape, push, solid, entities, solids, driven, substeps)
+            count = gather(batch, aabbs, body, shape, push, solid, entities, solids, driven, substeps)
             if count == 0:
                 return
             if everything:

@@ -238,10 +238,15 @@ def _published(base: type[Component], there: Worlds, name: str) -> str:
     return grid(["key", "shape", f"in {name}", "note", "meaning", "mechanic"], rows)
 
 
+def _is(target: Any, base: type) -> bool:
+    """Return whether an object is a subclass; components also have annotations, which are no classes."""
+    return isinstance(target, type) and issubclass(target, base)
+
+
 def all_components(*names: str) -> str:
     """The components `names` (all if there are none) with their columns."""
     kinds = [getattr(components, name) for name in names or components.__all__]
-    return "\n\n".join(_component(kind) for kind in kinds if issubclass(kind, Component))
+    return "\n\n".join(_component(kind) for kind in kinds if _is(kind, Component))
 
 
 def _component(kind: type[Component]) -> str:
@@ -264,7 +269,7 @@ def component_uses(name: str) -> str:
 
 def events() -> str:
     """The events: their columns, and the mechanics that emit them, which bring and write them."""
-    kinds = [kind for name in components.__all__ if issubclass(kind := getattr(components, name), Event)]
+    kinds = [kind for name in components.__all__ if _is(kind := getattr(components, name), Event)]
     mechanics = [getattr(systems, name) for name in systems.__all__]
     rows = []
     for kind in sorted(kinds, key=lambda kind: kind.name):

@@ -67,7 +67,8 @@ def _describe_module(module: Module) -> Iterator[str]:
     for system in sorted(module.systems(), key=lambda system: system.label):
         yield _describe_declaration(system)
         components.update(component for parameter in _described(system) for component in parameter.components)
-        functions += [system.function] if system.outside else []
+        services = [each.service.function for each in system.parameters if each.service]
+        functions += [each for each in (system.function, *services) if is_outside(each)]
     for component in sorted(components, key=full_name):
         yield _describe_component(component)
     yield from _describe_functions(functions)
@@ -96,7 +97,7 @@ def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
 
 def _described(system: System) -> list[Parameter]:
     """Its parameters; without optional ones of outlast's own, as games that lack these components are as before."""
-    return [each for each in system.parameters if system.outside or not each.optional]
+    return [each for each in system.access if system.outside or not each.optional]
 
 
 def _describe_declaration(system: System) -> str:

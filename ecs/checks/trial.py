@@ -18,7 +18,7 @@ import numba
 import numpy as np
 from numba.core.extending import _Intrinsic
 
-from ..compilation.arguments import ArgumentBlock
+from ..compilation.arguments import ArgumentBlock, ServiceMemory
 from ..compilation.segments import segments
 from ..declarations.component import Clock
 from ..declarations.event import COUNT, Event, capacity_error
@@ -105,7 +105,9 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
     tables, generator = Tables(layout, 1), np.random.default_rng(0)
     tables[Clock].seed[:] = 1
     units = [unit for segment in segments(layout, systems, python=True) for unit in segment.units]
-    functions = [(unit, unit.function(), ArgumentBlock(unit.arguments, tables, compiled=False)) for unit in units]
+    memory = ServiceMemory(layout.dims, 1)
+    blocks = [ArgumentBlock(unit.arguments, tables, memory, compiled=False) for unit in units]
+    functions = [(unit, unit.function(), block) for unit, block in zip(units, blocks, strict=True)]
     lines = _Lines()
     for mode in MODES:
         tables.mode[:] = mode

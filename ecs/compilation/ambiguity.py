@@ -106,8 +106,8 @@ def _replaced(own: Sequence[Reason], other: System, reasons: Reasons) -> str:
 
 def conflict(first: System, second: System) -> type[Component] | None:
     """Return a component for which the order of two systems matters; None if there is none."""
-    for one in first.parameters:
-        for two in second.parameters:
+    for one in first.access:
+        for two in second.access:
             if (one.kind, two.kind) not in CONFLICTS and (two.kind, one.kind) not in CONFLICTS:
                 continue
             for component in one.components:

@@ -24,6 +24,7 @@ from numba import config, from_dtype, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from ..declarations.access import Service
 from ..declarations.component import Component
 from ..declarations.module import Module
 from ..kernels.array_types import CheckedColumn, Column
@@ -33,6 +34,7 @@ from ..memory.tables import Tables
 
 MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
+LINE = 64  # bytes
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
 MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
 AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see compiled_step
@@ -49,6 +51,7 @@ class ArgumentLayout:
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
     numbers: dict[int, tuple[str, int | float]] = field(default_factory=dict)
     views: dict[int, Callable[[Any], np.ndarray[Any, Any]]] = field(default_factory=dict)
+    services: dict[int, Service] = field(default_factory=dict)
 
     def add_column(self, component: type[Component], name: str) -> int:
         """A column; kernels get the part of it that belongs to one world."""
@@ -70,11 +73,44 @@ class ArgumentLayout:
         """A part of the worlds' state that is no column: the array (worlds, ...) that `view` returns for the Worlds."""
         return self._add(self.views, view, ARRAY_SLOTS)
 
+    def add_service(self, service: Service, arrays: int) -> int:
+        """The memory of a service, a number of arrays; kernels get the part that belongs to one world."""
+        return self._add(self.services, service, arrays * ARRAY_SLOTS)
+
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
         slot = self.size
         kind[slot] = content
         self.size += slots
         return slot
+
+
+class ServiceMemory(dict[Service, dict[str, np.ndarray[Any, Any]]]):
+    """The arrays of services by service, for worlds that a thread takes through a tick together: made when asked for.
+
+    Those that the worlds share have no axis for the worlds.
+    """
+
+    def __init__(self, dims: Mapping[str, int], worlds: int) -> None:
+        super().__init__()
+        self._dims, self._worlds = dims, worlds
+
+    def __missing__(self, service: Service) -> dict[str, np.ndarray[Any, Any]]:
+        assert service.memory is not None
+        one = service.memory(self._dims)._asdict()
+        self[service] = {name: _many(one[name], 0 if name in service.shared else self._worlds) for name in one}
+        return self[service]
+
+
+def _many(array: np.ndarray[Any, Any], worlds: int) -> np.ndarray[Any, Any]:
+    """The array, or the same for a number of worlds, each at the start of a cache line."""
+    if not worlds:
+        return array
+    stride = -(-array.nbytes // LINE) * LINE
+    memory = np.zeros((1 + worlds) * stride + LINE, np.uint8)
+    start = -memory.ctypes.data % LINE
+    lines = memory[start : start + worlds * stride].reshape(worlds, stride)
+    lines[:, : array.nbytes] = np.frombuffer(array.tobytes(), np.uint8)
+    return np.ndarray((worlds, *array.shape), array.dtype, lines, strides=(stride, *array.strides))
 
 
 class ArgumentBlock:
@@ -86,7 +122,7 @@ class ArgumentBlock:
         scratch: The thread's memory by its first slot, for kernels that run as Python.
     """
 
-    def __init__(self, layout: ArgumentLayout, worlds: Tables, compiled: bool) -> None:
+    def __init__(self, layout: ArgumentLayout, worlds: Tables, memory: ServiceMemory, compiled: bool) -> None:
         self.slots = np.zeros(layout.size, np.int64)
         self.slots[STRIDE] = worlds.layout.world_bytes
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)
@@ -96,6 +132,10 @@ class ArgumentBlock:
             self._describe(slot, getattr(worlds[component], name), 1)
         for slot, view in layout.views.items():
             self._describe(slot, view(worlds), 1)
+        self._memory = memory  # kept alive here, as the slots have only its address
+        for slot, service in layout.services.items():
+            for k, (name, array) in enumerate(memory[service].items()):
+                self._describe(slot + k * ARRAY_SLOTS, array, 0 if name in service.shared else 1)
         self.constants = layout.constants  # kept alive here, as the slots have only its address
         for slot, array in layout.constants.items():
             self._describe(slot, array, 0)
@@ -182,13 +222,16 @@ def array_view(view: View, python: bool) -> Any:
 
 
 @functools.cache
-def table_view(component: type[Component], views: tuple[View, ...], python: bool) -> Any:
-    """A function (arguments, slot, w) -> the table of `component` for world w; its columns begin at `slot`."""
+def table_view(kind: Any, views: tuple[View, ...], python: bool, packed: bool = False) -> Any:
+    """A function (arguments, slot, w) -> the named tuple of that kind for world w; its arrays begin at `slot`.
+
+    packed: whether the arrays lie in the state of the world.
+    """
     if python or not compiled():
-        return lambda arguments, slot, w: component.Table(
+        return lambda arguments, slot, w: kind(
             *(_python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, view) for c, view in enumerate(views))
         )
-    table = types.NamedTuple([view.type for view in views], component.Table)
+    table = types.NamedTuple([view.type for view in views], kind)
 
     @intrinsic  # type: ignore[untyped-decorator]
     def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
@@ -196,7 +239,7 @@ def table_view(component: type[Component], views: tuple[View, ...], python: bool
             slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
             starts = [builder.add(arguments[1], ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(views))]
             arrays = [
-                _array(context, builder, view, slots, start, arguments[2], component.packed)
+                _array(context, builder, view, slots, start, arguments[2], packed)
                 for view, start in zip(views, starts, strict=True)
             ]
             return context.make_tuple(builder, table, arrays)

@@ -61,7 +61,7 @@ class CompiledUnits:
             raise AssertionError(f"two units of one label: {sorted(unit.label for unit in units)}")
         self._python = frozenset(functions)
         self._functions = {**functions, **parts} if compiled() else {}
-        self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | self._functions)
+        self._cache_key = CacheKey({unit.label: unit.kernels for unit in units} | self._functions)
         self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
         self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
         self._units = {unit.label: unit for unit in units}
@@ -146,7 +146,7 @@ class CompiledUnits:
 
     def _compile_one(self, label: str) -> Code:
         unit = self._units.get(label)
-        kernel = unit.kernel if unit else self._functions[label]
+        kernel = unit.kernels[0] if unit else self._functions[label]
         function = unit.function() if unit else kernel.py_func
         name, qualified = function.__name__, function.__qualname__
         function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # makes its symbol unique

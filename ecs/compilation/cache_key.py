@@ -54,7 +54,7 @@ class CacheKey:
     """The kernels that some systems compile to machine code, and all that they refer to, as hashes.
 
     Args:
-        kernels: Kernels by the labels of their systems.
+        kernels: By the labels of systems, their kernel, or all kernels that their units call.
 
     Raises:
         DeclarationError: A system refers to something whose changes could not be noticed, such as an instance of a
@@ -65,13 +65,14 @@ class CacheKey:
         self._texts: dict[FunctionType, list[str]] = {}  # the code and the constants of each
         self._callees: dict[FunctionType, list[FunctionType]] = {}
         self._dispatchers: dict[FunctionType, Any] = {}  # numba's dispatchers of those that are kernels
-        self._roots: dict[str, FunctionType] = {}
-        for self._label, kernel in kernels.items():
-            self._roots[self._label] = self._add(kernel, self._label)
+        self._roots: dict[str, list[FunctionType]] = {}
+        for self._label, found in kernels.items():
+            called = found if isinstance(found, tuple) else (found,)
+            self._roots[self._label] = [self._add(kernel, self._label) for kernel in called]
 
     def key(self, label: str, source: str) -> str:
         """Hash of a system's kernel, its unit's source, the engine, the processor, versions and numba's flags."""
-        return hashlib.sha256(f"{self._engine} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
+        return hashlib.sha256(f"{self._engine} {self._digest(self._roots[label])} {source}".encode()).hexdigest()[:24]
 
     @functools.cached_property
     def _engine(self) -> str:
@@ -80,7 +81,7 @@ class CacheKey:
     def size(self, label: str) -> int:
         """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
         return sum(
-            len(code.co_code) for function in self._closure([self._roots[label]]) for code in codes(function.__code__)
+            len(code.co_code) for function in self._closure(self._roots[label]) for code in codes(function.__code__)
         )
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:

@@ -25,7 +25,7 @@ class Schedule:
     @property
     def touched(self) -> set[type[Component]]:
         """The components that systems read or write in ticks in which no episode begins."""
-        parameters = [p for system in self.systems if system.phase.when is not When.RESET for p in system.parameters]
+        parameters = [p for system in self.systems if system.phase.when is not When.RESET for p in system.access]
         return {c for p in parameters if p.kind not in SELECTIONS.values() for c in p.components}
 
     def __str__(self) -> str:
@@ -83,12 +83,12 @@ def order(
 
 
 def _touched(system: System, kind: str) -> str:
-    return " ".join(c.__name__ for p in system.parameters if p.kind == kind for c in p.components)
+    return " ".join(dict.fromkeys(c.__name__ for p in system.access if p.kind == kind for c in p.components))
 
 
 def _check_present(systems: Sequence[System], present: set[type[Component]]) -> None:
     for system in systems:
-        for parameter in system.parameters:
+        for parameter in system.access:
             for component in parameter.components:
                 if parameter.kind not in SELECTIONS.values() and component not in present:
                     raise ScheduleError(
@@ -103,7 +103,7 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
     known: all systems, also those of mechanics that are left out, as one of them may emit the event in time.
     """
     labels = {system.label for system in systems}
-    events = {c for s in systems for p in s.parameters for c in p.components if issubclass(c, Event)}
+    events = {c for s in systems for p in s.access for c in p.components if issubclass(c, Event)}
     for event in sorted(events, key=lambda event: event.name):
         emitting = [system for system in systems if system.touches(event, "write")]
         for k, system in enumerate(systems):

@@ -5,14 +5,19 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+from ..declarations.access import Service
 from ..declarations.component import Action, Component, Entity, Observation, Signal
 from ..declarations.phase import When
 from ..declarations.system import System
+from ..kernels.jit import compiled
+from ..memory.clock import RESET, STEP
 from ..memory.draw import published_rows
 from ..memory.layout import MemoryLayout
 from ..memory.numbers import NumbersView
 from .range_check import ranges
 from .tick import Generator, Unit
+
+MODES = {When.RESET: 1 << RESET, When.STEP: 1 << STEP, When.ALWAYS: 1 << RESET | 1 << STEP}  # bitsets
 
 
 @dataclass(frozen=True)
@@ -54,11 +59,17 @@ def segments(
     units += [generator().zero(component, name, When.RESET) for component in stale for name in component.columns]
     some_absent = any(number.kinds for number in layout.varied.values())
     signals = [*_own_signals(layout, systems)]
+
+    def as_python(system: System) -> bool:
+        return python or not system.compiled or system.label in interpret
+
+    aside = {system.label for system in systems if split or (compiled() and not python and as_python(system))}
+    anew = stale_services(systems, aside)
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
         units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
-        as_python = not system.compiled or system.label in interpret
-        units.append(generator(as_python, system.outside).system(modules[system.module], system))
+        making = generator(as_python(system), outside=system.outside)
+        units.append(making.system(modules[system.module], system, anew[system.label]))
         if system.outside:
             units += [generator().check_range(system, *found) for found in ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
@@ -71,6 +82,30 @@ def segments(
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:
         found = [Segment((unit,), unit.compiled) for unit in units]
+    return found
+
+
+def stale_services(systems: Sequence[System], aside: Collection[str]) -> dict[str, dict[Service, int]]:
+    """Return by label of a system in which modes each of its services is to be made anew: a bitset, as in MODES.
+
+    It is kept in the modes in which an earlier system of the tick has had it, and no system since then writes what it
+    is made of. So what happens between ticks (a reset, a state that is set, a table that is written) needs no care.
+
+    aside: labels of systems with a segment of their own, which does not share memory with others.
+    """
+    fresh, found = dict[Service, int](), dict[str, dict[Service, int]]()
+    for system in systems:
+        modes = MODES[system.phase.when]
+        if system.label in aside:
+            fresh.clear()
+        services = [p.service for p in system.parameters if p.service]
+        found[system.label] = {service: modes & ~fresh.get(service, 0) for service in services}
+        fresh |= {service: fresh.get(service, 0) | modes for service in services}
+        for service in fresh:
+            if any(system.touches(part, "write", "add") for each in service.parameters for part in each.components):
+                fresh[service] &= ~modes
+        if system.label in aside:
+            fresh.clear()
     return found
 
 

@@ -14,13 +14,13 @@ through all units. A system that runs as Python splits the tick into several suc
 
 import linecache
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..declarations.access import Parameter
+from ..declarations.access import Parameter, Service
 from ..declarations.component import Clock, Component, Entity
 from ..declarations.fields import offset
 from ..declarations.module import Module
@@ -81,6 +81,7 @@ class Unit:
         compiled: False if it runs as Python.
         only_at_reset: Whether it does nothing in ticks that are no reset.
         needed: What is added to the message of its exceptions; no part of the machine code.
+        kernels: The kernel, and those of the services that it takes.
     """
 
     label: str
@@ -92,6 +93,7 @@ class Unit:
     compiled: bool
     only_at_reset: bool
     needed: str = ""
+    kernels: tuple[Any, ...] = ()
 
     def function(self) -> Any:
         """The Python function; debuggers and tracebacks find its source."""
@@ -130,6 +132,7 @@ class Generator:
         self._owners: dict[str, Any] = {}  # what each name in the source stands for
         self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
         self.inside: dict[str, None] = {}  # lines at the start of its body
+        self._kernels: list[Any] = []  # those of services
 
     def clock(self) -> Unit:
         """The unit that begins the tick or the episode of every world."""
@@ -209,8 +212,9 @@ class Generator:
         unit = self._unit(label, None, check_range, IDLE[system.phase.when], [values, rows, *ends])
         return replace(unit, needed=f": {low} to {high} is needed")
 
-    def system(self, module: Module, system: System) -> Unit:
-        """The unit of a system."""
+    def system(self, module: Module, system: System, stale: Mapping[Service, int]) -> Unit:
+        """The unit of a system. stale: in which modes its services are to be made anew, see segments.stale_services."""
+        self._stale = stale
         arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
         return self._unit(system.label, system, system.kernel, IDLE[system.phase.when], arguments)
 
@@ -230,7 +234,9 @@ class Generator:
         lines += [f"        if {idle}:", "            continue"]
         lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
         source = "\n".join(lines) + "\n"
-        return Unit(label, system, kernel, source, self.names, self.arguments, self.compiled, idle == IDLE[When.RESET])
+        at_reset = idle == IDLE[When.RESET]
+        kernels = kernel, *self._kernels
+        return Unit(label, system, kernel, source, self.names, self.arguments, self.compiled, at_reset, kernels=kernels)
 
     def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:
@@ -255,6 +261,8 @@ class Generator:
                         f'damage_type: set one in the class, as in damage_type = "{module.name}"'
                     )
                 return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
+            case "service":
+                return self._service(module, system, parameter)
             case "offset":
                 return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
         full, value = kernel_value(self.layout.modules, module, system, parameter)
@@ -265,6 +273,29 @@ class Generator:
         if parameter.kind == "numbers":
             return self._constant(f"number_{parameter.name}", np.array(value, np.float32))
         return self._number(value, parameter.name, full)
+
+    def _service(self, module: Module, system: System, parameter: Parameter) -> str:
+        """What a service makes of its parts: a value, or memory that is filled in the modes in which it is stale."""
+        service: Any = parameter.service
+        parts = [self._argument(module, system, part) for part in service.parameters]
+        make = self._unique(f"make_{service.function.__name__}", service)
+        self.names[make] = service.kernel if self.compiled else service.function
+        self._kernels.append(service.kernel)
+        name = f"service_{parameter.name}"
+        if service.memory is None:
+            self.inside[f"{name} = {make}({', '.join(parts)})"] = None
+            return name
+        memory = service.memory(self.layout.dims)
+        kind, forms = f"memory_{parameter.name}", memory._asdict().items()
+        table: Any = type(memory)  # hashable, as classes are, but mypy says no
+        views = tuple(View(a.dtype, a.ndim, True, shape=a.shape if self.specialize else None) for _, a in forms)
+        self.names[kind] = table_view(table, views, not self.compiled)
+        slot = self._slot(kind, self.arguments.add_service(service, len(views)))
+        types = ", ".join(f"{field} {view.name}" for (field, _), view in zip(forms, views, strict=True))
+        stale = self._number(self._stale[service], f"stale_{parameter.name}")
+        self.inside[f"{name} = {kind}(arguments, {slot}, w - first)  # {types}"] = None
+        self.inside[f"if {stale} >> mode[w] & 1: {make}({', '.join([name, *parts])})"] = None
+        return name
 
     def _varied(self, full: str, parameter: str) -> str:
         """A number of which each world has its own, in its state."""
@@ -383,8 +414,8 @@ class Generator:
         views = tuple(self._column(component, column, writable) for column in component.columns)
         kinds = zip(component.columns, views, strict=True)
         types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
-        hashable: Any = component  # classes are, but mypy rejects type[Component]
-        return table_view(hashable, views, not self.compiled), types + ("" if component.packed else ", not packed")
+        view = table_view(component.Table, views, not self.compiled, component.packed)
+        return view, types + ("" if component.packed else ", not packed")
 
     def _column(self, component: type[Component], name: str, writable: bool) -> View:
         dtype, shape = component.columns[name].dtype, component.row_shape(name, self.layout.dims)

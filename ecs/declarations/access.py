@@ -21,16 +21,18 @@ int float bool  the module's number of the same name, or another module's by its
 tuple[float..]  the same for several numbers, as a read-only float32 array
 ... | None      one of the first six, or None in a scenario that lacks the component. What `if table is not None:`
                 guards is then no part of the machine code, so what a scenario does without costs it nothing
+Service         what is made of other parameters, as Annotated[..., Service(function)]: see there
 =============== =====================================================================================
 """
 
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from types import NoneType, UnionType
 from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, Union, get_args, get_origin, get_type_hints
 
 from ..kernels.errors import DeclarationError
+from ..kernels.jit import kernel
 from .component import Clock, Component, Singleton
 from .event import Event
 
@@ -67,6 +69,8 @@ class RowIndex(Rows[*Parts]):
 
 
 SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
+ANNOTATED = ("read", "write", "add", "random", "scratch", "damage_type", "offset")
+PARTS = ("read", *SELECTIONS.values(), "number", "numbers")  # kinds of the parameters that services are made of
 
 
 @dataclass(frozen=True)
@@ -82,10 +86,54 @@ class Parameter:
     components: tuple[type[Component], ...] = ()
     type: type = object  # the type of a number: int, float, bool or tuple
     optional: bool = False  # whether the kernel takes None where the scenario lacks the component
+    service: "Service | None" = None
+
+    def with_parts(self) -> tuple["Parameter", ...]:
+        """Return the parameter and, if it is a service, those that the service is made of."""
+        parts = self.service.parameters if self.service else ()
+        return self, *(replace(each, name=f"{self.name}.{each.name}") if each.components else each for each in parts)
 
 
-def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
-    """Read the annotations of a function.
+@dataclass(frozen=True, eq=False)
+class Service:
+    """What the engine makes for a system out of other parameters: Seconds = Annotated[Real, Service(length)].
+
+    Without `memory`, the system gets what `function` returns.
+
+    With `memory`, it gets a named tuple of arrays, which is the first argument of `function` and is filled by it. This
+    lasts for one tick: in each world, `function` runs ahead of the first system of a tick that takes the service, and
+    again ahead of the next one that takes it after a system that writes, or adds to, one of the components that it
+    reads. So the memory is no part of a world's state.
+
+    Args:
+        function: A function that kernels can call. Its parameters, behind the named tuple, are annotated like those of
+            systems: Read, Rows, Bitset, RowIndex, and numbers.
+        memory: From sizes by name of the dimension, the named tuple for one world. Numbers do not enter into it.
+        shared: Fields of the tuple that all worlds of a thread share. Their content is lost between systems.
+    """
+
+    function: Callable[..., Any]
+    memory: Callable[[Mapping[str, int]], Any] | None = None
+    shared: tuple[str, ...] = ()
+    kernel: Callable[..., Any] = field(init=False)
+    parameters: tuple[Parameter, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        function = getattr(self.function, "py_func", self.function)
+        found = parameters(function, skip=1 if self.memory else 0)
+        for each in found:
+            if each.kind not in PARTS:
+                raise DeclarationError(
+                    f"{function.__module__}.{function.__qualname__}: parameter '{each.name}' is {each.kind}, but a "
+                    f"service is made of {', '.join(PARTS)} alone"
+                )
+        object.__setattr__(self, "function", function)
+        object.__setattr__(self, "kernel", kernel(function))
+        object.__setattr__(self, "parameters", found)
+
+
+def parameters(function: Callable[..., Any], skip: int = 0) -> tuple[Parameter, ...]:
+    """Read the annotations of a function, without those of the first `skip` parameters.
 
     Raises:
         DeclarationError: An annotation is not in the table above, a parameter has a default, or the function is a
@@ -105,7 +153,7 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
                 f"{parameter.default!r:.60}, but every call gives it; leave it out"
                 + (cure if hints.get(name) in (int, float, bool) or get_origin(hints.get(name)) is tuple else "")
             )
-    return tuple(_parameter(function, name, hints.get(name)) for name in own)
+    return tuple(_parameter(function, name, hints.get(name)) for name in [*own][skip:])
 
 
 def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
@@ -114,8 +162,10 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
         found = _parameter(function, name, inner)
         if len(get_args(hint)) == 2 and found.components:
             return replace(found, optional=True)
-    if get_origin(hint) is Annotated:
-        inner, kind = get_args(hint)[:2]
+    inner, kind = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
+    if isinstance(kind, Service):
+        return Parameter(name, "service", service=kind)
+    if kind in ANNOTATED:
         if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
             raise DeclarationError(
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[{inner!r}]; a "
@@ -157,5 +207,6 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
         "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
-        "DamageType, Offset, int, float, bool, tuple, and one that names components or None, as in Read[C] | None"
+        "DamageType, Offset, int, float, bool, tuple, Annotated[..., Service(...)], and one that names components or "
+        "None, as in Read[C] | None"
     )

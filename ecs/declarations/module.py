@@ -383,7 +383,7 @@ class Module:
         if name in known:
             value, choices = getattr(self, name), known[name]
             return choices.index(value) if choices else value
-        asking = [system.label for system in self.systems() if any(name == p.name for p in system.parameters)]
+        asking = [system.label for system in self.systems() if any(name == p.name for p in system.access)]
         kinds = [kind for kind in Module.imported() if "__dataclass_fields__" in vars(kind)]
         others = {f"{kind.name}_{item.name}": kind.__name__ for kind in kinds for item in dataclasses.fields(kind)}
         cure = f"add {others[name]}, which has it" if name in others else did_you_mean(name, [*known, *others])

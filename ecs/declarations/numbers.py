@@ -129,7 +129,7 @@ def is_read(
     modules: Sequence[Any], systems: Iterable[Any], full: str, kinds: Sequence[str] = ("number", "numbers")
 ) -> bool:
     """Return whether a parameter of one of these kinds, of one of the systems, is the number of that full name."""
-    named = [(s.module, p.name) for s in systems for p in s.parameters if p.kind in kinds and full.endswith(p.name)]
+    named = [(s.module, p.name) for s in systems for p in s.access if p.kind in kinds and full.endswith(p.name)]
     return any(full_name(modules, mechanic, name) == full for mechanic, name in named)
 
 

@@ -1,6 +1,7 @@
 """Systems: the functions of a mechanic that are registered on its module."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -52,9 +53,14 @@ class System:
         own = (Parameter(each.name, "none") if each in lacking else each for each in self.parameters)
         return dataclasses.replace(self, parameters=tuple(own))
 
+    @functools.cached_property
+    def access(self) -> tuple[Parameter, ...]:
+        """Its parameters, and those that services among them are made of."""
+        return tuple(each for parameter in self.parameters for each in parameter.with_parts())
+
     def touches(self, component: type[Component], *kinds: str) -> bool:
         """Whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
-        return any(component in p.components and p.kind in kinds for p in self.parameters)
+        return any(component in p.components and p.kind in kinds for p in self.access)
 
     def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
         """The names of its Offsets, by component and column of the observation that has their fields."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compilation.arguments import ArgumentBlock
+from ..compilation.arguments import ArgumentBlock, ServiceMemory
 from ..compilation.cache import CompiledUnits
 from ..compilation.compile_errors import of_numba
 from ..compilation.compiled_step import (
@@ -74,7 +74,8 @@ class CompiledExecution:
 
     def _frame(self, worlds: Tables) -> Any:
         """The frame of a thread."""
-        blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in self._units]
+        memory = ServiceMemory(worlds.dims, min(_together(worlds), worlds.count))
+        blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
         frame = aligned(TABLE + 2 * len(blocks))
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
@@ -116,7 +117,8 @@ class PythonExecution:
     def __init__(self, segment: Segment, worlds: Tables) -> None:
         self._count = worlds.count
         self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
-        self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
+        memory = ServiceMemory(worlds.dims, worlds.count)
+        self.blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=False) for unit in segment.units]
 
     def __call__(self) -> None:
         """Take all worlds through the units, one after the other."""

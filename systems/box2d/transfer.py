@@ -8,7 +8,7 @@ from outlast.components.contact import ALL
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
-from ..geometry.aabb import compute_aabbs
+from ..geometry.aabb import AABBs
 from ..geometry.blocks import alive_bits, first_row
 from ..geometry.broad_phase import clearance
 from .batch import (
@@ -52,7 +52,7 @@ def marked(solid: Array, entities: Array, solids: Array, b: int) -> int:
 @kernel
 def gather(
     batch: Array,
-    half_extents: Array,
+    aabbs: AABBs,
     body: Array,
     shape: Array,
     push: Array,
@@ -68,7 +68,6 @@ def gather(
         some |= marked(solid, entities, solids, b)
     if some == 0:
         return 0
-    aabbs = compute_aabbs(half_extents, body, shape)
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
         while pending:

@@ -5,10 +5,9 @@ rows and return a bitset (see blocks) of all rows for which the answer may be ye
 exact test. Each AABB is enlarged by SLACK, so that rounding never loses a hit, in rooms of up to a hundred metres. Over
 longer ways the exact tests themselves, which are Box2D's, are right to millimetres only, and grazes may be culled.
 
-    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
-    for k in range(count):
-        b = blocks[BLOCK, k]
-        pending = blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy)
+    for k in range(bodies.count[0]):
+        b = bodies.lines[k]
+        pending = bodies.living[b] & aabbs_hit_by_ray(all_aabbs(bodies), b, x, y, dx, dy)
 """
 
 from typing import Any, TypeAlias
@@ -49,6 +48,16 @@ def aabbs_near_point(aabbs: AABBs, b: int, x: Real, y: Real, distance: Real) -> 
     xs, ys, half_x, half_y = aabbs
     near_x = abs(load(xs, SIMD_WIDTH * b) - x) <= load(half_x, SIMD_WIDTH * b) + distance
     return int(to_bits(near_x & (abs(load(ys, SIMD_WIDTH * b) - y) <= load(half_y, SIMD_WIDTH * b) + distance)))
+
+
+@kernel
+def aabbs_in_box(aabbs: AABBs, b: int, low_x: Real, high_x: Real, low_y: Real, high_y: Real) -> int:
+    """Return the bitset of rows of block `b` whose AABB overlaps a rectangle."""
+    xs, ys, halves_x, halves_y = aabbs
+    x, half_x = load(xs, SIMD_WIDTH * b), load(halves_x, SIMD_WIDTH * b)
+    y, half_y = load(ys, SIMD_WIDTH * b), load(halves_y, SIMD_WIDTH * b)
+    overlap_x = (x - half_x <= high_x) & (x + half_x >= low_x)
+    return int(to_bits(overlap_x & (y - half_y <= high_y) & (y + half_y >= low_y)))
 
 
 @kernel

@@ -1,26 +1,13 @@
 """Bitsets of rows by block: block `b` is the rows 16 b to 16 b + 15, and bit j of its bitset is row 16 b + j.
 
-count = nonempty_blocks(blocks, entities, bodies)
-for k in range(count):
-    b, pending = blocks[BLOCK, k], blocks[BITS, k]
-    while pending:
-        e = first_row(b, pending)
-        pending &= pending - 1
+pending = bodies.living[b]
+while pending:
+    e = first_row(b, pending)
+    pending &= pending - 1
 """
-
-from typing import Any
-
-import numpy as np
 
 from outlast.ecs import Array, kernel
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits, trailing_zeros
-
-BITS, BLOCK = 0, 1  # lines of `blocks`: bitsets that are not empty, and the number of the block of each
-
-
-def make_blocks(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Make scratch memory for `nonempty_blocks`: int32 (2, blocks)."""
-    return np.zeros((2, dims["blocks"]), np.int32)
 
 
 @kernel
@@ -59,17 +46,3 @@ def block_span(members: Array) -> tuple[int, int]:
 def alive_bits(entities: Array, members: Array, b: int) -> int:
     """Return which of the `members` (bitsets by block) in block `b` are alive."""
     return int(to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & members[b])
-
-
-@kernel
-def nonempty_blocks(blocks: Array, entities: Array, members: Array) -> int:
-    """List the blocks in which members are alive, with their bitsets; return how many.
-
-    It has no branch, as that would be mispredicted about every other time.
-    """
-    count = 0
-    for b in range(members.size):
-        bits = alive_bits(entities, members, b)
-        blocks[BITS, count], blocks[BLOCK, count] = bits, b
-        count += bits != 0
-    return count

@@ -12,7 +12,7 @@ from outlast.components import Body, Phase, Side, Sight, Weapon
 from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.systems.geometry.spatial_index import FEW
+from outlast.systems.geometry.bodies import FEW
 from outlast.systems.observation_rows import WORD
 from tests.conftest import draw_actions, nightly_compiled, scaled
 from tests.helpers import naive_mechanics, naive_observations

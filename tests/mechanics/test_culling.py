@@ -2,7 +2,7 @@
 
 import math
 import sys
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from outlast.ecs import kernel
 from outlast.ecs.kernels.simd import SIMD_WIDTH
-from outlast.systems.geometry import aabb, blocks, broad_phase, spatial_index
+from outlast.systems.geometry import blocks, bodies, broad_phase
 from outlast.systems.geometry.rays import NO_HIT
 from tests.conftest import COMPILED
 from tests.helpers import naive_geometry as naive
 
-BLOCKS = 5
+BLOCKS, MANY = 5, 13  # MANY are more than bodies.FEW
 ROWS = BLOCKS * SIMD_WIDTH - 5  # the last block is not full
 F4 = np.float32
 SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
@@ -60,26 +60,31 @@ class Push(NamedTuple):
     y: np.ndarray
 
 
-@kernel
-def _cull(
-    half_extents: Any, lines: Any, body: Any, shape: Any, entities: Any, members: Any, ray: Any, found: Any
-) -> int:
-    """found: int32 (3, blocks): bitsets of what `ray` may hit, what may be within its last number, what is alive."""
-    aabbs, count = aabb.compute_aabbs(half_extents, body, shape), blocks.nonempty_blocks(lines, entities, members)
-    for k in range(count):
-        b = lines[blocks.BLOCK, k]
-        found[0, b] = lines[blocks.BITS, k] & aabb.aabbs_hit_by_ray(aabbs, b, ray[0], ray[1], ray[2], ray[3])
-        found[1, b] = lines[blocks.BITS, k] & aabb.aabbs_near_point(aabbs, b, ray[0], ray[1], ray[4])
-        found[2, b] = lines[blocks.BITS, k]
-    return count
+FILL = get_args(bodies.Bodies)[1].kernel  # of the service
 
 
 @kernel
-def _gaps(
-    half_extents: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any
-) -> None:
+def _ask(index: Any, body: Any, shape: Any, entities: Any, with_shape: Any, members: Any, ray: Any, found: Any) -> None:
+    """found: int32 (3, 1 + rows): how many rows `ray` may hit, are near its start, are in its rectangle; the rows."""
+    FILL(index, body, shape, entities, with_shape)
+    x, y, dx, dy, distance = ray[0], ray[1], ray[2], ray[3], ray[4]
+    for query in range(3):
+        if query == 0:
+            count = bodies.on_ray(index, members, x, y, dx, dy)
+        elif query == 1:
+            count = bodies.near(index, members, x, y, distance)
+        else:
+            count = bodies.in_box(index, members, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
+        found[query, 0] = count
+        for k in range(count):
+            found[query, 1 + k] = index.rows[k]
+
+
+@kernel
+def _gaps(index: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any) -> None:
     """out: f4 (1 + rows, rows): clearances of all, then gaps of each from each."""
-    aabbs = aabb.compute_aabbs(half_extents, body, shape)
+    FILL(index, body, shape, entities, members)
+    aabbs = index.aabbs[0], index.aabbs[1], index.aabbs[2], index.aabbs[3]
     for e in range(out.shape[1]):
         out[0, e] = broad_phase.clearance(aabbs, body, shape, solid, entities, members, most, e)
         for o in range(out.shape[1]):
@@ -87,44 +92,34 @@ def _gaps(
 
 
 def _column(values: Any) -> np.ndarray:
-    column = np.full(ROWS + SIMD_WIDTH, np.nan, F4)  # what is behind the end means nothing
-    column[:ROWS] = values
-    return column[:ROWS]
+    column = np.full(len(values) + SIMD_WIDTH, np.nan, F4)  # what is behind the end means nothing
+    column[: len(values)] = values
+    return column[: len(values)]
 
 
-def random_bodies(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
+def random_bodies(seed: int, grid: bool, rows: int = ROWS) -> tuple[Body, Shape, Entity]:
     """Discs, rectangles, slivers and walls; on a grid many stand at the same place and touch to the bit."""
     rng = np.random.default_rng(seed)
-    place = rng.integers(-6, 7, (2, ROWS)) / 2 if grid else rng.uniform(-12, 12, (2, ROWS))
-    angle = rng.choice([0, 0.5, 1, 1.5], ROWS) * math.pi if grid else rng.uniform(-4, 4, ROWS)
-    round_ = rng.random(ROWS) < 0.5
+    place = rng.integers(-6, 7, (2, rows)) / 2 if grid else rng.uniform(-12, 12, (2, rows))
+    angle = rng.choice([0, 0.5, 1, 1.5], rows) * math.pi if grid else rng.uniform(-4, 4, rows)
+    round_ = rng.random(rows) < 0.5
     half = np.where(
-        round_, 0, rng.choice([0.0015, 0.05, 0.5, 1.5, 12.5] if grid else rng.uniform(0.002, 4, 9), (2, ROWS))
+        round_, 0, rng.choice([0.0015, 0.05, 0.5, 1.5, 12.5] if grid else rng.uniform(0.002, 4, 9), (2, rows))
     )
-    radius = np.where(round_, rng.choice([0.001, 0.25, 0.5, 3.0], ROWS), 0)
-    speed = rng.normal(0, 3, (2, ROWS))
+    radius = np.where(round_, rng.choice([0.001, 0.25, 0.5, 3.0], rows), 0)
+    speed = rng.normal(0, 3, (2, rows))
     body = Body(*map(_column, (*place, angle, np.cos(angle), np.sin(angle), *speed)))
     bound = np.maximum(radius, np.hypot(*half)).astype(F4) * F4(1 + 1e-6)
-    alive = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
-    alive[:ROWS] = rng.random(ROWS) < 0.7
-    return body, Shape(*map(_column, (radius, *half, bound))), Entity(alive[:ROWS])
+    alive = np.zeros(rows + SIMD_WIDTH, np.uint8)
+    alive[:rows] = rng.random(rows) < 0.7
+    return body, Shape(*map(_column, (radius, *half, bound))), Entity(alive[:rows])
 
 
-def to_bits(rows: list[int]) -> np.ndarray:
-    words = np.zeros(BLOCKS, np.int32)
+def to_bits(rows: list[int], blocks: int = BLOCKS) -> np.ndarray:
+    words = np.zeros(blocks, np.int32)
     for e in rows:
         words[e // SIMD_WIDTH] |= 1 << e % SIMD_WIDTH
     return words
-
-
-def listed(words: np.ndarray) -> list[int]:
-    """The rows of bitsets, by the kernels that iterate over them."""
-    found = []
-    for b, word in enumerate(words.tolist()):
-        while word:
-            found.append(int(blocks.first_row(b, word)))
-            word = int(blocks.without_row(word, b, found[-1]))
-    return found
 
 
 def entry(body: Body, shape: Shape, e: int, ray: Any) -> float:
@@ -168,77 +163,87 @@ rays = st.tuples(
 
 
 @SOME
-@given(seeds, grids, rays)
-def test_culling_keeps_all_that_is_hit_or_near(seed: int, grid: bool, ray: tuple[float, ...]) -> None:
-    body, shape, entities = random_bodies(seed, grid)
-    members = [e for e in range(ROWS) if e % 7]
-    half_extents, lines = aabb.make_half_extents({"blocks": BLOCKS}), blocks.make_blocks({"blocks": BLOCKS})
-    found = np.zeros((3, BLOCKS), np.int32)
-    given_ray = np.array(ray, F4)
-    count = _cull(half_extents, lines, body, shape, entities, to_bits(members), given_ray, found)
-    living = [e for e in members if entities.alive[e]]
-    assert listed(found[2]) == living
-    assert count == len({e // SIMD_WIDTH for e in living})
-    crossed, near = set(listed(found[0])), set(listed(found[1]))
-    assert crossed | near <= set(living)
-    for e in living:
-        assert e in crossed or entry(body, shape, e, given_ray) == naive.NO_HIT
-        assert e in near or surface(body, shape, e, float(given_ray[0]), float(given_ray[1])) > float(given_ray[4])
-    for e in crossed | near:  # and few others
-        parted, far = apart(body, shape, e, given_ray)
-        assert e not in crossed or not parted
-        assert e not in near or not far
-
-
-@kernel
-def _near(index: Any, half_extents: Any, body: Any, shape: Any, entities: Any, members: Any, box: Any) -> int:
-    count = blocks.nonempty_blocks(index[0], entities, members)
-    spatial_index.build(index, count, aabb.compute_aabbs(half_extents, body, shape))
-    return spatial_index.query(index, count, box[0], box[2], box[1], box[3])
-
-
-@SOME
-@given(seeds, grids, st.sampled_from([0.0, 70.0, 9e4]), rays, st.integers(2, 7))
-def test_the_index_keeps_all_that_reach_into_a_rectangle(
-    seed: int, grid: bool, away: float, ends: tuple[float, ...], spread: int
+@given(seeds, grids, rays, st.integers(0, MANY), st.sampled_from([0.0, 70.0, 9e4]), st.integers(2, 7))
+def test_queries_list_all_that_is_hit_or_near(
+    seed: int, grid: bool, ray: tuple[float, ...], blocks: int, away: float, spread: int
 ) -> None:
-    """And leaves out all that are a step away. The room may be far from (0, 0), some of its blocks empty."""
-    body, shape, entities = random_bodies(seed, grid)
+    """And few others, in order; bodies live in all rooms from an empty one to a crowd, which may be far from (0, 0)."""
+    away *= blocks > bodies.FEW  # elsewhere, the exact tests are right to millimetres only
+    rows = MANY * SIMD_WIDTH - 5
+    body, shape, entities = random_bodies(seed, grid, rows)
     body = body._replace(x=_column(body.x + F4(away)))
-    members = [e for e in range(ROWS) if e % spread and entities.alive[e]]
-    dims = {"blocks": BLOCKS}
-    index = tuple(spatial_index.make_scratch(name, dims) for name in ("blocks", "sides", "scale", "words", "rows"))
-    for scratch in index:
-        scratch[:] = 1  # what is left from another world
-    box = np.array([*np.minimum(ends[:2], ends[2:4]), *np.maximum(ends[:2], ends[2:4])], F4)
-    box[::2] += F4(away)
-    half_extents = aabb.make_half_extents(dims)
+    entities.alive[SIMD_WIDTH * blocks :] = 0
+    index = bodies.make_index({"blocks": MANY})
+    for memory in index:
+        memory[:] = 1  # what is left from another world
+    given_ray, found = np.array(ray, F4), np.zeros((3, 1 + rows), np.int32)
+    given_ray[0] += F4(away)
+    with_shape, members = [e for e in range(rows) if e % 11], [e for e in range(rows) if e % spread]
+    bits = to_bits(with_shape, MANY), to_bits(members, MANY)
     with np.errstate(over="ignore"):  # the last of 64 rows is the sign of a bitset
-        found = index[spatial_index.ROWS][
-            : _near(index, half_extents, body, shape, entities, to_bits(members), box)
-        ].tolist()
-    assert found == sorted({*found} & {*members})
-    overlapping, apart = np.ones(ROWS, bool), np.zeros(ROWS, bool)
-    for axis, centres in enumerate((body.x, body.y)):
-        first, per_metre = index[2][axis].astype(float)
-        sides = [centres - half_extents[axis, :ROWS].astype(float), centres + half_extents[axis, :ROWS].astype(float)]
-        overlapping &= (sides[0] <= box[2 + axis]) & (sides[1] >= box[axis])
-        steps = [np.clip((side - first) * per_metre, 0, 254) for side in (*sides, box[axis], box[2 + axis])]
-        rounding = 1.01 + per_metre * 1e-6 * 3 * (abs(first) + 254 / per_metre)
-        apart |= (steps[0] > steps[3] + rounding) | (steps[1] < steps[2] - rounding)
-    assert {e for e in members if overlapping[e]} <= {*found}
-    assert not any(apart[e] for e in found)
+        _ask(index, body, shape, entities, *bits, given_ray, found)
+    living = [e for e in with_shape if entities.alive[e]]
+    assert index.living.tolist() == to_bits(living, MANY).tolist()
+    assert index.lines[: index.count[0]].tolist() == sorted({e // SIMD_WIDTH for e in living})
+    wanted = {*members} & {*living}
+    crossed, near, boxed = (found[k, 1 : 1 + found[k, 0]].tolist() for k in range(3))
+    for listed in (crossed, near, boxed):
+        assert listed == sorted({*listed} & wanted)
+    x, y, dx, dy, far = map(float, given_ray)
+    for e in wanted if not away else ():
+        assert e in crossed or entry(body, shape, e, given_ray) == naive.NO_HIT
+        assert e in near or surface(body, shape, e, x, y) > far
+    exact = rectangles(index, rows), ends(x, dx), ends(y, dy)
+    assert {e for e in wanted if overlaps(*exact, 0)[e]} <= {*boxed}
+    if index.count[0] > bodies.FEW:  # what is a step away is listed, too
+        around = ends(x - far, 2 * far), ends(y - far, 2 * far)
+        for listed, box in ((boxed, exact[1:]), (near, around)):
+            assert all(near_steps(exact[0], index, *box)[e] for e in listed)
+    else:
+        for e in {*crossed, *near}:
+            parted, distant = apart(body, shape, e, given_ray)
+            assert e not in crossed or not parted
+            assert e not in near or not distant
+        assert all(overlaps(*exact, np.full(2, 2e-3))[e] for e in boxed)
+
+
+def ends(start: float, length: float) -> tuple[float, float]:
+    """Both ends of a range in float32, as kernels get them."""
+    other = float(F4(F4(start) + F4(length)))
+    return min(start, other), max(start, other)
+
+
+def rectangles(index: bodies.Index, rows: int) -> np.ndarray:
+    """AABBs of all rows, (axis, low or high, row)."""
+    aabbs = index.aabbs[:, :rows].astype(float)
+    return np.stack([aabbs[:2] - aabbs[2:], aabbs[:2] + aabbs[2:]], 1)
+
+
+def overlaps(sides: np.ndarray, x: tuple[float, float], y: tuple[float, float], slack: Any) -> np.ndarray:
+    """Which AABBs overlap a rectangle that is wider and higher by `slack` on each side."""
+    box, slack = np.array([x, y]), np.broadcast_to(slack, 2)
+    return ((sides[:, 0] <= (box[:, 1] + slack)[:, None]) & (sides[:, 1] >= (box[:, 0] - slack)[:, None])).all(0)
+
+
+def near_steps(sides: np.ndarray, index: bodies.Index, x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:
+    """Which AABBs are less than a step from a rectangle, both moved into the range that the steps cover."""
+    low, per_metre = index.scale.astype(float).T
+    high = low + 254 / per_metre
+    inside = np.clip(sides, low[:, None, None], high[:, None, None])
+    box = np.clip([x, y], low[:, None], high[:, None])
+    slack = 1.01 / per_metre + 1e-5 * (abs(low) + 30)
+    return overlaps(inside, tuple(box[0]), tuple(box[1]), slack)  # type: ignore[arg-type]
 
 
 def test_arrays_that_kernels_return_are_counted() -> None:
     """A function that hands out a view of an array without counting it has it freed while it is in use."""
     body, shape, entities = random_bodies(0, grid=False)
-    half_extents, lines = aabb.make_half_extents({"blocks": BLOCKS}), blocks.make_blocks({"blocks": BLOCKS})
-    ray, found = np.zeros(5, F4), np.zeros((3, BLOCKS), np.int32)
-    arrays = [*body, *shape, *entities, half_extents, lines, found]
+    index, ray = bodies.make_index({"blocks": BLOCKS}), np.zeros(5, F4)
+    found, members = np.zeros((3, 1 + ROWS), np.int32), to_bits([0, 1])
+    arrays = [*body, *shape, *entities, *index, found, members]
     before = [sys.getrefcount(array) for array in arrays]
     for _ in range(9):
-        _cull(half_extents, lines, body, shape, entities, to_bits([0, 1]), ray, found)
+        _ask(index, body, shape, entities, members, members, ray, found)
     assert [sys.getrefcount(array) for array in arrays] == before
 
 
@@ -251,10 +256,8 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.may_collide
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
-    half_extents = aabb.make_half_extents({"blocks": BLOCKS})
-    _gaps(
-        half_extents, body, shape, solid._replace(may_collide=near[:ROWS]), entities, to_bits([*range(ROWS)]), most, out
-    )
+    index, members = bodies.make_index({"blocks": BLOCKS}), to_bits([*range(ROWS)])
+    _gaps(index, body, shape, solid._replace(may_collide=near[:ROWS]), entities, members, most, out)
     for e in range(0, ROWS, 5):
         centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]
         for o in others:

@@ -8,7 +8,7 @@ import pytest
 from outlast import variant
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.rollout.policies import POLICIES
-from outlast.systems.geometry.spatial_index import FEW
+from outlast.systems.geometry.bodies import FEW
 from tests.conftest import COMPILED, scaled
 from tests.helpers.naive_world import TOLERANCE
 from tests.reference.__main__ import main
