@@ -183,17 +183,17 @@ def fetch(world: int, offsets: int, count: int) -> None:
 
 
 @kernel
-def step(block: int, parts: int, frame: int, function: int, argument: int, worlds: int) -> int:
+def step(frame: int, function: int, argument: int, worlds: int, block: int, parts: int) -> int:
     """Do some parts of a step, or all.
 
     Args:
-        block: See WORDS; 0 if there is only the tick.
-        parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
         frame: See run_units; 0 without a tick.
         function: The address of the function that takes all worlds through the tick: run_units, or one that spreads it
             over threads; 0 without a tick.
         argument: Its first argument.
         worlds: How many there are.
+        block: See WORDS; 0 if there is only the tick.
+        parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
 
     Returns:
         What `check` returns, if the step is refused; -1 if a system raised an exception; otherwise what `finish`

@@ -56,7 +56,7 @@ def segments(
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []
     stale = [*_read_in_resets(layout, systems), *_own_observations(layout, systems)]
-    units += [generator().zero(component, name, When.RESET) for component in stale for name in component.columns]
+    units += [generator().zero(stale, When.RESET)] if stale else []
     some_absent = any(number.kinds for number in layout.varied.values())
     signals = [*_own_signals(layout, systems)]
 
@@ -67,15 +67,15 @@ def segments(
     anew = stale_services(systems, aside)
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
-        units += [generator().zero(c, name, When.ALWAYS) for c in first for name in c.columns]
+        units += [generator().zero(first, When.ALWAYS)] if first else []
         making = generator(as_python(system), outside=system.outside)
         units.append(making.system(modules[system.module], system, anew[system.label]))
         if system.outside:
             units += [generator().check_range(system, *found) for found in ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(generator().check_absent(system))
-    signals_of_resets = [c for c in layout.components if issubclass(c, Signal)]
-    units += [generator().zero(c, name, When.RESET) for c in signals_of_resets for name in c.columns]
+    if paid := [component for component in layout.components if issubclass(component, Signal)]:
+        units.append(generator().zero(paid, When.RESET))  # no action has led to the tick that starts an episode
     if NumbersView in layout.components:
         units.append(generator().show())
     units += [generator().clear(*each) for each in published_rows(layout)]

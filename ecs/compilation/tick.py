@@ -12,9 +12,11 @@ Each iteration also prefetches memory of a later world. run_units is the tick: i
 through all units. A system that runs as Python splits the tick into several such calls.
 """
 
+import functools
+import itertools
 import linecache
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -192,11 +194,15 @@ class Generator:
         arguments = [rows, self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
-    def zero(self, component: type[Component], column: str, when: When) -> Unit:
-        """The unit that sets a column to 0."""
-        row = self._column_as("row", component, column, axes=1, writable=True)
-        label = f"zero {_full_name(component, column)} ({when.value})"
-        return self._unit(label, None, zero, IDLE[when], [row])
+    def zero(self, components: Iterable[type[Component]], when: When) -> Unit:
+        """The unit that sets all columns of some components, which are not packed, to 0, byte by byte."""
+        columns = [(component, name) for component in components for name in component.columns]
+        rows = [
+            self._view_of(f"row_{k}", functools.partial(_bytes, component, name), np.dtype("u1"), writable=True)
+            for k, (component, name) in enumerate(columns)
+        ]
+        label = f"zero {', '.join(itertools.starmap(_full_name, columns))} ({when.value})"
+        return self._unit(label, None, zero, IDLE[when], [f"({', '.join(rows)},)"])
 
     def check_absent(self, system: System) -> Unit:
         """The unit that follows a system that can make entities alive, and refuses absent ones."""
@@ -428,6 +434,12 @@ class Generator:
             (place,) = (each for each in self.layout.places if (each.component, each.name) == (component, name))
             known["place"] = (place.offset, self.layout.world_bytes)
         return View(dtype, len(shape), writable, self.checked, **known)
+
+
+def _bytes(component: type[Component], column: str, worlds: Tables) -> np.ndarray[Any, Any]:
+    """Return a column as bytes, (worlds, bytes)."""
+    values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+    return values.reshape(worlds.count, math.prod(values.shape[1:])).view(np.uint8)  # -1 would fail for 0 numbers
 
 
 def _full_name(component: type[Component], column: str) -> str:

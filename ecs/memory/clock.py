@@ -35,7 +35,8 @@ def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
 
 
 @kernel
-def zero(row: Any) -> None:
-    """Set a row of numbers to 0."""
-    for k in range(row.size):
-        row[k] = 0
+def zero(rows: Any) -> None:
+    """Set all entries of some arrays to 0."""
+    for row in rows:
+        for k in range(row.size):
+            row[k] = 0

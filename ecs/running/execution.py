@@ -1,7 +1,8 @@
 """Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
 
+import functools
 import os
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,8 @@ class CompiledExecution:
 
     Attributes:
         blocks: The arguments of all units, one thread after the other.
+        step: Does parts of a step, given the address of its block, see compilation.compiled_step.step, and returns the
+            same.
     """
 
     def __init__(
@@ -58,19 +61,15 @@ class CompiledExecution:
         team: Team | None,
         touched: Collection[type[Component]],
     ) -> None:
-        self._units, self._code, self._team = segment.units, compiled_units, team
+        self._units, self._code = segment.units, compiled_units
         self._count, self._touched = worlds.count, touched
         self.blocks = list[ArgumentBlock]()
         self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
         addresses = [int(frame.ctypes.data) for frame in self._frames]
-        run = compiled_units.address(RUN)
-        self._step, self._arguments = (
-            compiled_units.function(WHOLE_STEP),
-            (addresses[0], run, addresses[0], self._count),
-        )
+        step, run = compiled_units.function(WHOLE_STEP), compiled_units.address(RUN)
+        self.step: Callable[[int, int], int] = functools.partial(step, addresses[0], run, addresses[0], worlds.count)
         if team is not None:
-            self._plan = team.plan(run, self._count, addresses)
-            self._arguments = addresses[0], team.spread, int(self._plan.ctypes.data), self._count
+            self.step = _together_with(team, step, team.plan(run, worlds.count, addresses), addresses[0], worlds.count)
 
     def _frame(self, worlds: Tables) -> Any:
         """The frame of a thread."""
@@ -93,22 +92,27 @@ class CompiledExecution:
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 
-    def __call__(self, block: int = 0, parts: int = TICK) -> int:
-        """Take all worlds through the units, alone or in a step. Raises what a kernel raises.
+    def __call__(self) -> None:
+        """Take all worlds through the units. Raises what a kernel raises."""
+        if self.step(0, TICK) < 0:
+            raise self.error()
 
-        Args:
-            block: The address of the step's words; 0 if there is only the tick.
-            parts: What to do, see compilation.compiled_step.step, and for what it returns.
-        """
-        if self._team is not None:
-            self._plan[TEAM] = self._team.ready()
-        flags: int = self._step(block, parts, *self._arguments)
-        if flags < 0:
-            frame = self._frames[0]
-            unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
-            last = min(first_world + int(frame[CHUNK]), self._count) - 1
-            raise _exception(self._units[unit], first_world, last, exception)
-        return flags
+    def error(self) -> BaseException:
+        """Return the exception that a kernel has raised, if `step` has returned -1."""
+        frame = self._frames[0]
+        unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
+        last = min(first_world + int(frame[CHUNK]), self._count) - 1
+        return _exception(self._units[unit], first_world, last, exception)
+
+
+def _together_with(team: Team, step: Any, plan: Any, frame: int, count: int) -> Callable[[int, int], int]:
+    """Return a function that does parts of a step, with a tick that the team shares by this plan."""
+
+    def call(block: int, parts: int) -> int:
+        plan[TEAM] = team.ready()
+        return int(step(frame, team.spread, plan.ctypes.data, count, block, parts))
+
+    return call
 
 
 class PythonExecution:

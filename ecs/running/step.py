@@ -1,5 +1,6 @@
 """Steps and resets of episodes: actions in, ends of episodes out."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -17,7 +18,6 @@ from ..compilation.compiled_step import (
     TICK,
     WORDS,
 )
-from ..kernels.errors import CapacityError
 from ..memory.clock import RESET, SKIP
 from .worlds import Worlds
 
@@ -119,7 +119,9 @@ class Stepper:
 
     def load(self) -> None:
         """Load or compile everything that runs in a step."""
-        self._step, self._whole_tick = self.worlds.runner.step(), self.worlds.runner.single()
+        self._part = functools.partial(self.worlds.runner.step(), 0, 0, 0, self.worlds.count, self._address)
+        self._tick = tick = self.worlds.runner.single()
+        self._whole = None if tick is None else functools.partial(tick.step, self._address, BEGIN | TICK | FINISH)
 
     @property
     def done(self) -> Array:
@@ -146,12 +148,12 @@ class Stepper:
             self._where[:] = True if where is None else where
             last = np.moveaxis(self.worlds.actions, 0, -1) + self._zeros
             self.actions[~self._where] = last[~self._where]  # which their tables have, and keep
-        if self._whole_tick is None or self.observers:
-            return self._part(BEGIN) or self._run()
-        try:
-            return self._whole_tick(self._address, BEGIN | TICK | FINISH)
-        except CapacityError as error:
-            raise self.worlds.overflow(error) from None
+        if self._whole is None or self.observers:
+            return int(self._part(BEGIN)) or self._run()
+        flags = self._whole()
+        if flags < 0 and self._tick is not None:
+            raise self.worlds.overflow(self._tick.error())
+        return flags
 
     def reset(self, where: Array, keys: tuple[Array, Array, Array] | None = None) -> int:
         """Begin new episodes in the worlds `where`, bool (worlds,).
@@ -192,7 +194,7 @@ class Stepper:
             self.worlds.run(self.mode)
             how = FINISH
         finally:
-            flags = self._part(how)
+            flags = int(self._part(how))
         try:
             for observer in observers:
                 observer.after(self.mode)
@@ -200,10 +202,6 @@ class Stepper:
             self.running[ran] = True
             raise
         return flags
-
-    def _part(self, parts: int) -> int:
-        """Do parts of a step without a tick; see compilation.compiled_step.step."""
-        return int(self._step(self._address, parts, 0, 0, 0, self.worlds.count))
 
 
 def _place(column: Array) -> tuple[int, int, int]:

@@ -269,8 +269,10 @@ class Worlds(Tables):
         """End the threads. The tables stay readable."""
         self.runner.close()
 
-    def overflow(self, error: CapacityError) -> CapacityError:
-        """Return the error that names the list of events that is full, if one is; else `error`."""
+    def overflow(self, error: BaseException) -> BaseException:
+        """Return the error that names the list of events that is full, if `error` is of such a list; else `error`."""
+        if not isinstance(error, CapacityError):
+            return error
         ticks = self[Clock].tick[:, 0]
         found = event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
         return found or error
