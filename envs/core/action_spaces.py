@@ -193,16 +193,17 @@ class ActionSpace:
             UsageError: Actions are continuous.
         """
         self.check_masked()
-        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
-        # a bit for each action: 1 if it would do nothing
-        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)
-        for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
-            idle: Any = True
-            for name in readers:
-                idle = np.logical_and(idle, said[name].get(key, False))
-            code += np.where(idle, 1 << k, 0)
-        masks: Array = self._by_idle[code]
+        masks: Array = self._by_idle[self.idle() @ (1 << np.arange(len(self.keys)))]
         return masks
+
+    def idle(self) -> Array:
+        """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
+        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
+        found = np.ones((self._worlds.count, self._worlds.dims["agents"], len(self.keys)), bool)
+        for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
+            for name in readers:
+                found[..., k] &= np.asarray(said[name].get(key, False), bool)
+        return found
 
     @cached_property
     def _by_idle(self) -> Array:

@@ -34,8 +34,9 @@ class PlainPolicy(torch.nn.Module):
         features = [extractor(seen) for extractor in self.inner.extractors]
         logits = self.inner.actor(features[0]).split(self.sizes, 1)
         each = [torch.distributions.Categorical(logits=part) for part in logits]
-        logs = sum(one.log_prob(actions[:, k]) for k, one in enumerate(each))
-        return self.inner.critic(features[-1]), logs, sum(one.entropy() for one in each)
+        free = (actions >= 0).T  # the others were not drawn, see SameMinibatches
+        logs = sum(one.log_prob(actions[:, k].clamp(0)) * free[k] for k, one in enumerate(each))
+        return self.inner.critic(features[-1]), logs, sum(one.entropy() * free[k] for k, one in enumerate(each))
 
 
 class SameMinibatches(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
@@ -45,6 +46,8 @@ class SameMinibatches(RolloutBuffer):  # type: ignore[misc]  # mypy does not fol
         steps, agents = rollout.values.shape
         super().__init__(steps, spaces.Box(-1, 1, (1,)), spaces.MultiDiscrete(sizes), "cpu", n_envs=agents)
         self.seen, self.actions, self.log_probs = rollout.seen, rollout.actions, rollout.log_probs
+        if rollout.idle is not None:
+            self.actions = np.where(rollout.idle, -1, self.actions)
         self.values, self.advantages, self.returns = rollout.values, rollout.advantages, rollout.returns
         self.chosen = torch.from_numpy(np.flatnonzero(rollout.learner == learner.number))
         self.shuffler = torch.Generator()

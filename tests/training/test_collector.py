@@ -119,9 +119,9 @@ def test_actions_have_the_probabilities_that_the_rollout_says(preset: str) -> No
     some = torch.arange(0, rollout.alive.size, 3)
     with torch.no_grad():
         logs, values, _ = trainer.policies[0](rollout.seen.select(some))
-        found = trainer.policies[0].choices.of(
-            torch.from_numpy(rollout.actions.reshape(rollout.alive.size, -1))[some], logs
-        )
+        actions = torch.from_numpy(rollout.actions.reshape(rollout.alive.size, -1))[some]
+        free = None if rollout.idle is None else torch.from_numpy(~rollout.idle.reshape(rollout.alive.size, -1))[some]
+        found = trainer.policies[0].choices.of(actions, logs, free)
     np.testing.assert_allclose(values, rollout.values.ravel()[some], rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(found, rollout.log_probs.ravel()[some], rtol=1e-4, atol=1e-4)
 

@@ -15,6 +15,7 @@ from outlast.training.base import hyperparameters  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.ppo import learner  # noqa: E402
+from outlast.training.ppo.adam import Adam  # noqa: E402
 from outlast.training.ppo.learner import explained_variance  # noqa: E402
 from outlast.training.ppo.trainer import Trainer  # noqa: E402
 from tests.helpers.trainers import SHORT, in_float64, make, weights  # noqa: E402
@@ -45,6 +46,7 @@ def test_an_update_is_that_of_stable_baselines(preset: str, options: dict[str, A
     rollout = trainer.collect()
     if close < 1e-6:
         trainer.policies[0].double()
+        trainer.learners[0].optimizer = Adam(trainer.learners[0].parameters)  # whose moments are float64, too
         rollout = in_float64(rollout)
     before, sizes = weights(trainer.policies[0]), [int(size) for size in trainer.env.action_sizes]
     expected, logged = sb3_oracle.update(trainer.learners[0], rollout, sizes)

@@ -43,8 +43,8 @@ def samples(count: int) -> dict[str, Any]:
 class Given:
     """Takes log probabilities and entropies as they are given, for a network and for its distributions."""
 
-    of = staticmethod(lambda actions, logs: logs[0])
-    entropy = staticmethod(lambda logs: logs[1])
+    of = staticmethod(lambda actions, logs, free: logs[0])
+    entropy = staticmethod(lambda logs, free: logs[1])
 
     @property
     def choices(self) -> "Given":

@@ -188,7 +188,7 @@ def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
         logs, values, _ = own(batch.seen, batch.memory, batch.begins)
     mine = batch.weights > 0
     assert mine.sum() == (made.learner == 0).sum() < made.learner.size
-    assert torch.allclose(own.choices.of(batch.actions, logs)[mine], batch.old_log_probs[mine], atol=1e-5)
+    assert torch.allclose(own.choices.of(batch.actions, logs, batch.free)[mine], batch.old_log_probs[mine], atol=1e-5)
     assert torch.allclose(normalised(batch.returns - values, batch.weights)[mine], batch.advantages[mine], atol=1e-4)
     assert batch.weights.sum() == pytest.approx(1)
     assert made.begins[1:].any()

@@ -41,6 +41,8 @@ class Preset:
         scaled: Whether inputs are brought to about -1 to 1.
         egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
         cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
+        masked: Whether actions that can change nothing, as a strike with a weapon that is cooling down, are not drawn:
+            then they are `noop`, and there is nothing to learn from them.
         width: Width of every embedding.
         heads: Heads of the attention.
         hidden: Width of both layers behind the extractor.
@@ -57,6 +59,7 @@ class Preset:
     scaled: bool = False
     egocentric: bool = False
     cameras: str = "masked"
+    masked: bool = False
     width: int = 32
     heads: int = 4
     hidden: int = 64
@@ -109,7 +112,17 @@ PRESETS = {
         Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
         PAPER,
         replace(PAPER, name="scaled", scaled=True),
-        replace(PAPER, name="fast", egocentric=True, scaled=True, shared=True, agents=512, steps=128, numbers=FAST),
+        replace(
+            PAPER,
+            name="fast",
+            egocentric=True,
+            scaled=True,
+            shared=True,
+            masked=True,
+            agents=512,
+            steps=128,
+            numbers=FAST,
+        ),
     )
 }
 

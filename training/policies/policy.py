@@ -57,14 +57,19 @@ class MultiCategorical(nn.Module):
         return chosen.view(*self.shape, len(logits)).log_softmax(0)
 
     @staticmethod
-    def of(actions: Tensor, logs: Tensor) -> Tensor:
-        """Return the log probabilities of joint actions (batch, actions): (batch,)."""
-        return logs.gather(0, actions.T[None]).sum((0, 1))
+    def of(actions: Tensor, logs: Tensor, free: Tensor | None = None) -> Tensor:
+        """Return the log probabilities of joint actions (batch, actions): (batch,).
+
+        free: bool (batch, actions), which actions were drawn; the others were given. None: all were drawn.
+        """
+        chosen = logs.gather(0, actions.T[None])
+        return (chosen if free is None else chosen * free.T).sum((0, 1))
 
     @staticmethod
-    def entropy(logs: Tensor) -> Tensor:
-        """The entropy of the joint actions: (batch,)."""
-        return -(logs.exp() * logs).sum((0, 1))
+    def entropy(logs: Tensor, free: Tensor | None = None) -> Tensor:
+        """The entropy of the joint actions: (batch,). free: see `of`."""
+        each = logs.exp() * logs
+        return -(each if free is None else each * free.T).sum((0, 1))
 
     @staticmethod
     def likeliest(logs: Tensor) -> Tensor:

@@ -98,4 +98,5 @@ class Collector:
         values, learner = self.crew.gather(values, 1), self.crew.gather(learner, 1)
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         kept = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
-        return Rollout(seen=seen, values=values, advantages=found, learner=learner, first=self.first, **kept)
+        idle = None if parts[0].idle is None else joined("idle")
+        return Rollout(seen=seen, values=values, advantages=found, learner=learner, idle=idle, first=self.first, **kept)

@@ -42,7 +42,7 @@ def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
     """PPO's clipped loss of the policy, with the squared error of the values and the entropy."""
     numbers = batch.numbers
     with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
-        entropy = batch.mean(batch.network.choices.entropy(batch.logs))
+        entropy = batch.mean(batch.network.choices.entropy(batch.logs, batch.free))
     ratio, clip = batch.ratio, numbers.clip_range
     gains = torch.minimum(batch.advantages * ratio, batch.advantages * ratio.clamp(1 - clip, 1 + clip))
     policy, value = -batch.mean(gains), batch.mean((batch.returns - batch.values).square())
@@ -57,7 +57,7 @@ def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
     policy, value = -batch.mean(batch.log_probs), batch.mean((batch.returns - batch.values).square())
     with torch.no_grad():
         choices = batch.network.choices
-        entropy = batch.mean(choices.entropy(batch.logs))
+        entropy = batch.mean(choices.entropy(batch.logs, batch.free))
         differs = batch.mean((choices.likeliest(batch.logs) != batch.actions).float().mean(1))
     total = policy + batch.numbers.vf_coef * value
     return total, {"cross_entropy": policy, "value_loss": value, "entropy": entropy, "differs": differs}

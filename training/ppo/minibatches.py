@@ -29,6 +29,7 @@ class Minibatch:
         advantages: float32, normalised over the minibatch; as they were: returns - old_values.
         returns: float32, what the values should become.
         weights: float32, how much each sample counts: 0 if it is masked, else 1 / number of samples that are not.
+        free: bool (batch, actions), which actions were drawn, as they could change something; None: all were.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
         begins: bool (steps, agents), where episodes begin; None for policies without a memory.
     """
@@ -40,6 +41,7 @@ class Minibatch:
     advantages: Tensor
     returns: Tensor
     weights: Tensor
+    free: Tensor | None = None
     memory: Tensor | None = None
     begins: Tensor | None = None
 
@@ -70,8 +72,8 @@ class Batch(Minibatch):
     @cached_property
     @torch.enable_grad()
     def log_probs(self) -> Tensor:
-        """float32 (batch,), log-probabilities of the joint actions."""
-        return self.network.choices.of(self.actions, self.logs)
+        """float32 (batch,), log-probabilities of the joint actions, of what was drawn in them."""
+        return self.network.choices.of(self.actions, self.logs, self.free)
 
     @cached_property
     @torch.enable_grad()
@@ -88,8 +90,8 @@ class Batch(Minibatch):
     @cached_property
     @torch.enable_grad()
     def entropy(self) -> Tensor:
-        """float32 (batch,), the entropy of the joint actions."""
-        return self.network.choices.entropy(self.logs)
+        """float32 (batch,), the entropy of the joint actions, of what is drawn in them."""
+        return self.network.choices.entropy(self.logs, self.free)
 
 
 class Samples:
@@ -110,6 +112,9 @@ class Samples:
         self.advantages, *self.own = (
             moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device) for each in (rollout.advantages, *own)
         )
+        self.free: Tensor | None = None
+        if rollout.idle is not None:
+            self.free = moved(torch.from_numpy(~rollout.idle.reshape(-1, rollout.idle.shape[2])), device)
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
     def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
@@ -141,6 +146,7 @@ class Samples:
             advantages=advantages,
             returns=returns,
             weights=weights,
+            free=None if self.free is None else self.free.index_select(0, there),
             memory=memory,
             begins=begins,
         )

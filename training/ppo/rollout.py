@@ -29,6 +29,7 @@ class Rollout:
         alive: bool, whether the agent lived when it observed.
         begins: bool, whether the agent's memory begins anew with the step.
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        idle: bool (steps, agents, actions), which actions could change nothing, and were not drawn; None: all were.
         first: The index of this process's first agent among those of all processes.
     """
 
@@ -41,6 +42,7 @@ class Rollout:
     alive: Array
     begins: Array
     memory: Array
+    idle: Array | None = None
     first: int = 0
 
     @property

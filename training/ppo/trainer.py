@@ -139,6 +139,7 @@ class Trainer:
                 self.opponents,
                 seed=config.seed,
                 dead=config.dead,
+                masked=self.preset.masked,
                 state=self.state > 0,
                 curriculum=self.curriculum,
             )

@@ -47,6 +47,8 @@ class CollectedSamples:
         begins: bool, whether the agent's memory begins anew with the step.
         alive: bool, whether the agent lived when it observed.
         learner: int16, who is trained on the sample, or NOBODY.
+        idle: bool (steps, agents, actions), which actions could change nothing, and were `noop`, not drawn; None: all
+            were drawn.
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
         games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
@@ -64,6 +66,7 @@ class CollectedSamples:
     begins: Array
     alive: Array
     learner: Array
+    idle: Array | None
     memory: Tensor
     last: Tensor
     games: list[tuple[int, int, float]]
@@ -101,6 +104,7 @@ class Lane:
         *,
         seed: int,
         dead: str,
+        masked: bool = False,
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
@@ -113,6 +117,7 @@ class Lane:
             opponents: The pool; shared by all lanes.
             seed: The seed of the run.
             dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death.
+            masked: Whether learners take `noop` in place of actions that can change nothing.
             state: Whether critics learn from the state of the worlds.
             curriculum: What levels are drawn from; None: worlds draw their own.
         """
@@ -120,6 +125,7 @@ class Lane:
         self.played: list[Ended] = []
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead = env, packer, team, opponents, dead
+        self.masked, self._noop = masked, torch.from_numpy(np.array(env.noop, np.int64))
         self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
@@ -146,6 +152,7 @@ class Lane:
             begins=np.zeros(shape, bool),
             alive=np.zeros(shape, bool),
             learner=np.zeros(shape, np.int16),
+            idle=np.zeros((*shape, len(self.env.action_sizes)), bool) if self.masked else None,
             memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
             last=torch.zeros(self.agents, **FLOAT),
             games=[],
@@ -171,6 +178,8 @@ class Lane:
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
+        if samples.idle is not None:
+            samples.idle[t] = env._actions.idle().reshape(self.agents, -1)
         if t % CHUNK == 0:
             samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
         for (index, number), group in self.groups.items():
@@ -191,10 +200,13 @@ class Lane:
                 logs, samples.values[t, group.where], memory = policy(part, memory, begins)
             if memory is not None:
                 self.memory[group.where, : policy.memory] = memory
-            chosen = policy.choices.draw(logs, numbers[group.where])
+            chosen, free = policy.choices.draw(logs, numbers[group.where]), None
+            if samples.idle is not None and not index:
+                free = torch.from_numpy(~samples.idle[t, group.where])
+                chosen = torch.where(free, chosen, self._noop)
             samples.actions[t, group.where] = chosen
             if not index:
-                samples.log_probs[t, group.where] = policy.choices.of(chosen, logs)
+                samples.log_probs[t, group.where] = policy.choices.of(chosen, logs, free)
         self.begins[:] = False
         found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
         if self.teacher is not None:
