@@ -1,8 +1,13 @@
 """Agents: their sides, and how observations describe them."""
 
+import functools
 import math
+from itertools import pairwise
 
-from outlast.ecs import Array, Component, Field, Observation, Singleton, column, exists, kernel
+import numpy as np
+
+from outlast.ecs import Array, Component, Field, MemoryLayout, Observation, Singleton, column, exists, kernel
+from outlast.ecs.declarations.roles import NEVER
 
 from .body import PLACE, SPEED, SPIN
 from .health import full_health
@@ -52,3 +57,24 @@ class OthersView(Observation):
 
     others: Array = column("f4", "agents", "others", fields="own")
     others_mask: Array = column("f4", "agents", "others", low=0, high=1)
+
+
+@functools.lru_cache(maxsize=8)
+def side_names(layout: MemoryLayout) -> tuple[str, ...]:
+    """Return the names of the sides, by number: "agent 0" without teams. A team is called after a role of its own.
+
+    A role is a team's own if in all worlds all members have it, and nobody else has.
+    """
+    teams = len(layout.groups())
+    plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or layout.dims.get("sides", 0)))
+    if not teams or layout.roles is None or layout.roles.drawn != NEVER:
+        return plain
+    counts, owned = layout.agent_counts, [set[int]() for _ in plain]
+    for count, roles in zip(counts, layout.roles.of_counts(counts[0], counts[-1]), strict=True):
+        for sizes in layout.groupings(count):
+            for team, (first, last) in enumerate(pairwise(np.minimum(np.cumsum([0, *sizes]), count))):
+                own = {*roles[first:last]}
+                others = {*roles[:first], *roles[last:count]}
+                owned[team] |= own if len(own) < 2 and not own & others else {-1}
+    names = layout.roles.names
+    return tuple(names[min(own)] if len(own) == 1 and own != {-1} else name for own, name in zip(owned, plain))

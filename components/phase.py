@@ -8,7 +8,7 @@ from outlast import ecs
 from outlast.ecs import Real, Service, When
 
 
-class Phase(ecs.Phase):
+class Phase(ecs.PhaseBase):
     """The order of a tick; each phase says what is true when it ends.
 
     Phases with When.RESET or When.ALWAYS also run in the tick that starts an episode.

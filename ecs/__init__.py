@@ -37,7 +37,7 @@ from .declarations.fields import Field, Fields, columns_of
 from .declarations.layout import Layout, WorldsView
 from .declarations.module import Module
 from .declarations.numbers import number
-from .declarations.phase import Phase, When
+from .declarations.phase import PhaseBase, When
 from .declarations.references import INDEX, ref
 from .declarations.roles import Role, Roles, role
 from .declarations.system import System
@@ -93,7 +93,7 @@ __all__ = [
     "Observation",
     "Observer",
     "Offset",
-    "Phase",
+    "PhaseBase",
     "Random",
     "RangeError",
     "Read",

@@ -27,7 +27,7 @@ from numba.extending import intrinsic
 from ..declarations.access import Service
 from ..declarations.component import Component
 from ..declarations.module import Module
-from ..kernels.array_types import CheckedColumn, Column
+from ..kernels.array_types import CheckedColumn, ColumnType
 from ..kernels.jit import compiled
 from ..memory.column_places import ALIGN
 from ..memory.tables import Tables
@@ -200,7 +200,7 @@ class View:
     @property
     def type(self) -> Any:
         """Its type in numba; with NUMBA_BOUNDSCHECK=1, the indices of all kernels are checked."""
-        kind = CheckedColumn if self.checked or config.BOUNDSCHECK else Column
+        kind = CheckedColumn if self.checked or config.BOUNDSCHECK else ColumnType
         return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
 
 

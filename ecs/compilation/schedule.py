@@ -8,7 +8,7 @@ from ..declarations.access import SELECTIONS
 from ..declarations.component import Component, Singleton
 from ..declarations.event import Event
 from ..declarations.module import Module
-from ..declarations.phase import Phase, When
+from ..declarations.phase import PhaseBase, When
 from ..declarations.system import System
 from ..kernels.errors import ScheduleError, did_you_mean
 from .ambiguity import Reasons, ambiguity, reasons_of
@@ -66,7 +66,7 @@ def order(
             )
     _check_present(systems, set(present))
     _check_streams(systems)
-    phases: dict[Phase, list[System]] = {}
+    phases: dict[PhaseBase, list[System]] = {}
     for system in systems:
         phases.setdefault(system.phase, []).append(system)
     known = [*systems, *Module.imported_systems()]
@@ -274,7 +274,7 @@ def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -
     return {s.label for s in (*in_slot, *inherited) if not alike.isdisjoint((s.label, *s.aliases))}
 
 
-def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = None) -> list[System]:
+def _meant(name: str, who: str, known: Sequence[System], phase: PhaseBase | None = None) -> list[System]:
     """The known systems of that label or mechanic. If there are none, raise a ScheduleError that begins with `who`."""
     meant = [system for system in known if name in (system.label, system.module)]
     if meant:

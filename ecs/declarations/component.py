@@ -35,11 +35,6 @@ from .fields import Field
 OTHER_FLOATS = ("f2", "f12", "f16")  # float types that kernels cannot compute with
 INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # units of indices: the dimension of each
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # attributes of Component
-TAKEN = (
-    *("world", "episode", "against", "own_side", "result"),  # columns of tables that say which episode a row is about
-    *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # columns of tables of matches
-    *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # entries of training logs
-)  # names that statistics cannot have, as tables and logs use them already
 
 
 @dataclass(frozen=True)
@@ -341,18 +336,10 @@ class Statistic(Singleton):
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)
         for name, value in cls.columns.items():
-            key = value.key or name
             if len(value.dims) > 1:
                 raise DeclarationError(
                     f"{cls.__name__}.{name} has the dimensions {value.dims}: a statistic is one number, or has one for "
                     "each agent, side or the like; make it several"
-                )
-            if key in TAKEN:
-                raise DeclarationError(f"{cls.__name__}.{name}: tables and logs have a '{key}' already; rename it")
-            if key[-1:].isdigit():
-                raise DeclarationError(
-                    f"{cls.__name__}.{name}: the statistic '{key}' ends in a digit, by which tables and logs tell "
-                    "sides and agents apart; rename it"
                 )
 
 

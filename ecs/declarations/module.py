@@ -33,7 +33,7 @@ from .component import Component, Singleton, snake_case
 from .fields import Field
 from .layout import Layout, WorldsView
 from .numbers import checked, kind_of
-from .phase import Phase
+from .phase import PhaseBase
 from .system import Neighbour, System, check_twice, components, neighbours, redefines
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -172,7 +172,7 @@ class Module:
     @classmethod
     def system(
         cls,
-        phase: Phase,
+        phase: PhaseBase,
         *,
         after: Neighbour | tuple[Neighbour, ...] = (),
         before: Neighbour | tuple[Neighbour, ...] = (),
@@ -200,7 +200,7 @@ class Module:
             DeclarationError: The module is outlast's own, but the function is not; `phase` is not a phase; `after`,
                 `before` or `needs` is none of the above; or a parameter has an annotation that access does not list.
         """
-        if not isinstance(phase, Phase):
+        if not isinstance(phase, PhaseBase):
             raise DeclarationError(
                 f"{cls.__name__}.system got {phase!r:.60}: a phase comes first, as in "
                 f"@{cls.__name__}.system(Phase.NAME)"

@@ -1,6 +1,6 @@
-"""Phases: the ordered stages of a tick. A game lists its phases in a subclass of Phase.
+"""Phases: the ordered stages of a tick. A game lists its phases in a subclass of PhaseBase.
 
-class Phase(ecs.Phase):
+class Phase(ecs.PhaseBase):
     SPAWN = When.RESET, "every body stands on a cell of its own"
     MOVE = When.STEP, "bodies have moved, contacts are resolved"
     OBSERVE = When.ALWAYS, "observations show the world as it is"
@@ -34,11 +34,11 @@ class _Phases(EnumType):
             f"{cls.__module__}.{cls.__qualname__} is the base class of phases and has none itself. "
             + (f"{' and '.join(found)} has {name}" if found else "")
             + ("; for" if found else "For")
-            + f' a game of your own, list its phases: class Phase(ecs.Phase): {name} = When.STEP, "all have moved"'
+            + f' a game of your own, list its phases: class Phase(ecs.PhaseBase): {name} = When.STEP, "all have moved"'
         )
 
 
-class Phase(Enum, metaclass=_Phases):
+class PhaseBase(Enum, metaclass=_Phases):
     """One stage of the tick: when it runs and what is true when it ends. Members are in order of time."""
 
     def __init__(self, when: When, postcondition: str) -> None:

@@ -11,7 +11,7 @@ from ..kernels.errors import DeclarationError
 from ..kernels.frozen_values import is_outside
 from .access import Parameter
 from .component import Component
-from .phase import Phase
+from .phase import PhaseBase
 
 Neighbour: TypeAlias = str | type[Component]
 """What a system runs after or before: a system's label, a mechanic's name, or a component."""
@@ -23,7 +23,7 @@ class System:
 
     module: str
     name: str
-    phase: Phase
+    phase: PhaseBase
     function: Callable[..., Any]
     kernel: Callable[..., Any]
     parameters: tuple[Parameter, ...]

@@ -1,8 +1,9 @@
 """Numba's type of the arrays that units hand to outlast's own kernels: indices are used as they are.
 
 Normally, numba checks whether an index is negative, and if so counts from the end. This costs a comparison and a
-selection per access, a tenth of the time of a tick. An index of a `Column` must be at least 0. A negative one that is
-known at compile time is an error then; any other accesses the wrong memory, which only the plain-Python form notices.
+selection per access, a tenth of the time of a tick. An index of a `ColumnType` must be at least 0. A negative one that
+is known at compile time is an error then; any other accesses the wrong memory, which only the plain-Python form
+notices.
 
 Systems from outside outlast get a `CheckedColumn`. Its indices are checked, also in kernels of outlast's that they
 call, and those below 0 count from the end.
@@ -26,7 +27,7 @@ from . import jit
 CUT = "which cuts it off"
 
 
-class Column(types.Array):  # type: ignore[misc]
+class ColumnType(types.Array):  # type: ignore[misc]
     """An array in order of rows ("C") whose indices are not negative."""
 
     unchecked = True  # intrinsics look for this, as their code may not refer to classes
@@ -44,7 +45,7 @@ class Column(types.Array):  # type: ignore[misc]
         """The type of a part of such an array, for example of a slice."""
         readonly = not self.mutable if readonly is None else readonly
         layout, ndim = layout or self.layout, self.ndim if ndim is None else ndim
-        kind = Column if layout == "C" else types.Array
+        kind = ColumnType if layout == "C" else types.Array
         return kind(dtype or self.dtype, ndim, layout, readonly=readonly)
 
 
@@ -66,7 +67,7 @@ class CheckedColumn(types.Array):  # type: ignore[misc]
         return CheckedColumn(dtype or self.dtype, ndim, layout or self.layout, readonly=readonly)
 
 
-register_default(Column)(models.ArrayModel)
+register_default(ColumnType)(models.ArrayModel)
 register_default(CheckedColumn)(models.ArrayModel)
 
 
@@ -107,8 +108,8 @@ def _plain(kind: Any, kinds: list[Any]) -> bool:
     return kind.layout == "C" and len(kinds) == kind.ndim and all(isinstance(each, types.Integer) for each in kinds)
 
 
-@lower_builtin(operator.getitem, Column, types.Integer)  # type: ignore[untyped-decorator]
-@lower_builtin(operator.getitem, Column, types.BaseTuple)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.getitem, ColumnType, types.Integer)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.getitem, ColumnType, types.BaseTuple)  # type: ignore[untyped-decorator]
 def _get(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, index_kind = signature.args
     kinds, indices = _parts(builder, index_kind, arguments[1])
@@ -126,8 +127,8 @@ def _refuse_cut(kind: Any, value: Any) -> None:
         raise NumbaTypeError(f"writes a float to a column of {kind.dtype}, {CUT}; say so, as in np.{kind.dtype}(...)")
 
 
-@lower_builtin(operator.setitem, Column, types.Integer, types.Any)  # type: ignore[untyped-decorator]
-@lower_builtin(operator.setitem, Column, types.BaseTuple, types.Any)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.setitem, ColumnType, types.Integer, types.Any)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.setitem, ColumnType, types.BaseTuple, types.Any)  # type: ignore[untyped-decorator]
 def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, index_kind, value_kind = signature.args
     _refuse_cut(kind, value_kind)

@@ -7,7 +7,7 @@ or reset by copying bytes. Columns that environments return (actions, observatio
 import functools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..declarations.fields import Field, width
 from ..declarations.initial_values import fill
 from ..declarations.module import Module
 from ..declarations.placed_fields import placed
-from ..declarations.roles import NEVER, Roles
+from ..declarations.roles import Roles
 from ..declarations.system import System
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.random import stream_number
@@ -210,26 +210,6 @@ class MemoryLayout:
     def entity_names(self) -> tuple[str, ...]:
         """The names of the entities, by row, such as "agent 1"."""
         return tuple(f"{name} {k}" for name, span in self.spans.items() for k in range(len(span)))
-
-    @functools.cached_property
-    def side_names(self) -> tuple[str, ...]:
-        """The names of the sides, by number: "agent 0" without teams. A team is called after a role of its own.
-
-        A role is a team's own if in all worlds all members have it, and nobody else has.
-        """
-        teams = len(self.groups())
-        plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or self.dims.get("sides", 0)))
-        if not teams or self.roles is None or self.roles.drawn != NEVER:
-            return plain
-        counts, owned = self.agent_counts, [set[int]() for _ in plain]
-        for count, roles in zip(counts, self.roles.of_counts(counts[0], counts[-1]), strict=True):
-            for sizes in self.groupings(count):
-                for team, (first, last) in enumerate(pairwise(np.minimum(np.cumsum([0, *sizes]), count))):
-                    own = {*roles[first:last]}
-                    others = {*roles[:first], *roles[last:count]}
-                    owned[team] |= own if len(own) < 2 and not own & others else {-1}
-        names = self.roles.names
-        return tuple(names[min(own)] if len(own) == 1 and own != {-1} else name for own, name in zip(owned, plain))
 
     @functools.cached_property
     def systems(self) -> tuple[System, ...]:

@@ -14,7 +14,7 @@ from ..compilation.segments import Segment, segments
 from ..declarations.access import SELECTIONS
 from ..declarations.distributions import Distribution
 from ..declarations.module import Module
-from ..declarations.phase import Phase
+from ..declarations.phase import PhaseBase
 from ..declarations.roles import Roles
 from ..declarations.system import System
 from ..kernels.errors import DeclarationError, ScheduleError, did_you_mean
@@ -34,7 +34,7 @@ class Wanted:
     varied: tuple[tuple[str, Distribution], ...]
     observed: tuple[str, ...]
     roles: Roles | None
-    without: frozenset[Phase]
+    without: frozenset[PhaseBase]
     ordered: tuple[tuple[str, ...], ...]
     split: bool
     interpret: tuple[str, ...]

@@ -11,7 +11,7 @@ from ..declarations.component import Clock
 from ..declarations.distributions import Distribution
 from ..declarations.event import Event
 from ..declarations.module import Module, check_kind
-from ..declarations.phase import Phase
+from ..declarations.phase import PhaseBase
 from ..declarations.roles import Roles
 from ..kernels.errors import CapacityError, NumberError
 from ..memory.can_differ import changed_modules, differing
@@ -62,7 +62,7 @@ class Worlds(Tables):
         count: int,
         threads: int = 1,
         split: bool = False,
-        without: Collection[Phase] = (),
+        without: Collection[PhaseBase] = (),
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
         specialize: bool = False,

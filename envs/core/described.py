@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from outlast.components.agent import side_names
 from outlast.ecs import AgentRoles, Fields, Worlds
 
 from ..levels import Level
@@ -62,7 +63,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     @property
     def sides(self) -> tuple[str, ...]:
         """The names of the sides, in the order in which statistics have an entry for each side."""
-        return self.worlds.layout.side_names
+        return side_names(self.worlds.layout)
 
     @property
     def roles(self) -> tuple[str, ...]:

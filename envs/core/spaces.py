@@ -30,6 +30,11 @@ Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
 DAMAGE_TYPES = ("damage_types",)  # dims of a statistic with an entry per damage type
 LARGEST = 8  # bytes of a number
+TAKEN = (
+    *("world", "episode", "against", "own_side", "result"),  # columns of tables that say which episode a row is about
+    *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # columns of tables of matches
+    *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # entries of training logs
+)  # names that statistics cannot have, as tables and logs use them already
 BOUNDS: WeakKeyDictionary[MemoryLayout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
 
@@ -89,8 +94,8 @@ def check_published(worlds: Worlds) -> None:
 
     Raises:
         DeclarationError: A column that learners see or set has no row per agent, or no system writes or reads it; a
-            reward that a system pays is overwritten after it; two statistics have the same name; no system counts a
-            statistic, or emits an event.
+            reward that a system pays is overwritten after it; two statistics have the same name, or one that tables
+            and logs have already; no system counts a statistic, or emits an event.
     """
     systems = worlds.layout.systems
     for base in (Observation, Action):
@@ -110,8 +115,12 @@ def check_published(worlds: Worlds) -> None:
     _check_fields(worlds)
     _check_signals(worlds)
     names = [*INFO, *worlds.layout.varied]
-    for key, _, _, column in published(worlds, Statistic):
+    for key, component, name, column in published(worlds, Statistic):
         names += _reported(worlds, key, column.dims)
+        if key in TAKEN or key[-1:].isdigit():
+            taken = key in TAKEN
+            why = "is in tables and logs already" if taken else "ends in a digit, by which these tell sides apart"
+            raise DeclarationError(f"{component.__name__}.{name}: the statistic '{key}' {why}; rename it")
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
     for _, component, name, _ in published(worlds, Statistic):

@@ -6,6 +6,7 @@ import math
 from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape, Side, Sides
+from outlast.components.agent import side_names
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
 from outlast.ecs.memory.numbers import Number, Varied
 
@@ -62,9 +63,9 @@ class Scene:
         return _rows(self.worlds.layout, components)
 
     def side_name(self, side: int) -> str:
-        """Return a side's name (see layout.side_names), or its number if a mechanic of the user's makes the teams."""
+        """Return a side's name (see side_names), or its number if a mechanic of the user's makes the teams."""
         layout, teams = self.worlds.layout, Sides in self and self[Sides].teams[0]
-        names = layout.side_names if layout.groups() or not teams else ()
+        names = side_names(layout) if layout.groups() or not teams else ()
         return names[side] if side < len(names) else f"{'team' if teams else 'agent'} {side}"
 
     def prefab(self, component: type[Component]) -> Any:

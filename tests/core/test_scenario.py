@@ -407,6 +407,14 @@ class Damage(Statistic):
     melee_damage: Any = column("i4")
 
 
+class Taken(Statistic):
+    world: Any = column("i4")
+
+
+class Numbered(Statistic):
+    gold: Any = column("i4", key="gold_1")
+
+
 class Mood(Observation):
     mood: Any = column("f4", "agents")
 
@@ -442,6 +450,8 @@ class Swing(Action, order=9):
         (Zones, "two entries of info are called 'deaths_zone'"),
         (Living, "two entries of info are called 'alive'"),
         (Damage, "two entries of info are called 'melee_damage'"),
+        (Taken, "Taken.world: the statistic 'world' is in tables and logs already; rename it"),
+        (Numbered, "Numbered.gold: the statistic 'gold_1' ends in a digit, by which these tell sides apart; rename it"),
         (Mood, r"Mood.mood: the observation 'mood' is a number for each agent; .* column\(\"f4\", \"agents\", 1\)"),
         (MyZone, "MyZone.zone and outlast.components.zone.ZoneView.zone|ZoneView.zone and .*MyZone.zone"),
         (Swing, "are both the action 'attack'"),

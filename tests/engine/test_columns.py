@@ -11,7 +11,7 @@ from outlast import make_vec
 from outlast.ecs import Read, Rows, Worlds
 from outlast.ecs.compilation import arguments
 from outlast.ecs.compilation.tick import Generator
-from outlast.ecs.kernels.array_types import CheckedColumn, Column
+from outlast.ecs.kernels.array_types import CheckedColumn, ColumnType
 from outlast.ecs.kernels.jit import kernel
 from tests.conftest import COMPILED, draw_actions, few_by_day
 from tests.helpers import toy_game
@@ -19,8 +19,8 @@ from tests.helpers.execution_modes import LEVELS, short
 from tests.helpers.toy_game import Place, Toy
 
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
-ROW, TABLE = Column(types.float32, 1), Column(types.float32, 2)
-READ_ONLY = Column(types.float32, 2, readonly=True)
+ROW, TABLE = ColumnType(types.float32, 1), ColumnType(types.float32, 2)
+READ_ONLY = ColumnType(types.float32, 2, readonly=True)
 
 
 class FromStart(np.ndarray):
@@ -93,7 +93,7 @@ def test_a_negative_index_that_is_written_is_refused() -> None:
 def test_parts_of_columns_are_columns() -> None:
     """Rows and slices; and what is read-only stays so."""
     assert TABLE.copy(ndim=1) == ROW
-    assert READ_ONLY.copy(ndim=1) == Column(types.float32, 1, readonly=True)
+    assert READ_ONLY.copy(ndim=1) == ColumnType(types.float32, 1, readonly=True)
     assert READ_ONLY.copy(ndim=1) != ROW
     assert type(TABLE.copy(layout="A")) is types.Array
     assert ROW.mangling_args != types.Array(types.float32, 1, "C").mangling_args
@@ -119,6 +119,6 @@ def test_units_of_others_have_arrays_that_count_from_the_end_and_are_checked() -
 def test_with_bounds_checks_there_are_no_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     view = arguments.View(np.dtype("f4"), 1)
     monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 0)
-    assert view.type == Column(types.float32, 1, readonly=True)
+    assert view.type == ColumnType(types.float32, 1, readonly=True)
     monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 1)
     assert type(view.type) is CheckedColumn

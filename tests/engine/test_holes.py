@@ -40,7 +40,7 @@ COUNT = 2
 compiled = pytest.mark.skipif(not COMPILED, reason="in Python, systems have any object as scratch memory")
 
 
-class Phase(ecs.Phase):
+class Phase(ecs.PhaseBase):
     BEGIN = When.RESET, "begun"
     MOVE = When.STEP, "moved"
     SHOW = When.ALWAYS, "shown"

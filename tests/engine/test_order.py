@@ -287,12 +287,12 @@ def test_the_base_of_phases_says_where_the_phases_are() -> None:
     with pytest.raises(
         AttributeError, match=r"base class of phases.*outlast\.components\.phase\.Phase has DRIVE; .*When"
     ):
-        _ = ecs.Phase.DRIVE
+        _ = ecs.PhaseBase.DRIVE
     with pytest.raises(AttributeError, match=r"has none itself\. For a game of your own, list its phases: .* LUNCH ="):
-        _ = ecs.Phase.LUNCH
+        _ = ecs.PhaseBase.LUNCH
     with pytest.raises(AttributeError, match=r"Phase has no phase DRIV; it has: DRAW, SPAWN, .*RECORD$"):
         _ = outlast.components.Phase.DRIV
-    assert not hasattr(ecs.Phase, "__wrapped__")
+    assert not hasattr(ecs.PhaseBase, "__wrapped__")
 
 
 class Mark(Component):

@@ -201,16 +201,6 @@ def wide_action() -> None:
         big: Array = column("i1", "agents", low=0, high=300)
 
 
-def twice_in_tables() -> None:
-    class Of(Statistic):
-        world: Array = column("i4")
-
-
-def like_a_side_s() -> None:
-    class Of(Statistic):
-        gold: Array = column("i4", key="gold_1")
-
-
 def table_of_statistics() -> None:
     class Of(Statistic):
         gold: Array = column("i4", "agents", 2)
@@ -312,8 +302,6 @@ def hook() -> None:
         (derived, "Derived extends Mark, which has columns"),
         (reserved, "Reserved.order: no column can be called so"),
         (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
-        (twice_in_tables, "Of.world: tables and logs have a 'world' already; rename it"),
-        (like_a_side_s, "Of.gold: the statistic 'gold_1' ends in a digit, by which tables and logs tell sides and"),
         (table_of_statistics, r"Of.gold has the dimensions \('agents', 2\): a statistic is one number, or has one for"),
         (
             bounded_float,

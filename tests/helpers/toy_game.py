@@ -40,7 +40,7 @@ from outlast.ecs.kernels.random import uniform
 __all__ = ["RESET", "SKIP", "STEP"]
 
 
-class Phase(ecs.Phase):
+class Phase(ecs.PhaseBase):
     BEGIN = When.RESET, "all are placed"
     MOVE = When.STEP, "all have moved"
     FEED = When.STEP, "all have eaten"
