@@ -4,7 +4,7 @@ from .agent import OthersView, SelfView, Side, Sides
 from .behaviour import Aggression, Care, Condition, Cover, Encounters, Exposure, Track, Travelled
 from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
 from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, BoxView
-from .contact import Driven, Filter, Material
+from .contact import Driven, Filter, Material, Touch, Touching
 from .heal import Heal, HealsUsed, HealView
 from .health import Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
@@ -86,6 +86,8 @@ __all__ = [
     "Steer",
     "Strike",
     "Throttle",
+    "Touch",
+    "Touching",
     "Track",
     "Travelled",
     "Unplaced",

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from outlast.ecs import Array, Component, column, kernel
+from outlast.ecs import Array, Component, Event, Singleton, column, kernel
 
 from .body import Solid
 
@@ -42,6 +42,25 @@ class Driven(Component):
     """
 
     requires = (Solid,)
+
+
+class Touch(Event, capacity="touches", who="solid", whom="other"):
+    """Two solids touched in this tick, in order of rows. Filled by physics in games with the mechanic Contacts."""
+
+    solid: Array = column("i4", unit="entity")  # the one with the smaller row
+    other: Array = column("i4", unit="entity")
+    x: Array = column("f4", unit="metres")  # where they pushed hardest; if one is a sensor, the middle of the other
+    y: Array = column("f4", unit="metres")
+    impulse: Array = column("f4", unit="newton-seconds")  # with which they pushed each other apart; 0 for sensors
+    began: Array = column("u1")  # 1: they did not touch in the tick before
+
+
+class Touching(Singleton):
+    """Which solids touched in the last tick, in order of rows. Written by physics."""
+
+    count: Array = column("i4")
+    solid: Array = column("i4", "touches", unit="entity")
+    other: Array = column("i4", "touches", unit="entity")
 
 
 @kernel

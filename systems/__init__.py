@@ -4,6 +4,7 @@ from .agents import Agents
 from .behaviour import Behaviour
 from .boxes import Boxes
 from .cameras import Cameras
+from .contacts import Contacts
 from .death_drop import DeathDrop
 from .drop_last import DropLast
 from .ending import Ending
@@ -37,6 +38,7 @@ __all__ = [
     "Behaviour",
     "Boxes",
     "Cameras",
+    "Contacts",
     "DeathDrop",
     "DropLast",
     "Ending",

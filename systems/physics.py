@@ -24,6 +24,8 @@ from outlast.components import (
     RopeBroken,
     Shape,
     Solid,
+    Touch,
+    Touching,
     Weld,
     WeldBroken,
 )
@@ -61,6 +63,7 @@ from .box2d.batch import (
     MAX_TRAVEL,
     OMEGA,
     SOLVED,
+    TOUCHES,
     TRAITS,
     VX,
     IncompatibleBox2D,
@@ -68,6 +71,7 @@ from .box2d.batch import (
     X,
 )
 from .box2d.connect import gather_joints, mark_joined, number_marked, read_forces
+from .box2d.report import report_nothing, report_touches
 from .box2d.transfer import describe, gather, own, scatter
 from .geometry.blocks import alive_bits, first_row
 from .geometry.bodies import Bodies, all_aabbs, near
@@ -145,8 +149,11 @@ class Physics(Module):
         if name == "rows_of_joints":
             return np.zeros((2 * dims["rows"], JOINTS), np.float32)
         if name == "spots":
-            return np.zeros(dims["rows"], np.int32)
-        return (native if self.native() else portable).make_workspace()
+            return np.zeros((2, dims["rows"]), np.int32)
+        if name == "touches":
+            return np.zeros((1 + dims.get("touches", 0), TOUCHES), np.float32)
+        backend = native if self.native() else portable
+        return backend.listen(backend.make_workspace()) if "touches" in dims else backend.make_workspace()
 
 
 @Physics.system(Phase.SPAWN, after=Shape)
@@ -269,12 +276,15 @@ def collider(solve: Any) -> Any:
         tied: Rows[Rope] | None,
         weld_events: Write[WeldBroken] | None,
         rope_events: Write[RopeBroken] | None,
+        touch_events: Write[Touch] | None,
+        touching: Write[Touching] | None,
         bodies: Bodies,
         workspace: Scratch,
         batch: Scratch,
         traits: Scratch,
         rows_of_joints: Scratch,
         spots: Scratch,
+        touches: Scratch,
         settings: Annotated[Settings, Service(box2d_settings)],
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
@@ -288,20 +298,27 @@ def collider(solve: Any) -> Any:
                     solid.may_collide[e] = entities.alive[e]
             count = gather(batch, aabbs, body, shape, push, solid, entities, solids, driven, substeps)
             if count == 0:
+                if touching is not None:
+                    report_nothing(touching)
                 return
             if everything:
                 batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
-            if filters is None and materials is None and welds is None and ropes is None:
+            if filters is None and materials is None and welds is None and ropes is None and touching is None:
                 result = solve(workspace, settings, batch, count)
             else:
                 describe(traits, settings, solid, entities, solids, filters, filtered, materials, made)
                 number_marked(spots, solid, entities, solids)
                 joined = gather_joints(rows_of_joints, body, solid, welds, welders, ropes, tied, spots)
-                result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined)
+                if touching is None:
+                    result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined)
+                else:
+                    result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined, touches)
             if result == SOLVED:
                 break
         fault.physics[0] = result != SOLVED
         ended = read_forces(rows_of_joints, 0, welds, weld_events, solid, welders)
+        if touching is not None and result == SOLVED:
+            report_touches(touches, spots[1], touch_events, touching)
         read_forces(rows_of_joints, ended, ropes, rope_events, solid, tied)
         scatter(batch, body, solid, entities, solids)
 

@@ -7,6 +7,7 @@ from grab import GRAB
 from leash import LEASH, Torn
 from one_way_door import ONE_WAY_DOOR
 from ramp import RAMP
+from trap import TRAP
 
 import outlast
 from outlast.components import Body, Rope, Weld
@@ -31,7 +32,7 @@ def walk(env, ticks, *actions):
 
 
 @pytest.mark.parametrize(
-    "scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL, GRAB, LEASH], ids=lambda scenario: scenario.name
+    "scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL, GRAB, LEASH, TRAP], ids=lambda scenario: scenario.name
 )
 def test_nothing_is_wrong_with_it(scenario):
     assert outlast.check(scenario) == []
@@ -85,3 +86,9 @@ def test_a_leash_holds_until_it_is_pulled_too_hard(strength, holds):
     assert (env.worlds[Rope].other[0, 0] == span("post").start) == holds
     assert x == pytest.approx(3.0 if holds else 5.44, abs=0.05)
     assert env.worlds[Torn].torn[0] == (not holds)
+
+
+@pytest.mark.parametrize(("y", "caught"), [(0, True), (3, False)])
+def test_a_trap_holds_whoever_steps_on_it(y, caught):
+    env, *_ = placed(TRAP, (-2, y))
+    assert walk(env, 60, AHEAD)[0] == pytest.approx(0.1 if caught else 5.44, abs=0.3)

@@ -184,6 +184,19 @@ def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
     return function
 
 
+def callback(function: Any, *arguments: str) -> int:
+    """Compile a function without result for a C library to call, and return its address, which stays valid.
+
+    arguments: Numba's names of their types; a pointer is "intp".
+    """
+    made = numba.cfunc(types.void(*(getattr(types, each) for each in arguments)), error_model="numpy")(function)
+    _CALLBACKS.append(made)
+    return int(made.address)
+
+
+_CALLBACKS: list[Any] = []  # kept alive
+
+
 class Intrinsic(_Intrinsic):  # type: ignore[misc]
     """A function with handwritten machine code for kernels, and a plain form, `python`, for Python."""
 

@@ -14,6 +14,7 @@ from outlast.ecs.kernels.errors import OutlastError
 ContactBatch = NDArray[np.float32]
 Traits = NDArray[np.float32] | None
 Joints = NDArray[np.float32] | None
+Touches = NDArray[np.float32] | None
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
@@ -45,6 +46,12 @@ HERTZ, RATIO = 8, 9  # frequency and damping ratio of a spring: a weld's for the
 FORCE = 10  # newtons, the largest of all substeps; written
 JOINTS = 11
 ROD, WELD, ROPE = 3, 8, 10  # b2JointType. Bodies that are welded do not touch each other
+
+# Touches: a float32 array (1 + touches, 5); the first row has their number, which may be more than there is room for
+LOW, HIGH = 0, 1  # the two bodies, by their row in the batch; touches are in order of both
+IMPULSE = 2  # newton seconds with which they pushed each other apart, all substeps together; 0 for sensors
+AT_X, AT_Y = 3, 4  # metres, where they pushed hardest; for sensors, the middle of the other one
+TOUCHES = 5
 
 SOLVED = 0  # the batch holds the state after the tick
 ABANDONED = 1  # a body went further than its MAX_TRAVEL; the batch is untouched

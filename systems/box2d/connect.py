@@ -51,12 +51,13 @@ def mark_joined(joints: Any, solid: Array, entities: Array, solids: Array, joine
 
 @kernel
 def number_marked(spots: Array, solid: Array, entities: Array, solids: Array) -> None:
-    """Write into `spots`, by row, which place each marked body has in the batch."""
+    """Write into `spots[0]`, by row, which place each marked body has in the batch, and into `spots[1]` the reverse."""
     k = 0
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
         while pending:
-            spots[first_row(b, pending)] = k
+            e = first_row(b, pending)
+            spots[0, e], spots[1, k] = k, e
             pending &= pending - 1
             k += 1
 
@@ -65,7 +66,7 @@ def number_marked(spots: Array, solid: Array, entities: Array, solids: Array) ->
 def pulls(joints: Any, solid: Array, e: int) -> bool:
     """Whether the joint of row `e` is there, and there is something that it can move."""
     o = joints.other[e]
-    return o >= 0 and (solid.dynamic[e] or solid.dynamic[o])
+    return bool(o >= 0 and (solid.dynamic[e] or solid.dynamic[o]))
 
 
 @kernel
@@ -78,7 +79,7 @@ def gather_joints(
         for e in welders:
             if pulls(welds, solid, e):
                 o = welds.other[e]
-                fill(rows[k], WELD, spots[e], spots[o], welds, e)
+                fill(rows[k], WELD, spots[0, e], spots[0, o], welds, e)
                 rows[k, OTHER_X], rows[k, OTHER_Y] = ZERO, ZERO
                 rows[k, REST] = nearest_turn(welds.angle[e], body.angle[o] - body.angle[e])
                 k += 1
@@ -86,7 +87,7 @@ def gather_joints(
         for e in tied:
             if pulls(ropes, solid, e):
                 o = ropes.other[e]
-                fill(rows[k], ROD if ropes.rod[e] else ROPE, spots[e], spots[o], ropes, e)
+                fill(rows[k], ROD if ropes.rod[e] else ROPE, spots[0, e], spots[0, o], ropes, e)
                 rows[k, OTHER_X], rows[k, OTHER_Y] = ropes.other_x[e], ropes.other_y[e]
                 rows[k, REST] = ropes.length[e]
                 k += 1

@@ -10,8 +10,9 @@ import numpy as np
 from outlast.ecs.kernels.jit import noinline_kernel
 
 from . import layout as at
-from .batch import Joints, Settings, Traits
+from .batch import Joints, Settings, Touches, Traits
 from .joints import begin_joints, joint_positions, joint_velocities
+from .touches import note_island
 from .workspace import (
     BEFORE,
     CONTACTS,
@@ -33,7 +34,9 @@ _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float
 
 
 @noinline_kernel
-def solve_islands(workspace: int, settings: Settings, traits: Traits, joints: Joints, joined: int) -> None:
+def solve_islands(
+    workspace: int, settings: Settings, traits: Traits, joints: Joints, joined: int, touches: Touches
+) -> None:
     """Advance every body that moves by one substep; new contacts are found at the end."""
     _clear_flags(workspace)
     if joints is not None:
@@ -44,7 +47,7 @@ def solve_islands(workspace: int, settings: Settings, traits: Traits, joints: Jo
         moving = at.load_i4(seed + at.BODY_TYPE) != at.STATIC
         if moving and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
             bodies, contacts, links = _gather(workspace, seed, traits, joints)
-            _solve_island(workspace, settings, bodies, contacts, links, traits, joints)
+            _solve_island(workspace, settings, bodies, contacts, links, traits, joints, touches)
         seed = at.load_i8(seed + at.BODY_NEXT)
     body = at.load_i8(workspace + at.WORLD_BODIES)
     while body:
@@ -131,7 +134,14 @@ def _damping(dt: np.float32, rate: np.float32) -> np.float32:
 
 @noinline_kernel
 def _solve_island(
-    workspace: int, settings: Settings, bodies: int, contacts: int, links: int, traits: Traits, joints: Joints
+    workspace: int,
+    settings: Settings,
+    bodies: int,
+    contacts: int,
+    links: int,
+    traits: Traits,
+    joints: Joints,
+    touches: Touches,
 ) -> None:
     linear = _damping(settings.dt, settings.linear_damping)
     angular = _damping(settings.dt, settings.angular_damping)
@@ -164,13 +174,15 @@ def _solve_island(
         for _ in range(settings.position_iterations):
             if at.solve_positions(solver):
                 break
-    if contacts:
-        at.destroy_solver(solver)
     for k in range(bodies):
         body = at.load_i8(workspace + GROUP + 8 * k)
         _store(body, workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k)
         if at.load_i4(body + at.BODY_TYPE) == at.STATIC:  # it may belong to other islands too
             at.store_u2(body + at.BODY_FLAGS, at.load_u2(body + at.BODY_FLAGS) & 0xFFFE)
+    if contacts:
+        if touches is not None:
+            note_island(workspace, contacts)
+        at.destroy_solver(solver)
 
 
 @noinline_kernel

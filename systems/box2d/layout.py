@@ -55,7 +55,10 @@ CIRCLE, POLYGON = 0, 2  # b2Shape::Type
 POLYGON_VERTICES, POLYGON_SIZE = 0x18, 0x120
 # b2Contact, and the b2ContactEdge in a body's list
 CONTACT_FLAGS, CONTACT_NEXT, CONTACT_FIXTURE_A, CONTACT_FIXTURE_B = 0x08, 0x18, 0x60, 0x68
-SOLID = 6  # bits of a contact that is enabled and touching
+CONTACT_MANIFOLD, MANIFOLD_COUNT = 0x78, 0x3C  # b2Manifold; its number of points
+TOUCHING, SOLID = 2, 6  # bits of a contact that is touching, and of one that is enabled as well
+IMPULSE_COUNT: Final = 0x10  # b2ContactImpulse: the normal impulses come first
+POST_SOLVE: Final = 5  # which function of a b2ContactListener it is
 EDGE_OTHER, EDGE_CONTACT, EDGE_NEXT = 0x00, 0x08, 0x18
 # b2Joint, with a b2JointEdge for either body's list
 JOINT_TYPE, JOINT_EDGE_A, JOINT_EDGE_B, JOINT_BODY_A, JOINT_BODY_B = 0x08, 0x20, 0x40, 0x60, 0x68
@@ -75,7 +78,7 @@ SOLVER_CONTACTS, SOLVER_COUNT = 0x18, 0x20
 SOLVER_POSITIONS, SOLVER_VELOCITIES, SOLVER_STACK = 0x28, 0x30, 0x38
 SOLVER_CONSTRAINTS = 0x38
 # b2ContactVelocityConstraint: two points, each with a normal and a tangent impulse
-CONSTRAINT_SIZE, IMPULSES_0, IMPULSES_1 = 0x9C, 0x10, 0x34
+CONSTRAINT_SIZE, IMPULSES_0, IMPULSES_1, CONSTRAINT_POINTS = 0x9C, 0x10, 0x34, 0x94
 
 SIGNATURES: dict[str, tuple[str, ...]] = {
     "_ZN7b2WorldC1ERK6b2Vec2": ("void", "intp", "intp"),
@@ -104,6 +107,15 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
     "_ZN11b2RopeJoint23InitVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
     "_ZN11b2RopeJoint24SolveVelocityConstraintsERK12b2SolverData": ("void", "intp", "intp"),
     "_ZN11b2RopeJoint24SolvePositionConstraintsERK12b2SolverData": ("uint8", "intp", "intp"),
+    "_ZN15b2WorldManifold10InitializeEPK10b2ManifoldRK11b2TransformfS5_f": (
+        "void",
+        "intp",
+        "intp",
+        "intp",
+        "float32",
+        "intp",
+        "float32",
+    ),
     "sincosf": ("void", "float32", "intp", "intp"),  # which Box2D calls, too: other sines may differ in the last bit
 }
 
@@ -136,6 +148,7 @@ rod_positions = _function("_ZN15b2DistanceJoint24SolvePositionConstraintsERK12b2
 begin_rope = _function("_ZN11b2RopeJoint23InitVelocityConstraintsERK12b2SolverData")
 rope_velocities = _function("_ZN11b2RopeJoint24SolveVelocityConstraintsERK12b2SolverData")
 rope_positions = _function("_ZN11b2RopeJoint24SolvePositionConstraintsERK12b2SolverData")
+find_points = _function("_ZN15b2WorldManifold10InitializeEPK10b2ManifoldRK11b2TransformfS5_f")
 sincos = _function("sincosf")
 
 

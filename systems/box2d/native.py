@@ -47,6 +47,7 @@ from .batch import (
     IncompatibleBox2D,
     Joints,
     Settings,
+    Touches,
     Traits,
     X,
     Y,
@@ -54,10 +55,11 @@ from .batch import (
 from .impact import may_hit
 from .island import solve_islands
 from .joints import build_joint, measure_forces, sound
+from .touches import forget, listen, note_sensors, read_touches, watch
 from .verify import verify
 from .workspace import BODY_DEF, BOX, DISC, FILTER, FIXTURE, SLOT, SLOTS, SOLVER_DATA, SOLVER_DEF, STEP, make_workspace
 
-__all__ = ["CAPACITY", "available", "make_workspace", "solve", "verify"]
+__all__ = ["CAPACITY", "available", "listen", "make_workspace", "solve", "verify"]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
@@ -80,11 +82,13 @@ def solve(
     traits: Traits = None,
     joints: Joints = None,
     joined: int = 0,
+    touches: Touches = None,
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
     joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
+    touches: None, or what touched what, which is written.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
@@ -108,13 +112,20 @@ def solve(
     at.store_i4(base + at.WORLD_BODY_COUNT, count)
     at.find_new_contacts(base + at.WORLD_MANAGER)
     result = SOLVED
+    if touches is not None:
+        watch(base, True)
     for substep in range(settings.substeps):
-        _step(base, settings, batch, count, substep, traits, joints, joined)
+        _step(base, settings, batch, count, substep, traits, joints, joined, touches)
         result = _check_travel(base, batch, count)
         if result != SOLVED:
             break
     if result == SOLVED:
         _read(base, batch, count)
+        if touches is not None:
+            read_touches(base, touches)
+    if touches is not None:
+        forget(base)
+        watch(base, False)
     _reset(base, count)
     if traits is not None:
         at.store_i8(filtering, 0)
@@ -217,6 +228,7 @@ def _step(
     traits: Traits,
     joints: Joints,
     joined: int,
+    touches: Touches,
 ) -> None:
     """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
@@ -231,11 +243,13 @@ def _step(
         at.store_i4(step + at.STEP_POSITION, settings.position_iterations)
         at.store_u1(step + at.STEP_WARM, 1)
     at.collide(base + at.WORLD_MANAGER)
-    solve_islands(base, settings, traits, joints, joined)
+    solve_islands(base, settings, traits, joints, joined, touches)
     if joints is not None:
         measure_forces(base, inverse, joints, joined)
     if settings.continuous and may_hit(base):
         at.solve_impacts(base, base + STEP)
+    if touches is not None:
+        note_sensors(base)
 
 
 @noinline_kernel

@@ -34,6 +34,7 @@ from .batch import (
     LAYER,
     LIMITS,
     LINEAR_DAMPING,
+    LOW,
     MASS,
     MAX_TRAVEL,
     MOVED,
@@ -58,15 +59,23 @@ from .batch import (
     ContactBatch,
     Joints,
     Settings,
+    Touches,
     Traits,
     X,
     Y,
 )
 
+HALF = np.float32(0.5)
+
 
 def make_workspace() -> None:
     """Return None: every call builds a world of its own."""
     return None
+
+
+def listen(workspace: None) -> None:
+    """Return the workspace: what touches is noted without preparation."""
+    return workspace
 
 
 def solve(
@@ -77,11 +86,13 @@ def solve(
     traits: Traits = None,
     joints: Joints = None,
     joined: int = 0,
+    touches: Touches = None,
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
     joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
+    touches: None, or what touched what, which is written.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number out of bounds.
@@ -98,10 +109,13 @@ def solve(
     bodies = [_build(world, row, of) for row, of in zip(rows, own, strict=True)]
     links, inverse = [_join(world, bodies, row) for row in tied], np.float32(1) / settings.dt
     tied[:, FORCE] = 0
+    world.contactListener = listener = _Listener(bodies) if touches is not None else None
     for _ in range(settings.substeps):
         for body, row in zip(bodies, rows, strict=True):
             _push(body, row)
         world.Step(float(settings.dt), int(settings.velocity_iterations), int(settings.position_iterations))
+        if listener is not None:
+            listener.note_sensors(world)
         for link, row in zip(links, tied, strict=True):
             x, y = (np.float32(force) for force in link.GetReactionForce(float(inverse)))
             row[FORCE] = max(row[FORCE], np.sqrt(x * x + y * y))
@@ -110,7 +124,45 @@ def solve(
     for body, row in zip(bodies, rows, strict=True):
         if row[DYNAMIC]:
             row[X:RADIUS] = (*body.position, body.angle, *body.linearVelocity, body.angularVelocity)
+    if listener is not None and touches is not None:
+        listener.write(touches)
     return SOLVED
+
+
+class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
+    """Notes what touches what: impulse, hardest push, and where that was, by the places of both in the batch."""
+
+    def __init__(self, bodies: list[Any]) -> None:
+        super().__init__()
+        self.noted: dict[tuple[int, int], list[Any]] = {}
+        for k, body in enumerate(bodies):
+            body.userData = k
+
+    def PostSolve(self, contact: Any, impulse: Any) -> None:  # noqa: N802  # its name in Box2D
+        total, *more = map(np.float32, impulse.normalImpulses)
+        self.note(contact, total + more[0] if more else total)
+
+    def note_sensors(self, world: Any) -> None:
+        for contact in world.contacts:
+            if contact.touching and (contact.fixtureA.sensor or contact.fixtureB.sensor):
+                self.note(contact, np.float32(0))
+
+    def note(self, contact: Any, impulse: np.float32) -> None:
+        bodies = contact.fixtureA.body, contact.fixtureB.body
+        key = min(each.userData for each in bodies), max(each.userData for each in bodies)
+        known = key in self.noted
+        entry = self.noted.setdefault(key, [np.float32(0), impulse, None])
+        entry[0] += impulse
+        if not known or impulse > entry[1]:
+            points = contact.worldManifold.points[: contact.manifold.pointCount]
+            points = points or [bodies[contact.fixtureA.sensor].position]
+            x, y = (np.array(each, np.float32) for each in zip(*points, strict=True))
+            entry[1:] = impulse, (x[0], y[0]) if len(x) == 1 else ((x[0] + x[1]) * HALF, (y[0] + y[1]) * HALF)
+
+    def write(self, touches: NDArray[np.float32]) -> None:
+        touches[0, LOW] = len(self.noted)
+        for row, (key, (impulse, _, place)) in zip(touches[1:], sorted(self.noted.items()), strict=False):
+            row[:] = *key, impulse, *place
 
 
 def _valid(batch: ContactBatch, count: int) -> bool:

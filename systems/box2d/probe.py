@@ -112,6 +112,8 @@ def _impulses(sample: Sample) -> Iterator[Check]:
         constraints = read(solver, "SOLVER_CONSTRAINTS", ctypes.c_int64)
         yield "SOLVER_CONSTRAINTS", data < constraints < data + 1024, True
         for k, contact in enumerate(reversed(sample.world.contacts)):  # the first contact has two points
+            found = read(constraints + k * at.CONSTRAINT_SIZE, "CONSTRAINT_POINTS", ctypes.c_int32)
+            yield "CONSTRAINT_SIZE" if k else "CONSTRAINT_POINTS", found, contact.manifold.pointCount
             for name, point in zip(("IMPULSES_0", "IMPULSES_1"), contact.manifold.points, strict=False):
                 for extra, impulse in (0, point.normalImpulse), (4, point.tangentImpulse):
                     found = read(constraints + k * at.CONSTRAINT_SIZE, name, extra=extra)

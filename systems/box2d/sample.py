@@ -48,7 +48,7 @@ def readable(address: int, size: int) -> bool:
 class Sample:
     """A static box on which a moving circle and a moving box lie, stepped once; all numbers are different.
 
-    Before that, three more came and went. moved: what MOVE_COUNT was before the step.
+    Before that, three more came and went. moved: what MOVE_COUNT was before the step. counts: see _Listener.
     """
 
     def __init__(self) -> None:
@@ -70,9 +70,24 @@ class Sample:
             self.world.DestroyBody(spare)
         self.start = (*self.disc.worldCenter, self.disc.angle)
         self.moved = read(int(self.world.contactManager.this), "MOVE_COUNT", ctypes.c_int32)
+        self.world.contactListener = listener = _Listener()
         self.world.Step(1 / 60, 10, 10)
+        self.world.contactListener = None
+        self.counts = listener.counts
         self.disc.fixtures[0].sensor = True
         self.joined, self.joints = _joined()
+
+
+class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
+    """Reads the numbers of impulses that Box2D reports: what it finds, and what is right."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.counts: list[tuple[int, int]] = []
+
+    def PostSolve(self, contact: Any, impulse: Any) -> None:  # noqa: N802  # its name in Box2D
+        found = read(int(impulse.this), "IMPULSE_COUNT", ctypes.c_int32)
+        self.counts.append((found, len(impulse.normalImpulses)))
 
 
 def _joined() -> tuple[Any, list[Any]]:

@@ -157,6 +157,9 @@ def _contacts(sample: Sample) -> Iterator[Check]:
     yield pointer(second, "CONTACT_NEXT", first)
     for contact in first, second:
         yield integer(contact, "CONTACT_FLAGS", at.SOLID | at.IN_ISLAND)
+        yield "CONTACT_MANIFOLD", int(contact.manifold.this), int(contact.this) + at.CONTACT_MANIFOLD
+        count = read(int(contact.manifold.this), "MANIFOLD_COUNT", ctypes.c_int32)
+        yield "MANIFOLD_COUNT", count, contact.manifold.pointCount
         yield pointer(contact, "CONTACT_FIXTURE_A", contact.fixtureA)
         yield pointer(contact, "CONTACT_FIXTURE_B", contact.fixtureB)
 
@@ -190,4 +193,9 @@ def _joints(sample: Sample) -> Iterator[Check]:
         yield f"{name}_IMPULSE", tuple(float(np.float32(impulse) * np.float32(each)) for each in axis), force
 
 
-READ = (_definition, _body, _links, _fixture, _world, _tree, _contacts, _joints)
+def _counts(sample: Sample) -> Iterator[Check]:
+    found, expected = ([*each] for each in zip(*sample.counts, strict=True))
+    yield "IMPULSE_COUNT", found, expected
+
+
+READ = (_definition, _body, _links, _fixture, _world, _tree, _contacts, _counts, _joints)

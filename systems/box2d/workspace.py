@@ -29,7 +29,13 @@ IMPULSES = CONTACTS + 8 * _PAIRS  # what their impulses were an iteration ago
 SOLVER_DATA = IMPULSES + 16 * _PAIRS  # b2SolverData, for joints
 LINKS = SOLVER_DATA + 64  # the joints of the island
 JOINT, JOINT_SLOT = LINKS + 8 * MOST_JOINTS, 320  # joint k of a batch lives in slot k: see joints
-SLOTS = (JOINT + JOINT_SLOT * MOST_JOINTS + 63) // 64 * 64
+LISTENER = JOINT + JOINT_SLOT * MOST_JOINTS  # b2ContactListener, and the address of the workspace
+FUNCTIONS = LISTENER + 16  # its virtual functions
+POINTS = FUNCTIONS + 64  # b2WorldManifold
+TOUCH_COUNT = POINTS + 64  # how many pairs have touched in this tick
+TOUCH_KEYS = TOUCH_COUNT + 8  # which ones: the lower place in the batch times CAPACITY, plus the higher one
+TOUCH = TOUCH_KEYS + 8 * _PAIRS  # of each pair: whether it has touched; impulse; hardest push; where that was
+SLOTS = (TOUCH + 24 * _PAIRS + 63) // 64 * 64
 
 # Body k of a batch lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
 SLOT = 640
@@ -44,7 +50,7 @@ def make_workspace() -> NDArray[np.uint8]:
     """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
 
     It holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
-    It has about 3.8 MiB, most of which is never touched.
+    It has about 8 MiB, most of which is never touched.
     """
     memory = np.zeros(SIZE + 64, np.uint8)
     owner = _Owner(memory)
@@ -90,6 +96,11 @@ def _copy(memory: NDArray[np.uint8], offset: int, item: Any, size: int) -> None:
 
 def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
     words = workspace.view(np.int64)
+    functions = (ctypes.c_int64 * 6).from_address(
+        ctypes.c_int64.from_address(int(words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8])).value
+    )
+    words[FUNCTIONS // 8 : FUNCTIONS // 8 + 6] = functions  # Box2D's own, which do nothing
+    words[LISTENER // 8 : LISTENER // 8 + 2] = base + FUNCTIONS, base
     words[FILTER // 8] = words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8]  # used for bodies with traits
     words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8] = 0  # none: every pair may touch
     words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8] = 0

@@ -19,6 +19,8 @@ from outlast.components import (
     RopeBroken,
     Shape,
     Solid,
+    Touch,
+    Touching,
     Weld,
     WeldBroken,
 )  # fmt: skip
@@ -29,6 +31,7 @@ from outlast.ecs import (
     STEP,
     Archetype,
     Array,
+    CapacityError,
     Component,
     Entity,
     Module,
@@ -39,7 +42,7 @@ from outlast.ecs import (
     Write,
     column,
 )
-from outlast.systems import Physics, Room
+from outlast.systems import Contacts, Physics, Room
 from tests.conftest import COMPILED
 
 GHOST = Archetype("ghost", (Body(), Shape(radius=0.3)), 1)
@@ -114,7 +117,7 @@ def grip(
 
 
 def worlds(count: int = 1, backend: str = "auto", size: float = 8.0, **numbers: Any) -> Worlds:
-    made = Worlds((Room(size=size), Physics(backend=backend, **numbers), Zoo()), count)
+    made = Worlds((Room(size=size), Physics(backend=backend, **numbers), Contacts(), Zoo()), count)
     made.run(np.full(count, RESET, np.int8))
     return made
 
@@ -163,6 +166,16 @@ def stir(made: Worlds, rng: np.random.Generator) -> None:
     made[Wish].other[:] = np.where(rng.random(shape) < 0.5, some, -1)
 
 
+def touched(made: Worlds) -> list[tuple[float, ...]]:
+    """The touches of the last tick in all worlds: rows, place, impulse and whether it began."""
+    table, found = made[Touch], list[tuple[float, ...]]()
+    for w in range(made.count):
+        count = table.count[w].item()
+        columns = (table.solid, table.other, table.x, table.y, table.impulse, table.began)
+        found += zip(*(column[w, :count].tolist() for column in columns), strict=True)
+    return found
+
+
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
 def test_backends_agree_in_games_whose_bodies_differ(seed: int) -> None:
     native, portable = worlds(8), worlds(8, "portable")
@@ -173,6 +186,8 @@ def test_backends_agree_in_games_whose_bodies_differ(seed: int) -> None:
         tick(native)
         tick(portable)
         assert native.block.tobytes() == portable.block.tobytes(), f"tick {k}"
+        assert touched(native) == touched(portable)
+    assert native[Touch].count.any()
 
 
 @pytest.mark.parametrize(
@@ -358,6 +373,46 @@ def test_an_angle_that_loses_whole_turns_tears_no_weld() -> None:
     assert abs(made[Body].omega[0, rows["ball"]]) < 0.01
 
 
+def test_touches_begin_and_go_on() -> None:
+    made = worlds(linear_damping=0.0)
+    rows = alone(made, ball=(-2, 0, 4, 0), post=(0, 0))
+    made[Push].x[0, rows["ball"]] = 1
+    seen = []
+    for _ in range(25):
+        tick(made)
+        seen.append(touched(made))
+    first = next(k for k, each in enumerate(seen) if each)
+    assert all(not each for each in seen[:first])
+    assert all(len(each) == 1 and each[0][:2] == (rows["ball"], rows["post"]) for each in seen[first:])
+    assert [each[0][5] for each in seen[first:]] == [1] + [0] * (24 - first)
+    mass = made[Solid].mass[0, rows["ball"]]
+    assert seen[first][0][4] > 4 * mass
+    assert seen[-1][0][4] == pytest.approx(1, rel=0.01)  # what it is pushed with
+    assert seen[-1][0][2:4] == pytest.approx((-0.5, 0), abs=0.02)
+
+
+def test_a_sensor_tells_what_overlaps_it_and_stops_nothing() -> None:
+    made = worlds(linear_damping=0.0)
+    rows = alone(made, ball=(-2, 0, 4, 0), crate=(0, 0))
+    made[Filter].sensor[0, rows["crate"]] = 1
+    seen = []
+    for _ in range(30):
+        tick(made)
+        seen.append(bool(touched(made)))
+    assert made[Body].x[0, rows["ball"]] == pytest.approx(2, abs=1e-4)
+    assert 14 <= sum(seen) <= 17  # 2 m at 4 m/s are 15 ticks
+    assert sorted(seen[seen.index(True) :], reverse=True) == seen[seen.index(True) :]
+
+
+def test_more_touches_than_there_is_room_for_are_an_error() -> None:
+    made = Worlds((Room(size=8.0), Physics(), Contacts(most=1), Zoo()), 1)
+    made.run(np.full(1, RESET, np.int8))
+    rows = alone(made, ball=(0, 0), crate=(0.5, 0), stone=(-0.5, 0))
+    assert len(rows) == 3
+    with pytest.raises(CapacityError, match="touch"):
+        tick(made)
+
+
 @pytest.mark.parametrize("column", ["x", "angle", "hertz"])
 def test_a_joint_that_physics_cannot_take_is_a_fault(column: str) -> None:
     made = worlds()
@@ -371,9 +426,9 @@ def test_a_joint_that_physics_cannot_take_is_a_fault(column: str) -> None:
 @pytest.mark.skipif(not COMPILED, reason="compares with machine code")
 def test_games_without_them_have_neither_columns_nor_machine_code_for_them() -> None:
     plain = Worlds((Room(size=8.0), Physics(), Crates()), 1)
-    assert not {Filter, Material, Driven, Weld, Rope} & {*plain.components}
+    assert not {Filter, Material, Driven, Weld, Rope, Touch, Touching} & {*plain.components}
     source = plain.source().lower()
-    assert not [name for name in ("filter", "material", "driven", "weld", "rope") if f"view_{name}" in source]
+    assert not [name for name in ("filter", "material", "driven", "weld", "rope", "touch") if f"view_{name}" in source]
 
 
 @dataclass(frozen=True)

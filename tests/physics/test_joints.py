@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from outlast.systems.box2d import native, portable
-from tests.physics.test_box2d import SETTINGS, backends, circles, needs_native, random_batch
+from tests.physics.test_box2d import SETTINGS, backends, boxes, circles, needs_native, random_batch
 from tests.physics.test_traits import random_traits
 
 from outlast.systems.box2d.batch import (  # isort: skip
-    ABANDONED, ANGLE, DYNAMIC, FIRST, FORCE, HERTZ, INVALID, JX, KIND, OTHER_X, OWN_X, REST, ROD, ROPE,
-    SECOND, SOLVED, VX, VY, WELD, X, Y, ContactBatch, JOINTS,
+    ABANDONED, ANGLE, AT_X, AT_Y, DYNAMIC, FIRST, FORCE, HERTZ, HIGH, IMPULSE, INVALID, JX, KIND, LOW, MAX_TRAVEL,
+    OTHER_X, OWN_X, REST, ROD, ROPE, SECOND, SOLVED, TOUCHES, VX, VY, WELD, X, Y, ContactBatch, JOINTS,
 )  # fmt: skip
 
 Matrix = np.ndarray[Any, Any]
@@ -36,9 +36,9 @@ def random_joints(rng: np.random.Generator, count: int) -> Matrix:
     return joints
 
 
-def solved(backend: Any, memory: Any, batch: ContactBatch, joints: Any, traits: Any = None) -> Any:
+def solved(backend: Any, memory: Any, batch: ContactBatch, joints: Any, traits: Any = None, touches: Any = None) -> Any:
     batch, joints = batch.copy(), joints.copy()
-    return backend.solve(memory, SETTINGS, batch, len(batch), traits, joints, len(joints)), batch, joints
+    return backend.solve(memory, SETTINGS, batch, len(batch), traits, joints, len(joints), touches), batch, joints
 
 
 @needs_native
@@ -59,6 +59,42 @@ def test_backends_agree_about_joints(seed: int) -> None:
         plain = solved(native, workspace, batch, joints[:0]), solved(portable, None, batch, joints[:0])
         assert plain[0][1].tobytes() == plain[1][1].tobytes()  # nothing of the joints is left in the workspace
     assert results == {SOLVED, ABANDONED}
+
+
+@needs_native
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.nightly) for k in range(1, 6))])
+def test_backends_agree_about_touches(seed: int) -> None:
+    """Also about impacts, which Box2D solves on its own: some bodies fly as far as three metres in a substep."""
+    rng, workspace, pairs, pushed = np.random.default_rng(seed), native.listen(native.make_workspace()), 0, 0
+    for k in range(500):
+        batch = random_batch(rng)
+        batch[:, MAX_TRAVEL] = 100
+        joints, traits = random_joints(rng, len(batch))[: k % 2], random_traits(rng, batch) if k % 3 else None
+        found, expected = np.zeros((2, 50, TOUCHES), np.float32)
+        own = solved(native, workspace, batch, joints, traits, found)
+        other = solved(portable, None, batch, joints, traits, expected)
+        assert own[1].tobytes() == other[1].tobytes()
+        np.testing.assert_array_equal(found, expected)
+        pairs, pushed = pairs + int(found[0, LOW]), pushed + int((found[1:, IMPULSE] > 0).sum())
+        untouched = solved(native, workspace, batch, joints, traits)
+        assert untouched[1].tobytes() == own[1].tobytes()
+    assert pairs > pushed > 500
+
+
+@backends
+@pytest.mark.parametrize("speed", [3.0, 110.0])
+def test_a_touch_tells_where_and_how_hard(backend: Any, speed: float) -> None:
+    """A disc against a wall, so fast that it would be through in a substep, or not."""
+    batch, touches = np.concatenate([circles((0, 0)), boxes((1.0, 0, 0.4, 3))]), np.zeros((4, TOUCHES), np.float32)
+    batch[0, X], batch[0, VX] = 0.6 - 0.5 - speed / 120, speed
+    memory = backend.listen(backend.make_workspace())
+    result, after, _ = solved(backend, memory, batch, np.zeros((0, JOINTS), np.float32), None, touches)
+    assert result == SOLVED
+    assert touches[0, LOW] == 1
+    assert touches[1, [LOW, HIGH]].tolist() == [0, 1]
+    assert touches[1, IMPULSE] == pytest.approx(np.pi / 4 * speed, rel=0.05)
+    assert touches[1, [AT_X, AT_Y]] == pytest.approx([0.6, 0], abs=0.02)
+    assert abs(after[0, VX]) < 0.1
 
 
 @backends
