@@ -8,7 +8,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast import FloorPlan, Scenario, systems
-from outlast.components import Body, BoxView, ObservationMasks, Phase, Reward, SelfView, Shape, Side, Sight, Solid
+from outlast.components import (
+    Body,
+    BoxView,
+    ObservationMasks,
+    Phase,
+    Reward,
+    SelfView,
+    Shape,
+    Side,
+    Sight,
+    Solid,
+    Weld,
+)
+from outlast.components.contact import fix, free
+from outlast.components.joint import hold, let_go
 from outlast.components.respawn import inactive
 from outlast.components.sight import OMNISCIENT, is_set
 from outlast.ecs import (
@@ -40,15 +54,6 @@ NOBODY = -1
 # --- boxes are held and locked
 
 
-class Grip(Component):
-    """The box that an agent holds, and where that is in the agent's own frame. Written by handling."""
-
-    box: Array = column("i4", fill=NOBODY, unit="entity")
-    ahead: Array = column("f4")  # metres
-    left: Array = column("f4")
-    turn: Array = column("f4")  # radians
-
-
 class Handled(Component):
     """Who holds a box, and which side has locked it. Written by handling."""
 
@@ -75,20 +80,16 @@ class BoxLocked(Event, capacity="agents", who="agent", whom="box"):
 class Handling(Module):
     """Agents drag boxes around, and lock them: then nobody moves them, until one of the same side unlocks them.
 
-    They handle what they see and reach. A held box and its holder move as one body, as heavy as both.
+    They handle what they see and reach. A held box is welded to its holder.
     """
 
     reach: float = number(
         0.6, low=0, unit="metres", about="greatest distance from an agent's rim to a box to hold or lock"
     )
-    stiffness: float = number(
-        8.0, above=0, unit="per second", about="how fast a held box gets back to where it was held"
-    )
-    slack: float = number(0.5, above=0, unit="metres", about="a held box slips away when it is farther off than this")
 
     def archetypes(self) -> Iterable[Archetype]:
-        """One more component for agents, and one for boxes."""
-        return [Archetype("agent", (Grip(),)), Archetype("box", (Handled(),))]
+        """What agents hold, and one more component for boxes."""
+        return [Archetype("agent", (Weld(),)), Archetype("box", (Handled(),))]
 
     def singletons(self) -> Iterable[Singleton]:
         """What agents do, and what comes of it."""
@@ -107,12 +108,9 @@ class Handling(Module):
         return dict.fromkeys(("grab", "lock"), inactive(worlds))
 
     def check(self, layout):
-        """What would have no effect, or would not come to rest, is refused."""
+        """What would have no effect is refused."""
         if not layout.numbers("boxes")["dynamic"]:
             raise NumberError("handling: no box can be moved; set boxes_dynamic=True")
-        physics = layout.numbers("physics")
-        if self.stiffness * physics["substeps"] > physics["rate"]:
-            raise NumberError("handling.stiffness: a box would overshoot in a tick; take less than a tick's inverse")
 
 
 @kernel
@@ -140,35 +138,16 @@ def nearest(tables, i, e, boxes, reach, locked_by, free) -> int:
 
 
 @kernel
-def let_go(grip, handled, e) -> None:
+def release(welds, handled, e) -> None:
     """Agent `e` holds nothing from now on."""
-    if grip.box[e] >= 0:
-        handled.holder[grip.box[e]] = NOBODY
-        grip.box[e] = NOBODY
-
-
-@kernel
-def join(body, solid, e, box, off_x, off_y, turn) -> None:
-    """Give two bodies the motion of one: nothing is gained or lost but the energy of what moved apart.
-
-    off_x, off_y, turn: velocities by which the box comes back to its place, and its holder, by weight, to meet it.
-    """
-    share = solid.mass[box] / (solid.mass[e] + solid.mass[box])
-    x, y = body.x[box] - body.x[e], body.y[box] - body.y[e]
-    apart_x, apart_y = body.vx[box] - body.vx[e], body.vy[box] - body.vy[e]
-    vx, vy, mass = body.vx[e] + share * apart_x, body.vy[e] + share * apart_y, share * solid.mass[e]
-    inertia = solid.inertia[e] + solid.inertia[box]
-    spin = solid.inertia[e] * body.omega[e] + solid.inertia[box] * body.omega[box] + mass * (x * apart_y - y * apart_x)
-    spin /= inertia + mass * (x * x + y * y)
-    other, twist = 1 - share, solid.inertia[box] / inertia
-    body.vx[e], body.vy[e] = vx + share * (spin * y - off_x), vy - share * (spin * x + off_y)
-    body.vx[box], body.vy[box] = vx - other * (spin * y - off_x), vy + other * (spin * x + off_y)
-    body.omega[e], body.omega[box] = spin - twist * turn, spin + (1 - twist) * turn
+    if welds.other[e] >= 0:
+        handled.holder[welds.other[e]] = NOBODY
+        let_go(welds, e)
 
 
 @Handling.system(Phase.DRIVE, after=(Body, "preparation"))
 def handle(
-    grip: Write[Grip],
+    welds: Write[Weld],
     handled: Write[Handled],
     body: Write[Body],
     solid: Write[Solid],
@@ -178,58 +157,45 @@ def handle(
     shape: Read[Shape],
     side: Read[Side],
     entities: Read[Entity],
-    agents: Rows[Grip],
+    agents: Rows[Weld],
     boxes: Rows[Handled],
     reach: float,
-    stiffness: float,
-    slack: float,
 ) -> None:
-    """Locks first: a locked box is as static as walls are. Then what is held moves with its holder."""
+    """Locks first: a locked box is as static as walls are. Then hands close and open; physics does the rest."""
     tables = (body, shape, entities, sight, handled)
     for box in boxes:
         if not entities.alive[box]:  # it is broken: if it is set up again, it is not locked
-            handled.locked_by[box], solid.dynamic[box] = NOBODY, 1
+            handled.locked_by[box] = NOBODY
+            free(solid, box)
     for i in range(agents.size):
         e, own, locks = agents[i], side.side[agents[i]], action.lock[i] > 0
         if entities.alive[e] and action.lock[i] != 0:
             box = nearest(tables, i, e, boxes, reach, NOBODY if locks else own, False)
             if box >= 0:
                 if handled.holder[box] >= 0:
-                    let_go(grip, handled, handled.holder[box])
+                    release(welds, handled, handled.holder[box])
                 handled.locked_by[box] = own if locks else NOBODY
-                solid.dynamic[box] = 0 if locks else 1
-                body.vx[box], body.vy[box], body.omega[box] = 0, 0, 0
+                fix(solid, body, box)
+                if not locks:
+                    free(solid, box)
                 k = emit(events)
                 events.agent[k], events.box[k], events.locked[k] = e, box, locks
     for i in range(agents.size):
         e = agents[i]
-        box = grip.box[e]
-        if action.grab[i] == 0 or not entities.alive[e] or (box >= 0 and not entities.alive[box]):
-            let_go(grip, handled, e)
-            continue
-        if box < 0:
+        if action.grab[i] == 0 or not entities.alive[e] or (welds.other[e] >= 0 and not entities.alive[welds.other[e]]):
+            release(welds, handled, e)
+        elif welds.other[e] < 0:
             box = nearest(tables, i, e, boxes, reach, NOBODY, True)
-            if box < 0:
-                continue
-            x, y = body.x[box] - body.x[e], body.y[box] - body.y[e]
-            grip.box[e], handled.holder[box] = box, e
-            grip.ahead[e] = x * body.cosine[e] + y * body.sine[e]
-            grip.left[e] = y * body.cosine[e] - x * body.sine[e]
-            grip.turn[e] = body.angle[box] - body.angle[e]
-        x = body.x[e] + grip.ahead[e] * body.cosine[e] - grip.left[e] * body.sine[e] - body.x[box]
-        y = body.y[e] + grip.ahead[e] * body.sine[e] + grip.left[e] * body.cosine[e] - body.y[box]
-        if math.hypot(x, y) > slack:
-            let_go(grip, handled, e)
-            continue
-        turn = body.angle[e] + grip.turn[e] - body.angle[box]
-        join(body, solid, e, box, stiffness * x, stiffness * y, stiffness * turn)
+            if box >= 0:
+                hold(welds, body, e, box)
+                handled.holder[box] = e
 
 
 @Handling.system(Phase.OBSERVE)
-def see_grip(view: Write[SelfView], grip: Read[Grip], agents: Rows[Grip], own_holds: Offset) -> None:
+def see_grip(view: Write[SelfView], welds: Read[Weld], agents: Rows[Weld], own_holds: Offset) -> None:
     """Whether an agent holds a box is in its own row, and in its copies that the others see."""
     for i in range(agents.size):
-        view.own[i, own_holds] = 1 if grip.box[agents[i]] >= 0 else 0
+        view.own[i, own_holds] = 1 if welds.other[agents[i]] >= 0 else 0
 
 
 @Handling.system(Phase.OBSERVE, after=BoxView)
@@ -238,7 +204,7 @@ def see_handled(
     masks: Read[ObservationMasks],
     handled: Read[Handled],
     side: Read[Side],
-    agents: Rows[Grip],
+    agents: Rows[Weld],
     boxes: Rows[Handled],
     boxes_held: Offset,
     boxes_locked: Offset,

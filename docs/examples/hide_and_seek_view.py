@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from hide_and_seek import Grip, Handled
+from hide_and_seek import Handled
 
+from outlast.components import Weld
 from outlast.drawing import INK, Canvas, Layer, Scene, ZOrder, of_side
 
 
@@ -12,7 +13,7 @@ class HandledLayer(Layer):
     """Locked boxes, and a line from each agent to the box that it holds."""
 
     zorder = ZOrder.STRIKES  # above boxes and below agents
-    needs = (Handled, Grip)
+    needs = (Handled, Weld)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In metres, as everything."""

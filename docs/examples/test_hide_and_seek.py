@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hide_and_seek import HIDE_AND_SEEK, PREPARATION, Grip, Handled, Handling
+from hide_and_seek import HIDE_AND_SEEK, PREPARATION, Handled, Handling
 from hide_and_seek_view import HandledLayer
 
 import outlast
-from outlast.components import Body, Health, Solid
+from outlast.components import Body, Health, Solid, Weld
 from outlast.drawing import LAYERS
 from outlast.ecs import NumberError, columns_of
 
@@ -43,7 +43,7 @@ ASIDE = ((-5, 3), (6, 0), (6, 1.5))
 def test_a_held_box_follows_until_it_is_let_go():
     env, body, me, box = placed((0, 0), *ASIDE, boxes=[(1.8, 0)])  # its left end is 0.2 m from the agent's rim
     observations, *_ = step(env, GRAB)
-    assert env.worlds[Grip].box[0, me] == box
+    assert env.worlds[Weld].other[0, me] == box
     assert env.worlds[Handled].holder[0, box] == me
     fields = env.fields
     assert observations["own"][0, :, columns_of(fields["own"], "holds")].ravel().tolist() == [1, 0, 0, 0]
@@ -51,7 +51,7 @@ def test_a_held_box_follows_until_it_is_let_go():
     for _ in range(30):
         step(env, DRAG)
     assert body.x[0, me] < -2
-    assert body.x[0, box] - body.x[0, me] == pytest.approx(1.8, abs=0.1)
+    assert body.x[0, box] - body.x[0, me] == pytest.approx(1.8, abs=0.01)
     step(env, IDLE)
     assert env.worlds[Handled].holder[0, box] == -1
     for _ in range(30):
@@ -72,14 +72,14 @@ def test_a_held_box_turns_with_its_holder():
 def test_what_is_out_of_reach_held_or_locked_is_not_grabbed():
     env, _, me, _ = placed((0, 0), *ASIDE, boxes=[(2.3, 0)])  # 0.7 m from the agent's rim
     step(env, GRAB)
-    assert env.worlds[Grip].box[0, me] == -1
+    assert env.worlds[Weld].other[0, me] == -1
     env, _, me, box = placed((0, 0), (3.6, 0), *ASIDE[1:], boxes=[(1.8, 0)])
     step(env, GRAB, GRAB)
-    assert env.worlds[Grip].box[0, me : me + 2].tolist() == [box, -1]
+    assert env.worlds[Weld].other[0, me : me + 2].tolist() == [box, -1]
     env, _, me, box = placed((0, 0), *ASIDE, boxes=[(1.8, 0), (0, -1.4)])
     step(env, LOCK)
     step(env, GRAB)  # the nearest box is locked, so the next one is grabbed
-    assert env.worlds[Grip].box[0, me] == box + 1
+    assert env.worlds[Weld].other[0, me] == box + 1
 
 
 def test_agents_handle_what_they_see():
@@ -111,7 +111,7 @@ def test_holding_moves_nobody():
     body.x[0, box] = 1.5
     for _ in range(200):
         step(env, GRAB)
-        assert env.worlds[Grip].box[0, me] == box
+        assert env.worlds[Weld].other[0, me] == box
     assert abs(body.x[0, [me, box]] - [0, 1.5]).max() < 0.3
 
 
@@ -146,7 +146,7 @@ def test_a_locked_box_stands_until_its_side_unlocks_it():
     observations, *_ = step(env, GRAB, IDLE, LOCK)  # a seeker locks what a hider holds
     (event,) = env.events()["box_locked"]
     assert (event["agent"], event["box"], event["locked"]) == (me + 2, box, 1)
-    assert env.worlds[Grip].box[0, me] == -1
+    assert env.worlds[Weld].other[0, me] == -1
     locked = columns_of(env.fields["boxes"], "locked")
     assert observations["boxes"][0, [0, 2], 0, locked].ravel().tolist() == [-1, 1]
     for action in (AHEAD, UNLOCK, LOCK):
@@ -176,15 +176,13 @@ def test_a_lock_breaks_with_its_box():
     step(env, GRAB)
     assert env.worlds[Handled].locked_by[0, box] == -1
     assert env.worlds[Solid].dynamic[0, box] == 1
-    assert env.worlds[Grip].box[0, me] == -1
+    assert env.worlds[Weld].other[0, me] == -1
 
 
 def test_boxes_that_cannot_be_moved_are_refused():
     for scenario in (HIDE_AND_SEEK.replace(boxes_dynamic=False), outlast.variant("teams_3").with_(Handling())):
         with pytest.raises(NumberError, match="handling: no box can be moved; set boxes_dynamic=True"):
             outlast.make_vec(scenario, 1)
-    with pytest.raises(NumberError, match=r"handling\.stiffness: a box would overshoot"):
-        outlast.make_vec(HIDE_AND_SEEK.replace(handling_stiffness=31.0), 1)
     with pytest.raises(NumberError, match="hide_and_seek: two sides are needed"):
         outlast.make_vec(HIDE_AND_SEEK.replace(teams_count=4, teams_sizes=()), 1)
 
