@@ -205,5 +205,5 @@ class Stepper:
 
 
 def _place(column: Array) -> tuple[int, int, int]:
-    """Return a column as an entry of a list of columns, see compilation.step_functions."""
+    """Return a column as an entry of a list of columns, see compilation.compiled_step."""
     return column.ctypes.data, column.strides[0], column[0].nbytes
