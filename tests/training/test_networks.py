@@ -16,6 +16,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales  # noqa: E402
 from outlast.training.base.presets import PRESETS, preset  # noqa: E402
+from outlast.training.policies import attention  # noqa: E402
 from outlast.training.policies.packer import Packer  # noqa: E402
 from outlast.training.policies.policy import ActorCritic, MultiCategorical  # noqa: E402
 from outlast.training.policies.rows import PaddedRows, Rows, concatenated  # noqa: E402
@@ -317,3 +318,21 @@ def test_the_views_of_a_packed_array_are_the_observations(leaky: bool) -> None:
 def test_an_unknown_preset_is_refused() -> None:
     with pytest.raises(ValueError, match="no preset 'big'; known: original, paper, scaled"):
         preset("big")
+
+
+@pytest.mark.parametrize("agents", [0, 2, 128], ids=["no agent", "no row", "many"])
+def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so are its gradients; `seen` has agents that see nothing, one row and all rows."""
+    layout, observations, own = seen("teams_3", "fast")
+    rows = Packer(layout, leaky=False, egocentric=False)(observations).select(torch.arange(agents))
+    extractor, found = make("fast", layout, own).float().extractors[0], []
+    inputs = torch.randn(len(rows.entities), 3 * 32, generator=torch.Generator().manual_seed(2))
+    for possible in (attention.possible, lambda rows: False):
+        monkeypatch.setattr(attention, "possible", possible)
+        each = inputs.clone().requires_grad_()
+        mean = extractor._attended(rows, each)
+        (mean * torch.arange(32.0)).sum().backward()
+        found.append((mean.detach(), each.grad))
+    assert agents < 128 or not torch.equal(found[0][1], found[1][1])  # or both would be one form
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)

@@ -6,7 +6,7 @@ reaches hidden rows is in authors_attention.py.
 """
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
-from . import authors_attention
+from . import attention, authors_attention
 from .rows import Observed, Rows
 from .torch_settings import FLOAT
 
@@ -66,11 +66,19 @@ class Extractor(nn.Module):
 
         Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
         """
-        width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
         embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
+        rows = functional.linear(embedded, self.attention.in_proj_weight, self.attention.in_proj_bias)
+        mean = self._attended(seen, rows)
+        out = self.attention.out_proj
+        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
+
+    def _attended(self, seen: Rows, each: Tensor) -> Tensor:
+        """Average attention over the rows of each agent. each: float32 (rows, 3 * width), query, key and value."""
+        if seen.room is None and attention.possible(each):
+            return cast(Tensor, attention.Means.apply(each, seen.known, self.preset.heads))  # type: ignore[no-untyped-call]
+        width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
         query, key = seen.pairs
-        into = self.attention
-        queries, keys, values = functional.linear(embedded, into.in_proj_weight, into.in_proj_bias).chunk(3, 1)
+        queries, keys, values = each.chunk(3, 1)
         logits = queries.index_select(0, query) * keys.index_select(0, key)
         logits = logits.view(len(query), heads, width // heads).sum(2) * (width // heads) ** -0.5
         with torch.no_grad():  # so that exp cannot overflow
@@ -81,9 +89,8 @@ class Extractor(nn.Module):
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
         values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         sums = values.new_zeros(seen.owners, width).index_add(0, seen.agent, values)[:batch]
-        mean = sums / seen.count.clamp(min=1)[:, None]
-        out = self.attention.out_proj
-        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
+        mean: Tensor = sums / seen.count.clamp(min=1)[:, None]
+        return mean
 
     def _active(self, values: Tensor) -> Tensor:
         return ACTIVATIONS[self.preset.activation](values)
