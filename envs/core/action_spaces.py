@@ -62,6 +62,7 @@ class ActionSpace:
         self.sizes = np.array([int(column.high - column.low) + 1 for *_, column in columns])
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
         self._readers = [_readers(worlds, component) for _, component, *_ in columns]
+        self._masking = [each for each in worlds.modules if type(each).idle_actions is not Module.idle_actions]
         self._table: Array | None = None  # the actions of each joint action, integers (joint actions, actions)
         self.mask_size = int(self.sizes.sum())
         if kind == "joint":
@@ -198,11 +199,11 @@ class ActionSpace:
 
     def idle(self) -> Array:
         """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
-        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
+        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
         found = np.ones((self._worlds.count, self._worlds.dims["agents"], len(self.keys)), bool)
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             for name in readers:
-                found[..., k] &= np.asarray(said[name].get(key, False), bool)
+                found[..., k] &= np.asarray(said.get(name, {}).get(key, False), bool)
         return found
 
     @cached_property
