@@ -39,7 +39,7 @@ GAMES = {
     "views": game("ffa_4", systems.Lidar(), systems.DropLast(), systems.Behaviour(), systems.FineSteering()),
     "maze": game("teams_4+steering", systems.Maze(columns=4, rows=4, thickness=0.2), systems.Preparation(ticks=10)),
     "rooms": game("teams_4", systems.FineMotors(), systems.Rooms(thickness=0.2), systems.Respawn()),
-    "pillars": game("ffa_4", systems.Pillars(count=8), systems.Record()),
+    "pillars": game("ffa_4", systems.Pillars(count=8), systems.Record(), systems.Contacts()),
     "walls": game("teams_3", BARS.mechanic()).roles(big=outlast.role(1), small=outlast.role()),
 }
 

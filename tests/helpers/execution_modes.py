@@ -11,7 +11,7 @@ from outlast.components import Body
 from outlast.ecs import RESET, STEP, Entity
 from outlast.ecs.checks import trial
 from outlast.ecs.checks.traced import Traced
-from outlast.ecs.compilation.arguments import ArgumentBlock
+from outlast.ecs.compilation.arguments import ArgumentBlock, ServiceMemory
 from outlast.ecs.compilation.segments import segments
 from outlast.ecs.kernels.jit import interpreted
 from outlast.ecs.memory.tables import Tables
@@ -219,7 +219,8 @@ def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
     if stand_ins:
         chosen = [dataclasses.replace(s, kernel=Traced(s, worlds.layout, names)) if s.compiled else s for s in chosen]
     units = [unit for each in segments(worlds.layout, chosen, python=True) for unit in each.units]
-    runs = [(unit.function(), ArgumentBlock(unit.arguments, tables, compiled=False)) for unit in units]
+    memory = ServiceMemory(worlds.layout.dims, 1)
+    runs = [(unit.function(), ArgumentBlock(unit.arguments, tables, memory, compiled=False)) for unit in units]
     rng, found = np.random.default_rng(SEED), list[str]()
     for tick in range(ticks):
         tables.mode[:] = STEP if tick else RESET

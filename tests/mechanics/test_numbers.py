@@ -36,6 +36,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "restitution": (0.0, "[0,1]"), "linear_damping": (0.8, STRONG), "angular_damping": (0.8, STRONG),
         "continuous": (True, SWITCH), "backend": ("auto", ("auto", "native", "portable")),
     },
+    "Contacts": {"most": (256, "[1,100000]")},
     "DeathDrop": {"radius": (0.5, FROM_0), "scatter": ("disc", ("disc", "rim"))},
     "DropLast": {"offset": (1.0, FROM_0)},
     "Ending": {"rule": ("all dead", ("all dead", "last alive", "never")), "limit": (0, TICKS)},

@@ -16,6 +16,7 @@ import pytest
 
 from outlast import integers, variant
 from outlast.envs.cli.main import main
+from outlast.envs.errors import ScenarioError, UsageError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
@@ -588,9 +589,9 @@ def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pyte
 
 
 def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match="returned 7: a function"):
+    with pytest.raises(UsageError, match="returned 7: a function"):
         EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:nothing")).run()
-    with pytest.raises(TrainingError, match="has no function absent"):
+    with pytest.raises(ScenarioError, match="absent"):
         EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:absent", 1)).run()
     with pytest.raises(TrainingError, match="is of source 'fast', not "):
         EntryRun(entry(results, f"fast={place / 'mine.py'}:make"))
