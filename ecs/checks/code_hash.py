@@ -4,14 +4,11 @@ The hash is the same in every process, compiled or not, and does not depend on c
 What a mechanic uses of this package, of Python's library or of numpy counts only by name: versions identify the rest.
 """
 
-import dis
-import functools
 import hashlib
 import sys
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from enum import Enum
-from types import CodeType, FunctionType
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -23,10 +20,8 @@ from ..declarations.fields import Field
 from ..declarations.module import Module
 from ..declarations.references import index_of
 from ..declarations.system import Neighbour, System
-from ..kernels.frozen_values import codes, is_outside, references
+from ..kernels.frozen_values import described, is_library, is_outside, read_code, references
 
-LIBRARIES = {*sys.stdlib_module_names, "numba", "numpy"}
-PLAIN = (bool, int, float, complex, str, bytes, range, slice, type(None), np.dtype)
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 """The version of Python whose bytecode is hashed: hashes of two versions cannot be compared."""
 
@@ -118,57 +113,27 @@ def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
     """The functions and all that they refer to, each once, in the order in which they are found."""
     known = list(ahead)
     for function in known:  # `known` grows meanwhile
-        yield from _instructions(function.__code__)
+        yield read_code(function.__code__)[0]
         for name, value in references(function):
             yield from _describe_value(name, value, known)
 
 
-@functools.lru_cache(maxsize=4096)
-def _instructions(code: CodeType) -> tuple[str, ...]:
-    """The code as text: instructions with names and constants, without docstrings and line numbers."""
-    lines = list[str]()
-    for each in codes(code):
-        lines.append(f"{each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]}{each.co_exceptiontable.hex()}")
-        for instruction in dis.get_instructions(each):
-            value = instruction.argval
-            if isinstance(value, CodeType):  # also comes as one of `codes`
-                value = value.co_name
-            elif isinstance(value, frozenset):
-                value = sorted(map(repr, value))
-            if instruction.opname != "EXTENDED_ARG":
-                lines.append(f"{instruction.opname} {value!r}")
-    return tuple(lines)
-
-
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
     """A value that code refers to. A user's function is added to `known`; what cannot be followed counts by name."""
-    function = getattr(value, "py_func", value)
-    if isinstance(function, FunctionType) and is_outside(function) and _root(function) not in LIBRARIES:
-        if function not in known:
-            known.append(function)
-        yield f"{name}=function {known.index(function)}"
-    elif isinstance(value, Enum):
-        yield f"{name}={value.name}"
-        yield from _describe_value(name, value.value, known)
-    elif isinstance(value, type) and issubclass(value, Enum):
-        yield from _describe_value(name, list(value), known)
-    elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:  # float64 is also a float
-        yield f"{name}={value.dtype.str}{value.shape}{value.tobytes().hex()}"
-    elif isinstance(value, PLAIN):
-        yield f"{name}={value!r}"
-    elif isinstance(value, (tuple, list)):
-        yield f"{name}={type(value).__name__}{len(value)}{getattr(value, '_fields', '')}"
-        for k, element in enumerate(value):
-            yield from _describe_value(f"{name}[{k}]", element, known)
-    elif isinstance(value, dict):
-        yield f"{name}=dict{len(value)}"
-        for k, item in enumerate(value.items()):
-            yield from _describe_value(f"{name}[{k}]", item, known)
-    elif is_dataclass(value) and not isinstance(value, type):
-        yield from _describe_value(name, {item.name: getattr(value, item.name) for item in fields(value)}, known)
-    else:
-        yield name
 
+    def other(name: str, value: Any) -> Iterator[str]:
+        function = getattr(value, "py_func", value)
+        if isinstance(function, FunctionType) and is_outside(function) and not is_library(function):
+            if function not in known:
+                known.append(function)
+            yield f"{name}=function {known.index(function)}"
+        elif isinstance(value, dict):
+            yield f"{name}=dict{len(value)}"
+            for k, item in enumerate(value.items()):
+                yield from described(f"{name}[{k}]", item, other)
+        elif is_dataclass(value) and not isinstance(value, type):
+            yield from other(name, {item.name: getattr(value, item.name) for item in fields(value)})
+        else:
+            yield name
 
-def _root(target: Any) -> str:
-    return str(target.__module__).partition(".")[0]
+    yield from described(name, value, other)

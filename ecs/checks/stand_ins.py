@@ -4,8 +4,9 @@ Rows and indices are integers that remember what they count: where agents have t
 numbers, so that a mechanic that confuses them works until another one brings entities that come before.
 """
 
+import functools
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,20 +63,12 @@ def tagged(kind: Any, value: Any, what: str, components: tuple[type[Component], 
     return made
 
 
-@dataclass
 class Watch:
-    """What is known of a system: the layout of its worlds, and by (component, name) which columns it has accessed."""
+    """The columns that a system has used and written, and `_wrong` for the layout of its worlds."""
 
-    layout: MemoryLayout
-    used: Columns = field(default_factory=set)
-    written: Columns = field(default_factory=set)
-    wrong: dict[tuple[int | str, Tag], str] = field(default_factory=dict)  # what `_wrong` has returned
-
-    def misused(self, dim: int | str, tag: Tag) -> str:
-        """What is wrong with an index of a dimension; "" for nothing."""
-        if (dim, tag) not in self.wrong:
-            self.wrong[dim, tag] = _wrong(self.layout, dim, tag)
-        return self.wrong[dim, tag]
+    def __init__(self, layout: MemoryLayout) -> None:
+        self.used, self.written = Columns(), Columns()
+        self.misused = functools.cache(functools.partial(_wrong, layout))
 
 
 @dataclass
@@ -122,8 +115,6 @@ class Guard:
             value.guard.compute()
         if dtype.kind in "iu" and cut(value):
             raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; say so, as in np.{dtype}(...)")
-        if dtype.kind in "iu" and type(value) is int and not np.iinfo(dtype).min <= value <= np.iinfo(dtype).max:
-            raise Refused(f"writes {value} to {self.title}, {dtype}, which cannot hold it")
         self.access(index)
         if self.places is not None and self.own and not self.own[0][self.reach(self.places, index)].all():
             raise Refused(f"writes {self.title} beside {self.own[1]}; take an Offset for each field")
@@ -191,35 +182,22 @@ class Watched(np.ndarray):
             self.guard.reach(_plain(self), index)
         _plain(self)[index] = value
 
-    def __bool__(self) -> bool:
-        if self.guard:
-            self.guard.compute()
-        return bool(_plain(self))
 
-    def __float__(self) -> float:
-        if self.guard:
-            self.guard.compute()
-        return float(_plain(self))
-
-    def __int__(self) -> int:
-        if self.guard:
-            self.guard.compute()
-        return int(_plain(self))
-
-
-def _writing(name: str) -> Any:
-    """A method of arrays that writes all of it."""
+def _guarded(name: str, writes: bool) -> Any:
+    """A method of arrays that writes all of it, or computes with it."""
 
     def method(self: Watched, *arguments: Any, **options: Any) -> Any:
-        if self.guard:
+        if self.guard and writes:
             self.guard.write(..., None, self.dtype)
+        elif self.guard:
+            self.guard.compute()
         return getattr(_plain(self), name)(*arguments, **options)
 
     return method
 
 
-for _name in ("fill", "partition", "put", "sort"):
-    setattr(Watched, _name, _writing(_name))
+for _name in ("fill", "partition", "put", "sort", "__bool__", "__float__", "__int__"):
+    setattr(Watched, _name, _guarded(_name, writes=not _name.startswith("__")))
 
 
 class Selection(Watched):

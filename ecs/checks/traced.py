@@ -7,20 +7,19 @@ indices, and random numbers are recorded.
 import builtins
 import re
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import CellType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
-from ..compilation.cache_key import FOREIGN
 from ..declarations.access import Parameter
 from ..declarations.component import Component, Singleton
 from ..declarations.fields import width
 from ..declarations.system import System
 from ..kernels import random
 from ..kernels.errors import DeclarationError, ScheduleError, did_you_mean, place
-from ..kernels.frozen_values import codes
+from ..kernels.frozen_values import LIBRARIES, codes, is_library
 from ..memory.layout import MemoryLayout
 from .stand_ins import (
     READ_ONLY,
@@ -39,7 +38,7 @@ from .stand_ins import (
 
 DRAWS = [getattr(random, name) for name in ("integer", "normal", "uniform", "uniform2", "words")]
 PYTHON_ONLY: dict[str, Any] = {"range": counted, "enumerate": numbered, "len": length}
-CALLED_WRONGLY = re.compile(r"\(\) (missing|takes|got) ")  # in the text of a TypeError
+CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+ out of bounds")  # in errors of Python
 
 
 class Traced:
@@ -56,7 +55,7 @@ class Traced:
     """
 
     def __init__(self, system: System, layout: MemoryLayout, stand_ins: Mapping[str, Any] | None) -> None:
-        self.system, self.watch = system, Watch(layout)
+        self.system, self.layout, self.watch = system, layout, Watch(layout)
         self.drawn = set[tuple[int, ...]]()
         function: Any = getattr(system.function, "py_func", system.function)
         self.codes = dict.fromkeys(codes(function.__code__), function)
@@ -73,7 +72,7 @@ class Traced:
             self.function(*given)
         except Refused as error:
             raise error.kind(f"{self._where(error)}{':' * (error.kind is DeclarationError)} {error}") from error
-        except (NameError, AttributeError, TypeError, ValueError, IndexError) as error:
+        except (NameError, AttributeError, OverflowError, TypeError, ValueError, IndexError) as error:
             self._explain(error)
             raise
 
@@ -86,26 +85,25 @@ class Traced:
     def _explain(self, error: Exception) -> None:
         """Raise an EngineError or an IndexError for an error that machine code would have, too."""
         owner, name, text = getattr(error, "obj", None), getattr(error, "name", None), str(error)
-        table = next((c for c in self.watch.layout.components if type(owner) is c.Table), None)
+        table = next((c for c in self.layout.components if type(owner) is c.Table), None)
+        known: Iterable[str] = ()
         if isinstance(error, IndexError):
             raise IndexError(f"{self._where(error)}: {text}") from error
-        if isinstance(error, ValueError):
-            if "read-only" in text:
-                what = "writes an array that its parameter list declares as Read; declare it Write"
-                raise ScheduleError(f"{self._where(error)} {what}") from error
+        if isinstance(error, ValueError) and "read-only" in text:
+            what = "writes an array that its parameter list declares as Read; declare it Write"
+            raise ScheduleError(f"{self._where(error)} {what}") from error
+        if isinstance(error, (OverflowError, TypeError, ValueError)) and not CANNOT_BE.search(text):
             return
-        if isinstance(error, UnboundLocalError):
-            text = f"{text.partition(' where')[0]}, and machine code would take 0 or what an earlier round left"
-        elif isinstance(error, NameError):
-            text = f"the name '{name}' is not defined{did_you_mean(name, _names(error), before='; ')}"
-        elif table:
-            known = f"it has: {', '.join(table.columns)}{did_you_mean(name, table.columns, before='; ')}"
-            text = f"{table.__name__} has no column '{name}'; {known}"
+        if table:
+            text, known = f"{table.__name__} has no column '{name}'; it has: {', '.join(table.columns)}", table.columns
         elif isinstance(owner, ModuleType):
-            text = f"{owner.__name__} has no '{name}'{did_you_mean(name, dir(owner), before='; ')}"
-        elif isinstance(error, TypeError) and not CALLED_WRONGLY.search(text) and "item assignment" not in text:
-            return
-        raise DeclarationError(f"{self._where(error)}: {text}") from error
+            known = dir(owner)
+        elif type(error) is NameError:
+            *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+            known = [*frame.f_locals, *frame.f_globals, *dir(builtins)]
+        elif text == "can't set attribute":
+            text = "a column cannot be replaced; write into it, as in column[...] = ..."
+        raise DeclarationError(f"{self._where(error)}: {text}{did_you_mean(name, known, before='; ')}") from error
 
     # ---- arguments
 
@@ -170,11 +168,11 @@ class Traced:
         plain = getattr(value, "py_func", value)
         if isinstance(plain, FunctionType) and plain in self._draws:
             return self._draws[plain]
-        if isinstance(plain, FunctionType) and not _foreign(plain.__module__) and plain not in PYTHON_ONLY.values():
+        if isinstance(plain, FunctionType) and not is_library(plain) and plain not in PYTHON_ONLY.values():
             return self._copy(plain)
-        return (
-            _Names(value, self._replaced) if isinstance(value, ModuleType) and not _foreign(value.__name__) else value
-        )
+        if isinstance(value, ModuleType) and value.__name__.partition(".")[0] not in LIBRARIES:
+            return _Names(value, self._replaced)
+        return value
 
     def _drawing(self, draw: Any) -> Callable[..., Any]:
         """A function of kernels.random that refuses a draw that gives the number of an earlier one."""
@@ -209,16 +207,6 @@ class _Names:
 
     def __getattr__(self, name: str) -> Any:
         return self._replaced(getattr(self._module, name))
-
-
-def _foreign(module: str | None) -> bool:
-    return str(module).partition(".")[0] in FOREIGN
-
-
-def _names(error: BaseException) -> list[str]:
-    """The names that are known where an error was raised."""
-    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return [*frame.f_locals, *frame.f_globals, *dir(builtins)]
 
 
 def _own_fields(system: System, layout: MemoryLayout) -> dict[tuple[type[Component], str], tuple[Array, str]]:

@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import logging
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from opcode import opmap
 from types import CodeType, TracebackType
 from typing import Any
@@ -94,9 +94,7 @@ def python_refusal(system: System) -> str:
 
 def _runs(layout: MemoryLayout, system: System) -> bool:
     """Whether a system is part of trials. Users' Python may change more than the world, such as files."""
-    if system.outside:
-        return system.compiled and not python_refusal(system)
-    few = layout.dims["rows"] <= MOST_ROWS or system.phase.when is When.RESET
+    few = system.outside or layout.dims["rows"] <= MOST_ROWS or system.phase.when is When.RESET
     return few and system.compiled and not python_refusal(system)
 
 
@@ -108,7 +106,7 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
     memory = ServiceMemory(layout.dims, 1)
     blocks = [ArgumentBlock(unit.arguments, tables, memory, compiled=False) for unit in units]
     functions = [(unit, unit.function(), block) for unit, block in zip(units, blocks, strict=True)]
-    lines = _Lines()
+    left = [MOST_LINES]
     for mode in MODES:
         tables.mode[:] = mode
         for actions, (component, name) in zip(tables.actions, layout.actions, strict=True):
@@ -116,7 +114,7 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
             actions[:] = generator.integers(int(column.low), int(column.high) + 1, actions.shape)
         for unit, function, block in functions:
             try:
-                with interpreted(), lines.counted(traced[unit.label].codes if unit.label in traced else ()):
+                with interpreted(), _limited(traced[unit.label].codes if unit.label in traced else (), left):
                     function(block, 0, 1)
             except _TooLong as error:
                 LOGGER.warning("%s: the trial of %s ended after %d lines of Python", error, unit.label, MOST_LINES)
@@ -142,32 +140,25 @@ def _is_raised(trace: TracebackType | None) -> bool:
     return trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
 
 
-class _Lines:
-    """Counts the lines of Python that run, unless a debugger or a measurement of coverage does that."""
+def _limited(codes: Collection[CodeType], left: list[int]) -> Any:
+    """Return a context that raises _TooLong once more lines of these have run than are left.
 
-    def __init__(self) -> None:
-        self._left: int = MOST_LINES
-        self._codes: Collection[CodeType] = ()
+    Without effect if there are none, or if a debugger or a measurement of coverage looks on.
+    """
 
-    @contextlib.contextmanager
-    def counted(self, codes: Collection[CodeType]) -> Iterator[None]:
-        """Raise _TooLong in the block once too many lines of these have run."""
-        wanted, self._codes = bool(codes) and sys.gettrace() is None, codes
-        if wanted:
-            sys.settrace(self._trace)
-        try:
-            yield
-        finally:
-            if wanted:
-                sys.settrace(None)
-
-    def _trace(self, frame: Any, event: str, value: Any) -> Any:
-        if frame.f_code not in self._codes:
+    def trace(frame: Any, event: str, value: Any) -> Any:
+        if frame.f_code not in codes:
             return None
-        self._left -= 1
-        if self._left < 0:
+        left[0] -= 1
+        if left[0] < 0:
             raise _TooLong(f"{frame.f_code.co_filename}, line {frame.f_lineno}")
-        return self._trace
+        return trace
+
+    context = contextlib.ExitStack()
+    if codes and sys.gettrace() is None:
+        context.callback(sys.settrace, None)
+        sys.settrace(trace)
+    return context
 
 
 def _silent(*values: Any, **options: Any) -> None:

@@ -14,6 +14,7 @@ not use. Each view is made only once in a process, as numba keeps every intrinsi
 import ctypes
 import functools
 import hashlib
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,20 +26,18 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from ..declarations.access import Service
-from ..declarations.component import Component
 from ..declarations.module import Module
 from ..kernels.array_types import CheckedColumn, ColumnType
-from ..kernels.jit import compiled
 from ..memory.column_places import ALIGN
 from ..memory.tables import Tables
 
 MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
-LINE = 64  # bytes
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
 MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
 AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see compiled_step
 SLOT = ir.IntType(64)
+Array = np.ndarray[Any, Any]
 
 
 @dataclass
@@ -46,20 +45,14 @@ class ArgumentLayout:
     """Which slot holds which argument: each method assigns the next free slots to an argument and returns the first."""
 
     size: int = COUNT + 1
-    columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
-    constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
+    arrays: dict[int, tuple[Callable[[Any], Array], int]] = field(default_factory=dict)
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
     numbers: dict[int, tuple[str, int | float]] = field(default_factory=dict)
-    views: dict[int, Callable[[Any], np.ndarray[Any, Any]]] = field(default_factory=dict)
     services: dict[int, Service] = field(default_factory=dict)
 
-    def add_column(self, component: type[Component], name: str) -> int:
-        """A column; kernels get the part of it that belongs to one world."""
-        return self._add(self.columns, (component, name), ARRAY_SLOTS)
-
-    def add_constant(self, array: np.ndarray[Any, Any]) -> int:
-        """An array that is the same for all worlds."""
-        return self._add(self.constants, np.ascontiguousarray(array), ARRAY_SLOTS)
+    def add_array(self, find: Callable[[Any], Array], by_world: bool = True) -> int:
+        """The array that `find` returns for the Worlds. by_world: whether kernels get the part that is one world's."""
+        return self._add(self.arrays, (find, int(by_world)), ARRAY_SLOTS)
 
     def add_scratch(self, module: Module, name: str) -> int:
         """A Scratch parameter: memory of the thread."""
@@ -68,10 +61,6 @@ class ArgumentLayout:
     def add_number(self, value: int | float, name: str = "") -> int:
         """An int, or a float that is read as float32. name: that of a mechanic's number, "module_number"; else ""."""
         return self._add(self.numbers, (name, value), 1)
-
-    def add_view(self, view: Callable[[Any], np.ndarray[Any, Any]]) -> int:
-        """A part of the worlds' state that is no column: the array (worlds, ...) that `view` returns for the Worlds."""
-        return self._add(self.views, view, ARRAY_SLOTS)
 
     def add_service(self, service: Service, arrays: int) -> int:
         """The memory of a service, a number of arrays; kernels get the part that belongs to one world."""
@@ -84,7 +73,7 @@ class ArgumentLayout:
         return slot
 
 
-class ServiceMemory(dict[Service, dict[str, np.ndarray[Any, Any]]]):
+class ServiceMemory(dict[Service, dict[str, Array]]):
     """The arrays of services by service, for worlds that a thread takes through a tick together: made when asked for.
 
     Those that the worlds share have no axis for the worlds.
@@ -94,23 +83,26 @@ class ServiceMemory(dict[Service, dict[str, np.ndarray[Any, Any]]]):
         super().__init__()
         self._dims, self._worlds = dims, worlds
 
-    def __missing__(self, service: Service) -> dict[str, np.ndarray[Any, Any]]:
+    def __missing__(self, service: Service) -> dict[str, Array]:
         assert service.memory is not None
         one = service.memory(self._dims)._asdict()
-        self[service] = {name: _many(one[name], 0 if name in service.shared else self._worlds) for name in one}
+        self[service] = {name: one[name] if name in service.shared else _many(one[name], self._worlds) for name in one}
         return self[service]
 
 
-def _many(array: np.ndarray[Any, Any], worlds: int) -> np.ndarray[Any, Any]:
-    """The array, or the same for a number of worlds, each at the start of a cache line."""
-    if not worlds:
-        return array
-    stride = -(-array.nbytes // LINE) * LINE
-    memory = np.zeros((1 + worlds) * stride + LINE, np.uint8)
-    start = -memory.ctypes.data % LINE
-    lines = memory[start : start + worlds * stride].reshape(worlds, stride)
+def _many(array: Array, worlds: int) -> Array:
+    """The same array for a number of worlds, each at the start of a cache line."""
+    stride = -(-array.nbytes // ALIGN) * ALIGN
+    lines = aligned((1 + worlds) * stride)[: worlds * stride].reshape(worlds, stride)
     lines[:, : array.nbytes] = np.frombuffer(array.tobytes(), np.uint8)
     return np.ndarray((worlds, *array.shape), array.dtype, lines, strides=(stride, *array.strides))
+
+
+def aligned(size: int) -> Array:
+    """Zeros, uint8 (size,), that begin at a cache line."""
+    memory = np.zeros(size + ALIGN, np.uint8)
+    start = -memory.ctypes.data % ALIGN
+    return memory[start : start + size]
 
 
 class ArgumentBlock:
@@ -124,27 +116,22 @@ class ArgumentBlock:
 
     def __init__(self, layout: ArgumentLayout, worlds: Tables, memory: ServiceMemory, compiled: bool) -> None:
         self.slots = np.zeros(layout.size, np.int64)
+        self.address = int(self.slots.ctypes.data)
         self.slots[STRIDE] = worlds.layout.world_bytes
+        self._kept = list[Array]()  # as the slots have only their addresses
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)
         self._describe(MODE, worlds.mode, 0)
         self._describe(EVENTS, worlds.event_memory.counts, 1)
-        for slot, (component, name) in layout.columns.items():
-            self._describe(slot, getattr(worlds[component], name), 1)
-        for slot, view in layout.views.items():
-            self._describe(slot, view(worlds), 1)
-        self._memory = memory  # kept alive here, as the slots have only its address
+        for slot, (find, axes) in layout.arrays.items():
+            self._describe(slot, find(worlds), axes)
         for slot, service in layout.services.items():
             for k, (name, array) in enumerate(memory[service].items()):
-                self._describe(slot + k * ARRAY_SLOTS, array, 0 if name in service.shared else 1)
-        self.constants = layout.constants  # kept alive here, as the slots have only its address
-        for slot, array in layout.constants.items():
-            self._describe(slot, array, 0)
+                self._describe(slot + k * ARRAY_SLOTS, array, int(name not in service.shared))
         self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
         for slot, array in self.scratch.items() if compiled else ():
             self._describe(slot, array, 0)
         self._numbers = layout.numbers
         self.set_numbers(worlds.changed)
-        self.address = int(self.slots.ctypes.data)
 
     def set_numbers(self, changed: Mapping[str, int | float]) -> None:
         """Write all numbers into their slots. changed: present values of numbers that have changed, by full name."""
@@ -152,16 +139,17 @@ class ArgumentBlock:
             value = changed.get(name, value)
             self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
-    def fetch(self, address: int, lines: np.ndarray[Any, Any]) -> None:
+    def fetch(self, address: int, lines: Array) -> None:
         """Let the unit prefetch cache lines of later worlds: while it handles world 0, of the world at `address`.
 
         lines: int64 (lines,), their offsets in a world's state.
         """
-        self._lines = np.ascontiguousarray(lines, np.int64)  # kept alive here, as the slots have only its address
-        self.slots[[AHEAD, LINES, COUNT]] = address, self._lines.ctypes.data, len(lines)
+        self._kept.append(lines := np.ascontiguousarray(lines, np.int64))
+        self.slots[[AHEAD, LINES, COUNT]] = address, lines.ctypes.data, len(lines)
 
-    def _describe(self, slot: int, array: np.ndarray[Any, Any], axes: int) -> None:
+    def _describe(self, slot: int, array: Array, axes: int) -> None:
         """Fill the slots of an array. axes: 1 if its first axis is the worlds, 0 if it is the same for all of them."""
+        self._kept.append(array)
         shape = array.shape[axes:]
         stride = array.strides[0] if axes else 0
         self.slots[slot : slot + 2 + len(shape)] = [array.ctypes.data, stride, *shape]
@@ -207,18 +195,9 @@ class View:
 @functools.cache
 def array_view(view: View, python: bool) -> Any:
     """A function (arguments, slot, w) -> the array at `slot`, for world w."""
-    if python or not compiled():
+    if python:
         return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, view)
-
-    @intrinsic  # type: ignore[untyped-decorator]
-    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
-            return _array(context, builder, view, slots, arguments[1], arguments[2], packed=False)
-
-        return view.type(types.intp, types.intp, types.intp), generate
-
-    return function
+    return _from_slots(view.type, functools.partial(_array, view=view, packed=False))
 
 
 @functools.cache
@@ -227,34 +206,25 @@ def table_view(kind: Any, views: tuple[View, ...], python: bool, packed: bool = 
 
     packed: whether the arrays lie in the state of the world.
     """
-    if python or not compiled():
+    if python:
         return lambda arguments, slot, w: kind(
             *(_python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, view) for c, view in enumerate(views))
         )
     table = types.NamedTuple([view.type for view in views], kind)
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
-            starts = [builder.add(arguments[1], ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(views))]
-            arrays = [
-                _array(context, builder, view, slots, start, arguments[2], packed)
-                for view, start in zip(views, starts, strict=True)
-            ]
-            return context.make_tuple(builder, table, arrays)
+    def generate(context: Any, builder: Any, slots: Any, start: Any, w: Any) -> Any:
+        starts = [builder.add(start, ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(views))]
+        arrays = [_array(context, builder, slots, *each, packed) for each in zip(starts, itertools.repeat(w), views)]
+        return context.make_tuple(builder, table, arrays)
 
-        return table(types.intp, types.intp, types.intp), generate
-
-    return function
+    return _from_slots(table, generate)
 
 
 @functools.cache
 def number_view(kind: str, python: bool) -> Any:
     """A function (arguments, slot) -> the number at `slot`; kind: "int64" or "float32"."""
-    if python or not compiled():
-        dtype = np.dtype(kind)
-        return lambda arguments, slot: arguments.slots[slot : slot + 1].view(dtype)[0]
+    if python:
+        return lambda arguments, slot: arguments.slots[slot : slot + 1].view(kind)[0]
     value = getattr(types, kind)
 
     @intrinsic  # type: ignore[untyped-decorator]
@@ -269,6 +239,20 @@ def number_view(kind: str, python: bool) -> Any:
     return view
 
 
+def _from_slots(kind: Any, generate: Callable[..., Any]) -> Any:
+    """A function (arguments, slot, w) for machine code; generate(context, builder, slots, slot, w) makes its result."""
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
+            return generate(context, builder, slots, arguments[1], arguments[2])
+
+        return kind(types.intp, types.intp, types.intp), code
+
+    return function
+
+
 def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
     """Load a slot. As nothing writes slots while a tick runs, the compiler may load them whenever it suits."""
     word = builder.load(builder.gep(slots, [slot]))
@@ -276,7 +260,7 @@ def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
     return word
 
 
-def _array(context: Any, builder: Any, view: View, slots: Any, start: Any, w: Any, packed: bool) -> Any:
+def _array(context: Any, builder: Any, slots: Any, start: Any, w: Any, view: View, packed: bool) -> Any:
     """Numba's array structure for world w, from the slots that begin at `start` and from what `view` knows.
 
     Packed columns share one stride, so that it is loaded and multiplied once for all of them.
@@ -321,10 +305,10 @@ def _constant(builder: Any, values: bytes) -> Any:
     return builder.ptrtoint(variable, SLOT)
 
 
-def _python_array(slots: np.ndarray[Any, Any], slot: int, w: int, view: View) -> np.ndarray[Any, Any]:
+def _python_array(slots: Array, slot: int, w: int, view: View) -> Array:
     """The array at `slot` for world w, in plain Python: for uncompiled runs and for systems that stay Python."""
     address, stride, *shape = map(int, slots[slot : slot + 2 + view.ndim])
     memory: Any = (ctypes.c_char * (int(np.prod(shape)) * view.dtype.itemsize)).from_address(address + w * stride)
-    array: np.ndarray[Any, Any] = np.ndarray(tuple(shape), view.dtype, memory)
+    array: Array = np.ndarray(tuple(shape), view.dtype, memory)
     array.flags.writeable = view.writable
     return array

@@ -10,8 +10,7 @@ import functools
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from enum import Enum
-from types import CodeType, FunctionType, ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import llvmlite
@@ -23,16 +22,14 @@ from numba.core.registry import cpu_target
 
 from ..kernels import array_check, array_types, jit, machine_code, simd
 from ..kernels.errors import DeclarationError, place
-from ..kernels.frozen_values import codes, references, refuse_random
+from ..kernels.frozen_values import described, read_code, references, refuse_random, root
 from ..kernels.jit import OPTIONS, compiled
 from . import arguments
 
 # Packages and modules whose code is identified by a version that is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
-SCALARS = (int, float, complex, str, bytes, np.generic)
-PLAIN = (range, np.dtype, numba.types.Type, type(None))
 GENERATORS = (arguments, array_check, array_types, jit, machine_code, simd)  # modules that write or check code
-SETTINGS = (  # of numba, in any of its versions: those that change machine code; of processors, see _engine
+SETTINGS = (  # of numba, in any of its versions: those that change machine code; of processors, see CacheKey
     "BOUNDSCHECK",
     "DEBUGINFO_DEFAULT",
     "DEBUG_JIT",
@@ -76,13 +73,15 @@ class CacheKey:
 
     @functools.cached_property
     def _engine(self) -> str:
-        return _engine()
+        """What all machine code depends on: versions, options, settings of numba, and the processor it is for."""
+        reload_config()  # numba, too, reads the variables of the environment anew before it compiles
+        processor = cpu_target.target_context.codegen().magic_tuple()
+        settings = [repr(getattr(numba.config, name, None)) for name in SETTINGS]
+        return f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}"
 
     def size(self, label: str) -> int:
-        """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
-        return sum(
-            len(code.co_code) for function in self._closure(self._roots[label]) for code in codes(function.__code__)
-        )
+        """Characters of the code that the machine code is made from: the more, the longer compiling takes."""
+        return sum(len(line) for function in self._closure(self._roots[label]) for line in self._texts[function])
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:
         """Every kernel, and a hash of what its own machine code depends on."""
@@ -114,57 +113,36 @@ class CacheKey:
             return function
         text = self._texts[function] = [f"{name} {sorted(getattr(target, 'targetoptions', {}).items())}"]
         self._callees[function] = []
-        text.append(_code_text(function.__code__, function.__doc__))
+        text.append(read_code(function.__code__)[0])
         for inner, value in references(function):
             refuse_random(self._label, inner, value)
-            text.extend(self._describe(inner, value, function))
+            text.extend(described(inner, value, functools.partial(self._describe, function)))
         return function
 
-    def _describe(self, name: str, value: Any, function: FunctionType) -> Iterator[str]:
-        """A constant as text; a function is added, and described by its name."""
-        if isinstance(value, Enum):
-            yield f"{name}={type(value).__qualname__}.{value.name}"
-            yield from self._describe(name, value.value, function)
-        elif isinstance(value, numba.types.ExternalFunction):
+    def _describe(self, function: FunctionType, name: str, value: Any) -> Iterator[str]:
+        """What is no constant, as text; a function that becomes or generates machine code is added."""
+        if isinstance(value, numba.types.ExternalFunction):
             yield f"{name}={value.symbol}{value.sig}"
-        elif isinstance(value, SCALARS):
-            yield f"{name}={_exact(value)}"
-        elif isinstance(value, PLAIN):
-            yield f"{name}={value!r}"
-        elif isinstance(value, slice):
-            yield from self._describe(f"slice {name}", [value.start, value.stop, value.step], function)
-        elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
-            yield f"{name}={value.dtype!r}{value.shape}{value.strides}{value.tobytes().hex()}"
-        elif isinstance(value, (tuple, list)):
-            yield f"{name}={type(value).__qualname__}{len(value)}{getattr(value, '_fields', '')}"
-            for k, element in enumerate(value):
-                yield from self._describe(f"{name}[{k}]", element, function)
         elif isinstance(value, type) and issubclass(value, BaseException):
             yield f"{name}={value.__qualname__}"  # a kernel may raise it, and does nothing else with it
-        elif isinstance(value, type) and issubclass(value, Enum):
-            for member in value:
-                yield from self._describe(f"{name}.{member.name}", member, function)
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
             yield f"{name}={value.__qualname__}{value._fields}"
-            yield from self._describe(f"{name} by default", [*vars(value)["_field_defaults"].values()], function)
+            defaults = tuple(vars(value)["_field_defaults"].values())
+            yield from described(f"{name} by default", defaults, functools.partial(self._describe, function))
         elif isinstance(value, (_Intrinsic, FunctionType)) or hasattr(value, "py_func"):
-            yield from self._describe_function(name, value, function)
-        elif isinstance(value, ModuleType) or not _is_foreign(value) or type(value).__module__.startswith("numba."):
+            inner = value._defn if isinstance(value, _Intrinsic) else value
+            own = root(inner) not in FOREIGN
+            yield f"{name}={'' if own else inner.__module__}.{getattr(inner, '__qualname__', '')}"
+            if own:
+                if inner is value and isinstance(value, FunctionType) and compiled() and function in self._dispatchers:
+                    raise self._refusal(name, value)
+                self._callees[function].append(self._add(inner, name))
+        elif isinstance(value, numba.types.Type):
+            yield f"{name}={value!r}"
+        elif isinstance(value, ModuleType) or root(value) not in FOREIGN or type(value).__module__.startswith("numba."):
             raise self._refusal(name, value)
         else:
             yield f"{name}={re.sub(' at 0x[0-9a-f]+', '', repr(value))}"
-
-    def _describe_function(self, name: str, value: Any, function: FunctionType) -> Iterator[str]:
-        """A function that becomes part of the machine code, or generates a part of it (an intrinsic's)."""
-        inner = value._defn if isinstance(value, _Intrinsic) else value
-        if _is_foreign(inner):
-            plain = getattr(inner, "py_func", inner)
-            yield f"{name}={plain.__module__}.{getattr(plain, '__qualname__', '')}"
-            return
-        if inner is value and isinstance(value, FunctionType) and compiled() and function in self._dispatchers:
-            raise self._refusal(name, value)
-        yield f"{name}={inner.__qualname__}"
-        self._callees[function].append(self._add(inner, name))
 
     def _refusal(self, name: str, value: Any) -> DeclarationError:
         if isinstance(value, ModuleType):
@@ -181,52 +159,11 @@ class CacheKey:
         )
 
 
-@functools.lru_cache(maxsize=4096)
-def _code_text(code: CodeType, docstring: str | None) -> str:
-    """The code of a function and of those nested in it as text, without its docstring."""
-    lines = []
-    for each in codes(code):
-        described = each is code and each.co_consts[:1] == (docstring,)
-        plain = [value for value in each.co_consts[described:] if not isinstance(value, CodeType)]
-        constants = [sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value) for value in plain]
-        arguments = each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]  # by which callers may name them
-        handlers = each.co_exceptiontable.hex()
-        lines.append(f"{each.co_qualname}{arguments}{each.co_names}{each.co_code.hex()}{handlers}{constants}")
-    return "\n".join(lines)
-
-
-def _exact(value: Any) -> str:
-    """A scalar as text with its type and all its bits, however numpy or a class of the user's prints it."""
-    if isinstance(value, np.generic):
-        return f"{value.dtype!r} {value.tobytes().hex()}"
-    if isinstance(value, int):
-        text = hex(value)
-    elif isinstance(value, (str, bytes)):
-        text = (str if isinstance(value, str) else bytes).__repr__(value)
-    else:
-        text = np.complex128(value).tobytes().hex()
-    return f"{type(value).__module__}.{type(value).__qualname__} {text}"
-
-
-def _engine() -> str:
-    """Hash of what all machine code depends on: versions, options, settings of numba, and the processor it is for."""
-    reload_config()  # numba, too, reads the variables of the environment anew before it compiles
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    settings = [repr(getattr(numba.config, name, None)) for name in SETTINGS]
-    return hashlib.sha256(f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}".encode()).hexdigest()
-
-
 @functools.cache
 def _versions() -> str:
     """The code of the modules that generate code, without their files, which may be bytecode or in an archive."""
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
     module: Any
     for module in GENERATORS:
-        digest.update(_code_text(module.__loader__.get_code(module.__name__), module.__doc__).encode())
+        digest.update(read_code(module.__loader__.get_code(module.__name__))[0].encode())
     return digest.hexdigest()
-
-
-def _is_foreign(target: Any) -> bool:
-    target = getattr(target, "py_func", target)
-    module = getattr(target, "__module__", None) or type(getattr(target, "__self__", target)).__module__
-    return str(module).partition(".")[0] in FOREIGN

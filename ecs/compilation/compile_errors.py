@@ -13,7 +13,7 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.core.ir import Loc
 
 from ..declarations.system import System
-from ..kernels.array_check import UNCHECKED
+from ..kernels.array_check import ENDLESS, NO_VALUE, UNCHECKED
 from ..kernels.array_types import CUT
 from ..kernels.errors import DeclarationError, EngineError, ScheduleError, place
 
@@ -98,6 +98,6 @@ def _explanation(error: BaseException, system: System) -> EngineError:
     label += f" ({'; '.join(where) or place(function, function.__code__.co_firstlineno)})"
     if "Cannot modify readonly array" in text:
         return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
-    if CUT in text or UNCHECKED in text:  # no advice to run it as Python, where it is as wrong
+    if any(each in text for each in (CUT, ENDLESS, NO_VALUE, UNCHECKED)):  # in Python, it is as wrong
         return DeclarationError(f"{label} {first_sentence(error)}")
     return DeclarationError(f"{label} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}")

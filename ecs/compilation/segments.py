@@ -14,7 +14,6 @@ from ..memory.clock import RESET, STEP
 from ..memory.draw import published_rows
 from ..memory.layout import MemoryLayout
 from ..memory.numbers import NumbersView
-from .range_check import ranges
 from .tick import Generator, Unit
 
 MODES = {When.RESET: 1 << RESET, When.STEP: 1 << STEP, When.ALWAYS: 1 << RESET | 1 << STEP}  # bitsets
@@ -55,10 +54,10 @@ def segments(
 
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []
-    stale = [*_read_in_resets(layout, systems), *_own_observations(layout, systems)]
+    stale = [*_read_in_resets(layout, systems), *(each for each, _ in _written_outside(layout, systems, Observation))]
     units += [generator().zero(stale, When.RESET)] if stale else []
     some_absent = any(number.kinds for number in layout.varied.values())
-    signals = [*_own_signals(layout, systems)]
+    signals = [*_written_outside(layout, systems, Signal)]
 
     def as_python(system: System) -> bool:
         return python or not system.compiled or system.label in interpret
@@ -71,7 +70,7 @@ def segments(
         making = generator(as_python(system), outside=system.outside)
         units.append(making.system(modules[system.module], system, anew[system.label]))
         if system.outside:
-            units += [generator().check_range(system, *found) for found in ranges(layout, system)]
+            units += [generator().check_range(system, *found) for found in _ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(generator().check_absent(system))
     if paid := [component for component in layout.components if issubclass(component, Signal)]:
@@ -118,19 +117,24 @@ def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator
                 yield component
 
 
-def _own_observations(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:
-    """The observations that only systems from outside of outlast write; these may leave some of the last episode."""
-    for component in layout.components:
-        if issubclass(component, Observation):
-            writing = [system for system in systems if system.touches(component, "write", "add")]
-            if writing and all(system.outside for system in writing):
-                yield component
+def _written_outside(
+    layout: MemoryLayout, systems: Sequence[System], kind: type[Component]
+) -> Iterator[tuple[type[Component], System]]:
+    """Components of a kind that only systems from outside of outlast write, each with the first of these.
 
-
-def _own_signals(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[tuple[type[Component], System]]:
-    """The signals that only systems from outside of outlast write, which may just add; each with the first system."""
+    They may leave observations of the last episode, and may just add to signals.
+    """
     for component in layout.components:
-        if issubclass(component, Signal):
+        if issubclass(component, kind):
             writing = [system for system in systems if system.touches(component, "write", "add")]
             if writing and all(system.outside for system in writing):
                 yield component, writing[0]
+
+
+def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
+    """The columns to check after a system: component, name, and the lowest and the highest integer of each."""
+    for component in layout.components:
+        if system.touches(component, "write", "add"):
+            for name, column in component.columns.items():
+                if column.dtype != bool and (ends := column.range(layout.dims)):
+                    yield component, name, *ends

@@ -23,14 +23,14 @@ from typing import Any
 import numpy as np
 
 from ..declarations.access import Parameter, Service
-from ..declarations.component import Clock, Component, Entity
+from ..declarations.component import Clock, Component, Entity, Singleton
 from ..declarations.fields import offset
 from ..declarations.module import Module
 from ..declarations.numbers import kernel_value
 from ..declarations.phase import When
 from ..declarations.system import System
-from ..kernels.errors import DeclarationError
-from ..kernels.jit import compiled
+from ..kernels.errors import DeclarationError, RangeError
+from ..kernels.jit import compiled, kernel
 from ..kernels.random import stream_number
 from ..memory.clock import CLOCK_SIZE, advance_clock, zero
 from ..memory.draw import (
@@ -62,7 +62,6 @@ from .arguments import (
     table_view,
 )
 from .compiled_step import begin_fetch, fetch
-from .range_check import check_range, checked_rows
 
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
 MOST_VALUES = 64  # the largest constant array whose values become part of machine code
@@ -76,19 +75,17 @@ class Unit:
     Attributes:
         label: The system's label.
         system: The system; None for the engine's own.
-        kernel: The kernel that it calls.
         source: Its source.
         names: The objects that its source refers to, by name.
         arguments: The layout of its arguments.
         compiled: False if it runs as Python.
         only_at_reset: Whether it does nothing in ticks that are no reset.
         needed: What is added to the message of its exceptions; no part of the machine code.
-        kernels: The kernel, and those of the services that it takes.
+        kernels: The kernel that it calls, and those of the services that it takes.
     """
 
     label: str
     system: System | None
-    kernel: Any
     source: str
     names: dict[str, Any]
     arguments: ArgumentLayout
@@ -190,17 +187,14 @@ class Generator:
 
     def clear(self, number: Number, component: type[Component], column: str) -> Unit:
         """The unit that sets the rows of absent entities to 0 in a column that learners get."""
-        rows = self._column_as("rows", component, column, axes=2, writable=True)
+        rows = self._column_as("rows", component, column, axes=2)
         arguments = [rows, self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
     def zero(self, components: Iterable[type[Component]], when: When) -> Unit:
         """The unit that sets all columns of some components, which are not packed, to 0, byte by byte."""
         columns = [(component, name) for component in components for name in component.columns]
-        rows = [
-            self._view_of(f"row_{k}", functools.partial(_bytes, component, name), np.dtype("u1"), writable=True)
-            for k, (component, name) in enumerate(columns)
-        ]
+        rows = [self._column_as(f"row_{k}", *each, axes=1, dtype=np.uint8) for k, each in enumerate(columns)]
         label = f"zero {', '.join(itertools.starmap(_full_name, columns))} ({when.value})"
         return self._unit(label, None, zero, IDLE[when], [f"({', '.join(rows)},)"])
 
@@ -212,8 +206,8 @@ class Generator:
     def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
         """The unit that follows a system that can write integers out of a column's range, and refuses these."""
         label = f"{_full_name(component, column)} after {system.label}"
-        values = self._column_as("values", component, column, axes=2)
-        rows = self._constant("rows", checked_rows(self.layout, component, column))
+        values = self._column_as("values", component, column, axes=2, writable=False)
+        rows = self._constant("rows", _checked_rows(self.layout, component, column))
         ends = (self._number(end, name) for name, end in (("low", low), ("high", min(high, 2**63 - 1))))
         unit = self._unit(label, None, check_range, IDLE[system.phase.when], [values, rows, *ends])
         return replace(unit, needed=f": {low} to {high} is needed")
@@ -242,7 +236,7 @@ class Generator:
         source = "\n".join(lines) + "\n"
         at_reset = idle == IDLE[When.RESET]
         kernels = kernel, *self._kernels
-        return Unit(label, system, kernel, source, self.names, self.arguments, self.compiled, at_reset, kernels=kernels)
+        return Unit(label, system, source, self.names, self.arguments, self.compiled, at_reset, kernels=kernels)
 
     def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:
@@ -330,7 +324,9 @@ class Generator:
         known: dict[str, Any] = {"shape": array.shape} if self.specialize else {}
         if self.specialize and array.dtype.kind in "iu" and array.size <= MOST_VALUES:
             known["values"] = array.tobytes()
-        return self._array(name, self.arguments.add_constant(array), View(array.dtype, array.ndim, **known))
+        array = np.ascontiguousarray(array)
+        slot = self.arguments.add_array(lambda _: array, by_world=False)
+        return self._array(name, slot, View(array.dtype, array.ndim, **known))
 
     def _constants(self, name: str, arrays: Any) -> str:
         """A NamedTuple of arrays that are the same for all worlds."""
@@ -357,16 +353,20 @@ class Generator:
 
     def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
         """Memory of a world as an array, which the function `view` finds in the Worlds."""
-        return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
+        return self._words(name, self.arguments.add_array(view), dtype, writable, ndim)
 
-    def _column_as(self, name: str, component: type[Component], column: str, axes: int, writable: bool = False) -> str:
+    def _column_as(
+        self, name: str, component: type[Component], column: str, axes: int, writable: bool = True, dtype: Any = None
+    ) -> str:
         """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
+        kind = np.dtype(dtype or component.columns[column].dtype)
 
         def view(worlds: Tables) -> np.ndarray[Any, Any]:
             values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-            return values.reshape(*values.shape[:axes], math.prod(values.shape[axes:]))  # -1 would fail for 0 numbers
+            shape = *values.shape[:axes], math.prod(values.shape[axes:])  # -1 would fail for 0 numbers
+            return values.reshape(shape).view(kind)
 
-        return self._view_of(name, view, component.columns[column].dtype, writable, axes)
+        return self._view_of(name, view, kind, writable, axes)
 
     def _slot(self, name: str, slot: int) -> str:
         constant = self._unique(name.upper(), ("slot of", name))
@@ -407,7 +407,8 @@ class Generator:
         name = self._unique(f"{self._named(component)}_{access}", (component, access))
         slot = self._unique(f"TABLE_{self._named(component).upper()}", ("table of", component))
         if slot not in self.slots:
-            self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
+            finders = [functools.partial(_column_of, component, column) for column in component.columns]
+            self.slots[slot] = min(map(self.arguments.add_array, finders))
         form = component, access, self.compiled, self.checked, self.specialize
         if form not in self._tables:
             self._tables[form] = self._table_view(component, access == "w")
@@ -436,10 +437,34 @@ class Generator:
         return View(dtype, len(shape), writable, self.checked, **known)
 
 
-def _bytes(component: type[Component], column: str, worlds: Tables) -> np.ndarray[Any, Any]:
-    """Return a column as bytes, (worlds, bytes)."""
-    values: np.ndarray[Any, Any] = getattr(worlds[component], column)
-    return values.reshape(worlds.count, math.prod(values.shape[1:])).view(np.uint8)  # -1 would fail for 0 numbers
+def _column_of(component: type[Component], column: str, worlds: Tables) -> Any:
+    return getattr(worlds[component], column)
+
+
+def _checked_rows(layout: MemoryLayout, component: type[Component], name: str) -> np.ndarray[Any, Any]:
+    """The rows of a column to check: those of entities that have the component; all, if that is a Singleton."""
+    if issubclass(component, Singleton):
+        return np.arange(component.row_shape(name, layout.dims)[0], dtype=np.int32)
+    return layout.rows(component)
+
+
+@kernel
+def check_range(values: Any, rows: Any, low: int, high: int) -> None:
+    """Raise RangeError unless all integers of these rows are in the range.
+
+    Other systems use them as indices or bits without a check, so an impossible one would make them read and write
+    memory that is not meant.
+
+    Args:
+        values: A column of integers, (rows of the world, numbers of a row).
+        rows: The rows to check, int32.
+        low: The lowest integer that is allowed.
+        high: The highest one.
+    """
+    for k in range(rows.size):
+        for c in range(values.shape[1]):
+            if values[rows[k], c] < low or values[rows[k], c] > high:
+                raise RangeError("an integer is out of the range that its column declares")
 
 
 def _full_name(component: type[Component], column: str) -> str:

@@ -1,11 +1,15 @@
-"""The outside references of a function's code: the values that numba freezes into machine code."""
+"""What code refers to and says: all that numba freezes into machine code, and that tells one game from another."""
 
 import dis
 import functools
 import inspect
+import sys
 from collections.abc import Callable, Iterator
+from enum import Enum
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
+
+import numpy as np
 
 from .errors import DeclarationError
 
@@ -14,6 +18,8 @@ MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
 ARRAYS = ("Array", "Any")  # the last part of an annotation by the alias `Array`: as text, and what the alias stands for
 NDARRAYS = ("numpy.ndarray", "np.ndarray", "<class 'numpy.ndarray'>")
 RANDOM = ("random.", "numpy.random.")  # prefixes of modules with random generators that have a state
+LIBRARIES = frozenset({*sys.stdlib_module_names, "llvmlite", "numba", "numpy"})  # which versions identify
+Other = Callable[[str, Any], Iterator[str]]
 
 
 def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
@@ -24,7 +30,7 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     (yet) are left out.
     """
     cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
-    for chain in _chains(function.__code__):
+    for chain in read_code(function.__code__)[1]:
         try:
             value = cells[chain[0]].cell_contents if chain[0] in cells else function.__globals__[chain[0]]
         except (KeyError, ValueError):  # a builtin, a variable of the function's own, or an empty cell
@@ -38,9 +44,20 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     yield from ((f"default {k} of {function.__name__}", value) for k, value in enumerate(defaults))
 
 
+def root(target: Any) -> str:
+    """The package of a function, a class or an instance."""
+    module = getattr(target, "__module__", None) or type(getattr(target, "__self__", target)).__module__
+    return str(module).partition(".")[0]
+
+
 def is_outside(target: Any) -> bool:
     """Whether a function or class is from outside of this package: part of a user's mechanic."""
-    return str(target.__module__).partition(".")[0] != __name__.partition(".")[0]
+    return root(target) != root(is_outside)
+
+
+def is_library(target: Any) -> bool:
+    """Whether it is from a library, whose code is not followed."""
+    return root(target) in LIBRARIES
 
 
 def annotated(cls: type) -> list[str]:
@@ -76,9 +93,8 @@ def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) ->
 
 def check_random(function: Callable[..., Any], label: str) -> None:
     """Raise DeclarationError if the system `label` draws from a random generator that has a state."""
-    root = function.__module__.partition(".")[0]
     if isinstance(function, FunctionType):
-        for each in reachable(function, lambda inner: inner.__module__.partition(".")[0] == root):
+        for each in reachable(function, lambda inner: root(inner) == root(function)):
             for name, value in references(each):
                 refuse_random(label, name, value)
 
@@ -97,18 +113,65 @@ def refuse_random(label: str, name: str, value: Any) -> None:
         )
 
 
+def described(name: str, value: Any, other: Other) -> Iterator[str]:
+    """Say what a constant is, to the bit, however numpy or a class of the user's prints it.
+
+    other: says what a value is that is no constant, such as a function.
+    """
+    if isinstance(value, Enum):
+        yield f"{name}={type(value).__qualname__}.{value.name}"
+        yield from described(name, value.value, other)
+    elif isinstance(value, type) and issubclass(value, Enum):
+        for member in value:
+            yield from described(f"{name}.{member.name}", member, other)
+    elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:  # float64 is also a float
+        yield f"{name}={type(value).__name__} {value.dtype!r}{value.shape}{value.strides}{value.tobytes().hex()}"
+    elif isinstance(value, (int, float, complex, str, bytes)):
+        yield f"{name}={type(value).__module__}.{type(value).__qualname__} {_exact(value)}"
+    elif isinstance(value, (range, np.dtype, type(None))):
+        yield f"{name}={value!r}"
+    elif isinstance(value, slice):
+        yield from described(f"slice {name}", (value.start, value.stop, value.step), other)
+    elif isinstance(value, (tuple, list)):
+        yield f"{name}={type(value).__qualname__}{len(value)}{getattr(value, '_fields', '')}"
+        for k, element in enumerate(value):
+            yield from described(f"{name}[{k}]", element, other)
+    else:
+        yield from other(name, value)
+
+
+def _exact(value: complex | str | bytes) -> str:
+    if isinstance(value, int):
+        return hex(value)
+    if isinstance(value, (str, bytes)):
+        return (str if isinstance(value, str) else bytes).__repr__(value)
+    return np.complex128(value).tobytes().hex()
+
+
 @functools.lru_cache(maxsize=4096)
-def _chains(code: CodeType) -> tuple[tuple[str, ...], ...]:
-    """All names that the code loads from outside, with their attributes: ("package", "module", "LIMIT")."""
-    found: dict[tuple[str, ...], None] = {}
+def read_code(code: CodeType) -> tuple[str, tuple[tuple[str, ...], ...]]:
+    """Read the code of a function and of those nested in it.
+
+    Returns:
+        Its instructions with names and constants, but without docstrings and line numbers; and all names that it loads
+        from outside, with their attributes: ("package", "module", "LIMIT").
+    """
+    lines, found = list[str](), dict[tuple[str, ...], None]()
     for each in codes(code):
+        lines.append(f"{each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]}{each.co_exceptiontable.hex()}")
         chain: tuple[str, ...] = ()
         for instruction in dis.get_instructions(each):
-            if instruction.opname in MEMBERS and chain:
-                chain = (*chain, instruction.argval)
-            elif instruction.opname != "EXTENDED_ARG":
+            name, value = instruction.opname, instruction.argval
+            if name == "EXTENDED_ARG":
+                continue
+            if name in MEMBERS and chain:
+                chain = (*chain, value)
+            else:
                 found[chain] = None
-                chain = (instruction.argval,) if instruction.opname in NAMES else ()
+                chain = (value,) if name in NAMES else ()
+            if isinstance(value, CodeType):  # also comes as one of `codes`
+                value = value.co_name
+            lines.append(f"{name} {sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value)}")
         found[chain] = None
     found.pop((), None)
-    return tuple(found)
+    return "\n".join(lines), tuple(found)

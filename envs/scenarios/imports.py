@@ -10,8 +10,8 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from outlast.ecs import Module
-from outlast.ecs.checks.code_hash import LIBRARIES
 from outlast.ecs.kernels.errors import did_you_mean
+from outlast.ecs.kernels.frozen_values import LIBRARIES
 
 from ..errors import ScenarioError
 from .scenario import Scenario
