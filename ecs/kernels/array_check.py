@@ -96,12 +96,12 @@ def _has_a_round(loop: Any, variable: Any, blocks: dict[int, Any], typemap: Any)
         return False
     values = {each.target.name: each.value for block in blocks.values() for each in block.find_insts(ir.Assign)}
     ahead = [each.value for each in blocks[loop.header].find_insts(ir.Assign)]
-    source = next((each for each in ahead if getattr(each, "op", "") == "iternext"), None)
+    source: Any = next((each for each in ahead if getattr(each, "op", "") == "iternext"), None)
     while isinstance(source, ir.Var) or getattr(source, "op", "") in ("iternext", "getiter"):
         source = values[source.name if isinstance(source, ir.Var) else source.value.name]
     if getattr(source, "op", "") != "call" or getattr(typemap[source.func.name], "typing_key", None) is not range:
         return False
-    bounds = [getattr(typemap[each.name], "literal_value", None) for each in source.args]
+    bounds: list[Any] = [getattr(typemap[each.name], "literal_value", None) for each in source.args]
     return None not in bounds and 0 not in bounds[2:] and len(range(*bounds)) > 0
 
 
