@@ -29,11 +29,7 @@ PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 def code_digest(module: Module) -> str:
     """Hash of the code of a mechanic's systems and of all that they refer to, and of its components and prefab values.
 
-    Args:
-        module: The mechanic. Its numbers count only as far as archetypes, singletons and dimensions depend on them.
-
-    Returns:
-        32 hexadecimal digits.
+    Its numbers count only as far as archetypes, singletons and dimensions depend on them.
     """
     digest = hashlib.sha256()
     for line in _describe_module(module):

@@ -18,7 +18,7 @@ from ..declarations.component import Component
 from ..declarations.system import System
 from ..kernels.errors import ScheduleError, place
 from ..kernels.frozen_values import is_library, references
-from .stand_ins import ONLY_SUMS, SIZES, Columns
+from .traced import ONLY_SUMS, SIZES, Columns
 
 Names = dict[str, tuple[type[Component], str, str]]  # component, access, and column ("" for a table) by variable
 
@@ -31,39 +31,31 @@ def check_source(system: System) -> tuple[Columns, Columns]:
     """
     function: Any = getattr(system.function, "py_func", system.function)
     tables = {p.name: (p.components[0], p.kind, "") for p in system.parameters if p.kind in ("read", "write", "add")}
-    ahead, used, written = [_Uses(system, function, tables, "")], Columns(), Columns()
+    ahead, used, written = [_Uses(function, tables, "")], Columns(), Columns()
     for each in ahead:  # grows meanwhile
-        each.check(used, written)
+        for node, (component, access, column) in each.columns():
+            parent = each.parents[node]
+            used.add((component, column))
+            if isinstance(parent, ast.Subscript) and parent.value is node and _is_stored(parent):
+                written.add((component, column))
+            if access == "add" and not each.adds(node, parent):
+                where = f"{each.trail}{place(each.function, getattr(node, 'lineno', 0))}"
+                text = f"reads or changes {component.__name__}.{column}, {ONLY_SUMS.format(component.__name__)}"
+                raise ScheduleError(f"{system.label} ({where}) {text}")
         ahead += [called for called in each.calls() if called.key not in (known.key for known in ahead)]
     return used, written
 
 
-@functools.lru_cache(maxsize=4096)
-def _parsed(code: CodeType) -> ast.FunctionDef | None:
-    """The syntax tree of a function, with the line numbers of its file; None if there is no source."""
-    lines = inspect.getblock(linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :])
-    try:
-        (tree,) = ast.parse(textwrap.dedent("".join(lines))).body
-    except (SyntaxError, ValueError):
-        return None
-    ast.increment_lineno(tree, code.co_firstlineno - 1)
-    return tree if isinstance(tree, ast.FunctionDef) and tree.name == code.co_name else None
-
-
 class _Uses:
-    """How a function uses tables and columns.
+    """How a function uses tables and columns: the system, or a function that it calls.
 
-    Args:
-        system: The system.
-        function: It, or a function that it calls.
-        names: What the function's parameters stand for, as far as that is known.
-        trail: The places of the calls that lead to it, each followed by "; ".
+    names: what the function's parameters stand for, as far as that is known. trail: the places of the calls that lead
+    to it, each followed by "; ".
     """
 
-    def __init__(self, system: System, function: FunctionType, names: Names, trail: str) -> None:
-        self.system, self.function, self.trail, self.key = system, function, trail, (function, names)
-        tree = _parsed(function.__code__)
-        self.nodes = [*ast.walk(tree)] if tree else []
+    def __init__(self, function: FunctionType, names: Names, trail: str) -> None:
+        self.function, self.trail, self.key = function, trail, (function, names)
+        self.nodes = [*ast.walk(tree)] if (tree := _parsed(function.__code__)) else []
         self.parents = {child: node for node in self.nodes for child in ast.iter_child_nodes(node)}
         stored = Counter(node.id for node in self.nodes if isinstance(node, ast.Name) and _is_stored(node))
         self.names = {name: what for name, what in names.items() if name not in stored}
@@ -82,22 +74,13 @@ class _Uses:
                 return (component, access, attr) if attr in component.columns else None
         return None
 
-    def check(self, used: Columns, written: Columns) -> None:
-        """Check all uses, and add the columns to these sets."""
+    def columns(self) -> Iterator[tuple[ast.AST, tuple[type[Component], str, str]]]:
+        """Yield the expressions that stand for columns, but are not given a value."""
         for node in self.nodes:
-            if _is_stored(node) or not (what := self._of(node)) or not what[2]:
-                continue
-            component, access, column = what
-            used.add((component, column))
-            parent = self.parents[node]
-            if isinstance(parent, ast.Subscript) and parent.value is node and _is_stored(parent):
-                written.add((component, column))
-            if access == "add" and not self._adds(node, parent):
-                where = f"{self.trail}{place(self.function, getattr(node, 'lineno', 0))}"
-                text = f"reads or changes {component.__name__}.{column}, {ONLY_SUMS.format(component.__name__)}"
-                raise ScheduleError(f"{self.system.label} ({where}) {text}")
+            if not _is_stored(node) and (what := self._of(node)) and what[2]:
+                yield node, what
 
-    def _adds(self, node: ast.AST, parent: Any) -> bool:
+    def adds(self, node: ast.AST, parent: Any) -> bool:
         """Whether a column that is declared Add is only added to, asked for its size, or handed on."""
         match parent:
             case ast.Subscript() if parent.value is node:
@@ -127,7 +110,19 @@ class _Uses:
                 given += [(keyword.arg or "", keyword.value) for keyword in node.keywords]
                 names = {name: what for name, value in given if (what := self._of(value))}
                 if names and not any(isinstance(value, ast.Starred) for value in node.args):
-                    yield _Uses(self.system, called, names, f"{self.trail}{place(self.function, node.lineno)}; ")
+                    yield _Uses(called, names, f"{self.trail}{place(self.function, node.lineno)}; ")
+
+
+@functools.lru_cache(maxsize=4096)
+def _parsed(code: CodeType) -> ast.FunctionDef | None:
+    """The syntax tree of a function, with the line numbers of its file; None if there is no source."""
+    lines = inspect.getblock(linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :])
+    try:
+        (tree,) = ast.parse(textwrap.dedent("".join(lines))).body
+    except (SyntaxError, ValueError):
+        return None
+    ast.increment_lineno(tree, code.co_firstlineno - 1)
+    return tree if isinstance(tree, ast.FunctionDef) and tree.name == code.co_name else None
 
 
 def _is_stored(node: Any) -> bool:

@@ -1,13 +1,17 @@
-"""A user's system that runs as Python on stand-ins, which refuse what its parameter list forbids (see stand_ins).
+"""A user's system that runs as Python on stand-ins for what it gets, which refuse what its parameter list forbids.
 
-Functions that the system calls run as copies of themselves: in these, `range`, `enumerate` and `len` know rows and
-indices, and random numbers are recorded.
+All values are those of plain arrays. Rows and indices are integers that remember what they count: where agents have the
+first rows, the two are the same numbers, so that a mechanic that confuses them works until another one brings entities
+that come before. Functions that the system calls run as copies of themselves: in these, `range`, `enumerate` and `len`
+know rows and indices, and random numbers are recorded.
 """
 
 import builtins
+import functools
 import re
 import traceback
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import CellType, FunctionType, ModuleType
 from typing import Any
 
@@ -18,40 +22,327 @@ from ..declarations.component import Component, Singleton
 from ..declarations.fields import width
 from ..declarations.system import System
 from ..kernels import random
-from ..kernels.errors import DeclarationError, ScheduleError, did_you_mean, place
+from ..kernels.errors import DeclarationError, EngineError, ScheduleError, did_you_mean, place
 from ..kernels.frozen_values import LIBRARIES, codes, is_library
 from ..memory.layout import MemoryLayout
-from .stand_ins import (
-    READ_ONLY,
-    Added,
-    Array,
-    Guard,
-    Refused,
-    Selection,
-    Tag,
-    Watch,
-    counted,
-    length,
-    numbered,
-    watched,
-)
 
+Array = np.ndarray[Any, Any]
+COMPARED = ("eq", "ne", "lt", "le", "gt", "ge", "array")
+WRITERS = (np.copyto, np.fill_diagonal, np.place, np.put, np.putmask)  # write their first argument
+Columns = set[tuple[type[Component], str]]
+READ_ONLY = "which its parameter list declares as Read; declare it Write[{}]"
+ONLY_SUMS = "but declares Add[{0}], which allows column[...] += integer and -= only; declare Write[{0}]"
+SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes that do not show an element
 DRAWS = [getattr(random, name) for name in ("integer", "normal", "uniform", "uniform2", "words")]
-PYTHON_ONLY: dict[str, Any] = {"range": counted, "enumerate": numbered, "len": length}
+SHARED = "which is read-only and the same for all worlds; take a Scratch or a column of a component"
 CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+ out of bounds")  # in errors of Python
 
 
+class Refused(Exception):
+    """What a system does against its declarations, and the kind of error that it is."""
+
+    def __init__(self, text: str, kind: type[EngineError] = DeclarationError) -> None:
+        super().__init__(text)
+        self.kind = kind
+
+
+@dataclass(frozen=True)
+class Tag:
+    """What an integer says of the rows that have `components`: "row", "index" among them, or "size"."""
+
+    what: str
+    components: tuple[type[Component], ...]
+
+
+class Row(np.int32):
+    """An element of a list of rows, or of a RowIndex."""
+
+    tag: Tag
+
+
+class Index(int):
+    """A Python integer that knows what it counts; numpy takes it for a plain one."""
+
+    tag: Tag
+
+    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        plain = (int(each) if isinstance(each, Index) else each for each in inputs)
+        return getattr(function, method)(*plain, **options)
+
+
+def tagged(kind: Any, value: Any, tag: Tag) -> Any:
+    """Return a Row or an Index of that value."""
+    made = kind(value)
+    made.tag = tag
+    return made
+
+
+class Watch:
+    """The columns that a system has used and written, and `_wrong` for the layout of its worlds."""
+
+    def __init__(self, layout: MemoryLayout) -> None:
+        self.used, self.written = Columns(), Columns()
+        self.misused = functools.cache(functools.partial(_wrong, layout))
+
+
+@dataclass
+class Guard:
+    """What may be done with an array."""
+
+    title: str  # what errors call it
+    watch: Watch
+    locked: str = ""  # why nothing may be written to it
+    dims: tuple[int | str, ...] = ()  # of its axes, as far as indices are checked
+    gives: Tag | None = None  # what its elements are
+    computed: bool = True  # whether it may be computed with
+    places: Array | None = None  # the last index of each of its elements, if some of these are not the system's own
+    own: tuple[Array, str] | None = None  # which of these indices are the system's own, and how errors name them
+    column: tuple[type[Component], str] | None = None  # that it is a part of
+
+    def access(self, index: Any) -> None:
+        """Refuse an index of the wrong kind."""
+        if self.column:
+            self.watch.used.add(self.column)
+        for dim, part in zip(self.dims, index if isinstance(index, tuple) else (index,), strict=False):
+            if isinstance(part, slice):
+                break
+            if (tag := getattr(part, "tag", None)) and (wrong := self.watch.misused(dim, tag)):
+                raise Refused(f"indexes {self.title}, {wrong}")
+
+    def write(self, dtype: np.dtype[Any], index: Any = ..., value: Any = None) -> None:
+        """Refuse to write a value."""
+        if self.locked:
+            raise Refused(f"writes {self.title}, {self.locked}", ScheduleError)
+        _guard(value).compute()
+        if self.title and dtype.kind in "iu" and cut(value):
+            raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; say so, as in np.{dtype}(...)")
+        self.access(index)
+        if self.places is not None and self.own and not self.own[0][self.reach(self.places, index)].all():
+            raise Refused(f"writes {self.title} beside {self.own[1]}; take an Offset for each field")
+        if self.column:
+            self.watch.written.add(self.column)
+
+    def reach(self, array: Any, index: Any) -> Any:
+        """Return a part of an array. IndexError, with the title, if there is no such part."""
+        try:
+            return array[index]
+        except IndexError as error:
+            raise IndexError(f"{self.title}: {error}".removeprefix(": ")) from None
+
+    def compute(self) -> None:
+        """Refuse to compute with the whole array, where a system may take it for one number."""
+        if not self.computed:
+            raise Refused(
+                f"computes with {self.title}, in which roles differ: write of({self.title}, e), where e is the row of "
+                "the agent"
+            )
+
+
+FREE = Guard("", watch=None)  # type: ignore[arg-type]  # of arrays that are the system's own
+
+
+class Watched(np.ndarray):
+    """An array with a guard. What is computed from it, and views that numpy's functions make, are free."""
+
+    guard: Guard
+
+    def __array_finalize__(self, source: Any) -> None:
+        self.guard = FREE
+
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, out: Any = (), **options: Any) -> Any:
+        for each in inputs:
+            _guard(each).compute()
+        for each in out:
+            _guard(each).write(each.dtype)
+        if out:
+            options["out"] = tuple(map(_plain, out))
+        result = getattr(ufunc, method)(*map(_plain, inputs), **options)
+        return out[0] if len(out) == 1 else result
+
+    def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
+        if function in WRITERS:
+            _guard(arguments[0]).write(arguments[0].dtype)
+        return super().__array_function__(function, kinds, arguments, options)
+
+    def __getitem__(self, index: Any) -> Any:
+        plain, guard = _plain(self), self.guard
+        guard.access(index)
+        found = guard.reach(plain, index)
+        if not isinstance(found, np.ndarray):
+            return tagged(Row, found, guard.gives) if guard.gives and found >= 0 else found
+        places = None if guard.places is None else guard.places[index]
+        return watched(found, replace(guard, dims=(), places=places)) if np.may_share_memory(found, plain) else found
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        self.guard.write(self.dtype, index, value)
+        self.guard.reach(_plain(self), index)
+        _plain(self)[index] = value
+
+
+def _guarded(name: str, writes: bool) -> Any:
+    """A method of arrays that writes all of it, or computes with it."""
+
+    def method(self: Watched, *arguments: Any, **options: Any) -> Any:
+        if writes:
+            self.guard.write(self.dtype)
+        else:
+            self.guard.compute()
+        return getattr(_plain(self), name)(*arguments, **options)
+
+    return method
+
+
+for _name in ("fill", "partition", "put", "sort", "__bool__", "__float__", "__int__"):
+    setattr(Watched, _name, _guarded(_name, writes=not _name.startswith("__")))
+
+
+class Selection(Watched):
+    """The list of a Rows parameter, whose size is known to be that of the list."""
+
+    @property
+    def size(self) -> Any:
+        """Its size."""
+        gives = self.guard.gives
+        return tagged(Index, len(self), Tag("size", gives.components)) if gives else len(self)
+
+    @property  # type: ignore[misc]
+    def shape(self) -> Any:
+        """Its only dimension."""
+        return (self.size,)
+
+
+def watched(array: Array, guard: Guard, kind: type[Watched] = Watched) -> Any:
+    """Return the same array with a guard."""
+    view = array.view(kind)
+    view.guard = guard
+    return view
+
+
+def _guard(value: Any) -> Guard:
+    return value.guard if isinstance(value, Watched) else FREE
+
+
+def _plain(value: Any) -> Any:
+    return value.view(np.ndarray) if isinstance(value, Watched) else value
+
+
+def cut(value: Any) -> bool:
+    """Whether a column of integers cuts off what is written.
+
+    numpy makes a float64 of an int and a uint64, where machine code has an integer: a whole one is none.
+    """
+    if not isinstance(value, (float, np.floating, np.ndarray)):
+        return False
+    array = np.asarray(value)
+    whole = type(value) is not float and array.dtype == np.float64 and bool((array == np.floor(array)).all())
+    return array.dtype.kind == "f" and not whole
+
+
+class Added:
+    """A column that is declared Add: all that it allows is column[...] += integer, and -=."""
+
+    def __init__(self, array: Array, guard: Guard) -> None:
+        self._array, self._guard = array, guard
+
+    def __getitem__(self, index: Any) -> "Total":
+        self._guard.access(index)
+        return Total(self, index, self._guard.reach(self._array, index))
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        same = isinstance(value, Total) and value.column is self and value.changed
+        if not same or not (value.index is index or (isinstance(index, slice) and value.index == index)):
+            self.refuse("writes")
+        self._guard.write(self._array.dtype, index)
+        self._array[index] = value.value
+
+    def __len__(self) -> int:
+        return len(self._array)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in SIZES:
+            self.refuse(f"takes .{name} of")
+        return getattr(self._array, name)
+
+    def refuse(self, does: str, why: str = "") -> None:
+        """Raise Refused. does: what the system does with the column."""
+        name, title = self._guard.title.partition(".")[0], self._guard.title
+        raise Refused(f"{does} {title}, {why}{ONLY_SUMS.format(name)}", ScheduleError)
+
+
+class Total:
+    """An element or a slice of such a column, which knows only += and -=."""
+
+    def __init__(self, column: Added, index: Any, value: Any, changed: bool = False) -> None:
+        self.column, self.index, self.value, self.changed = column, index, value, changed
+
+    def __iadd__(self, other: Any) -> "Total":
+        return self._plus(other, 1)
+
+    def __isub__(self, other: Any) -> "Total":
+        return self._plus(other, -1)
+
+    def _plus(self, other: Any, sign: int) -> "Total":
+        if isinstance(other, Total):
+            self.column.refuse("reads")
+        if self.value.dtype.kind not in "iu" or cut(other):
+            kind = self.value.dtype
+            self.column.refuse("adds a float to", f"{kind}, and only sums of integers do not depend on the order, ")
+        return Total(self.column, self.index, self.value + other if sign > 0 else self.value - other, True)
+
+    def __getattr__(self, name: str) -> Any:
+        return self._refuse()
+
+    def _refuse(self, *_: Any) -> Any:
+        self.column.refuse("reads or changes")
+
+
+_OTHERS = {*dir(int), *dir(list)} - {*dir(object), "__iadd__"}
+for _name in {name for name in _OTHERS if name.startswith("__")} | {f"__{name}__" for name in COMPARED}:
+    setattr(Total, _name, Total._refuse)
+
+
+def _wrong(layout: MemoryLayout, dim: int | str, tag: Tag) -> str:
+    """What is wrong with an index of a dimension, and how to cure it; "" for nothing."""
+    rows, size = layout.rows(*tag.components), layout.dims[dim] if isinstance(dim, str) else dim
+    listed = f"Rows[{', '.join(component.__name__ for component in tag.components)}]"
+    if tag.what == "size" or np.array_equal(rows, np.arange(len(rows))):  # an index is the row
+        return ""
+    if size == layout.dims["rows"]:
+        wrong = tag.what == "index"
+        return f"which is by row, with an index in {listed}: take the row, which {listed} has there" if wrong else ""
+    if tag.what == "index":
+        return ""
+    has = f"which has {size} ('{dim}')" if isinstance(dim, str) else f"which has {size}"
+    return f"{has}, with a row of {listed}: take an index in that list, as range(its size) or RowIndex has it"
+
+
+def counted(*bounds: Any) -> Any:
+    """Python's range, of Indexes if it counts up to a Size."""
+    size = next((bound.tag for bound in bounds[:2] if getattr(bound, "tag", None) and bound.tag.what == "size"), None)
+    numbers = range(*bounds)
+    return [tagged(Index, k, Tag("index", size.components)) for k in numbers] if size else numbers
+
+
+def numbered(values: Iterable[Any], start: int = 0) -> Iterable[tuple[Any, Any]]:
+    """Python's enumerate, of Indexes for a list of rows."""
+    whole = isinstance(values, Selection) and not start
+    return zip(counted(values.size), values, strict=True) if whole else enumerate(values, start)  # type: ignore[attr-defined]
+
+
+def length(values: Any) -> int:
+    """Python's len, a Size for a list of rows."""
+    found: int = values.size if isinstance(values, Selection) else len(values)
+    return found
+
+
+PYTHON_ONLY: dict[str, Any] = {"range": counted, "enumerate": numbered, "len": length}
+
+
 class Traced:
-    """The function of a system, to be called as its kernel is, with the arrays of one world.
+    """The function of a user's system, to be called as its kernel is: EngineError if it does what it must not.
 
-    Args:
-        system: A system from outside of outlast.
-        layout: The layout of the worlds.
-        stand_ins: Names that mean something else in the system and in the functions that it calls; None: in these,
-            all is as in Python, and changes of global variables last.
-
-    Raises:
-        EngineError: When called, the system does what it must not; with its label, file and line.
+    stand_ins: names that mean something else in the system and in the functions that it calls; None: in these, all is
+    as in Python, and changes of global variables last.
     """
 
     def __init__(self, system: System, layout: MemoryLayout, stand_ins: Mapping[str, Any] | None) -> None:
@@ -59,8 +350,9 @@ class Traced:
         self.drawn = set[tuple[int, ...]]()
         function: Any = getattr(system.function, "py_func", system.function)
         self.codes = dict.fromkeys(codes(function.__code__), function)
-        self._names, self._made = stand_ins or {}, dict[Any, Any]()
-        self._draws = {getattr(draw, "py_func", draw): self._drawing(draw) for draw in DRAWS}
+        self._names = stand_ins or {}
+        self._made: dict[Any, Any] = {each: each for each in self._names.values()}
+        self._made |= {getattr(draw, "py_func", draw): self._drawing(draw) for draw in DRAWS}
         self.function = function if stand_ins is None else self._copy(function)
         self._own = _own_fields(system, layout)
 
@@ -109,22 +401,19 @@ class Traced:
 
     def _stand_in(self, parameter: Parameter, value: Any) -> Any:
         """What the system gets for an argument."""
-        kind, components = parameter.kind, parameter.components
-        title, tag = f"'{parameter.name}'", Tag("index" if kind == "row_index" else "row", components)
-        locked = "which is read-only and the same for all worlds; take a Scratch or a column of a component"
-        if kind in ("read", "write", "add"):
-            return components[0].Table(
-                *(self._column(components[0], kind, *each) for each in zip(components[0].columns, value, strict=True))
-            )
-        if kind == "rows":
-            guard = Guard(title, self.watch, locked, (len(value),), tag)
-            return watched(value, guard, Selection)
-        if kind in ("bitset", "numbers"):
-            return watched(value, Guard(title, self.watch, locked)) if isinstance(value, np.ndarray) else value
-        if kind == "row_index":
-            return watched(value, Guard(title, self.watch, locked, ("rows",), tag))
-        if kind == "number" and isinstance(value, np.ndarray) and value.ndim:
-            return watched(value, Guard(parameter.name, self.watch, locked, ("rows",), computed=False))
+        components, title, watch = parameter.components, f"'{parameter.name}'", self.watch
+        match parameter.kind:
+            case "read" | "write" | "add" as access:
+                columns = zip(components[0].columns, value, strict=True)
+                return components[0].Table(*(self._column(components[0], access, *each) for each in columns))
+            case "rows":
+                return watched(value, Guard(title, watch, SHARED, (len(value),), Tag("row", components)), Selection)
+            case "row_index":
+                return watched(value, Guard(title, watch, SHARED, ("rows",), Tag("index", components)))
+            case "bitset" | "numbers" if isinstance(value, np.ndarray):
+                return watched(value, Guard(title, watch, SHARED))
+            case "number" if isinstance(value, np.ndarray) and value.ndim:
+                return watched(value, Guard(parameter.name, watch, SHARED, ("rows",), computed=False))
         return value
 
     def _column(self, component: type[Component], access: str, name: str, array: Any) -> Any:
@@ -166,9 +455,7 @@ class Traced:
     def _replaced(self, value: Any) -> Any:
         """What stands in for a value that a function refers to."""
         plain = getattr(value, "py_func", value)
-        if isinstance(plain, FunctionType) and plain in self._draws:
-            return self._draws[plain]
-        if isinstance(plain, FunctionType) and not is_library(plain) and plain not in PYTHON_ONLY.values():
+        if isinstance(plain, FunctionType) and not is_library(plain):
             return self._copy(plain)
         if isinstance(value, ModuleType) and value.__name__.partition(".")[0] not in LIBRARIES:
             return _Names(value, self._replaced)

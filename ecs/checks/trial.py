@@ -31,8 +31,7 @@ from ..memory.clock import RESET, STEP
 from ..memory.layout import MemoryLayout
 from ..memory.tables import Tables
 from .source_check import check_source
-from .stand_ins import Columns
-from .traced import PYTHON_ONLY, Traced
+from .traced import PYTHON_ONLY, Columns, Traced
 
 MODES = (RESET, STEP, STEP)
 MOST_ROWS = 64  # where worlds have more, steps of outlast's own systems would take too long as Python
@@ -48,12 +47,7 @@ class _TooLong(BaseException):
 
 
 def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
-    """Check users' systems in a game, unless an equal one was tried before.
-
-    Args:
-        layout: The layout of the worlds.
-        systems: The systems, in order.
-        key: What the game consists of.
+    """Check users' systems in a game, with its systems in order, unless one with an equal key was tried before.
 
     Raises:
         EngineError: A system does what its parameter list does not declare, or what cannot be meant.

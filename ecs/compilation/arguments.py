@@ -1,14 +1,14 @@
 """Kernel arguments, packed into one int64 array so that the compiled tick takes a single pointer.
 
 An array takes ARRAY_SLOTS slots: its address, the stride from world to world in bytes, and its shape in one world. A
-number takes one slot. `ArgumentLayout` assigns the slots while the source of a tick is generated, once for a scenario's
-structure; an `ArgumentBlock` has the values for one batch of worlds and one thread.
+number takes one slot. `ArgumentLayout` assigns the slots while the source of a tick is generated; an `ArgumentBlock`
+has the values for one batch of worlds and one thread.
 
 In the tick, array_view, table_view and number_view turn slots into what kernels take. A tick makes about a hundred
 arrays per world, and slices of numpy arrays would change reference counts atomically for each; these views own nothing,
-as the Worlds object that owns the memory outlives the call. Their LLVM code is built field by field, because numba's
-own constructors of arrays would take seconds to compile for so many; the compiler removes the fields that a kernel does
-not use. Each view is made only once in a process, as numba keeps every intrinsic for ever.
+as the Worlds that own the memory outlive the call. Their LLVM code is built field by field, as numba's constructors
+would take seconds to compile for so many; the compiler removes the fields that a kernel does not use. Each view is made
+only once in a process, as numba keeps every intrinsic for ever.
 """
 
 import ctypes
@@ -106,13 +106,7 @@ def aligned(size: int) -> Array:
 
 
 class ArgumentBlock:
-    """The arguments of one batch of worlds and one thread.
-
-    Attributes:
-        slots: int64 (slots,).
-        address: The address of the slots.
-        scratch: The thread's memory by its first slot, for kernels that run as Python.
-    """
+    """The arguments of one batch of worlds and one thread: int64 slots, and scratch memory by its first slot."""
 
     def __init__(self, layout: ArgumentLayout, worlds: Tables, memory: ServiceMemory, compiled: bool) -> None:
         self.slots = np.zeros(layout.size, np.int64)
@@ -140,10 +134,7 @@ class ArgumentBlock:
             self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
     def fetch(self, address: int, lines: Array) -> None:
-        """Let the unit prefetch cache lines of later worlds: while it handles world 0, of the world at `address`.
-
-        lines: int64 (lines,), their offsets in a world's state.
-        """
+        """Let the unit prefetch cache lines of later worlds: with world 0, at these offsets from an address."""
         self._kept.append(lines := np.ascontiguousarray(lines, np.int64))
         self.slots[[AHEAD, LINES, COUNT]] = address, lines.ctypes.data, len(lines)
 
@@ -157,25 +148,15 @@ class ArgumentBlock:
 
 @dataclass(frozen=True)
 class View:
-    """How a kernel sees an array.
-
-    Attributes:
-        dtype: The type of its elements.
-        ndim: How many axes it has in one world.
-        writable: Whether kernels write to it.
-        checked: Whether its indices are checked, for kernels from outside of outlast (see kernels.array_types).
-        shape: Its shape in one world, if that is part of the machine code; None: it is read from the slots.
-        place: Likewise its offset in the state of a world, and the size of that state, in bytes.
-        values: Likewise the bytes of all its elements.
-    """
+    """How a kernel sees an array. What is None is read from the slots, and is no part of the machine code."""
 
     dtype: np.dtype[Any]
-    ndim: int
+    ndim: int  # in one world
     writable: bool = False
-    checked: bool = False
-    shape: tuple[int, ...] | None = None
-    place: tuple[int, int] | None = None
-    values: bytes | None = None
+    checked: bool = False  # whether its indices are, for kernels from outside of outlast (see kernels.array_types)
+    shape: tuple[int, ...] | None = None  # in one world
+    place: tuple[int, int] | None = None  # its offset in the state of a world, and the size of that state, in bytes
+    values: bytes | None = None  # of all its elements
 
     @property
     def name(self) -> str:

@@ -1,9 +1,8 @@
 """The compile cache: it finds the machine code of units in memory or on disk, or compiles it, on all cores if it may.
 
 Processes that begin at the same time, such as those of a vector environment, share the work: each compiles some units.
-
-A unit's key (cache_key) says what its machine code depends on. Units that another scenario, process or version of
-this game has compiled are loaded; an edit compiles the units of the systems that it touches.
+Units that another scenario, process or version of this game has compiled are loaded (cache_key says what their machine
+code depends on); an edit compiles the units of the systems that it touches.
 """
 
 import contextlib
@@ -15,14 +14,14 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..kernels import cache_files
 from ..kernels.available import available_cores, available_memory
-from ..kernels.cache_folder import cache_folders
+from ..kernels.cache_files import cache_folders
 from ..kernels.jit import compiled, options_of
 from ..kernels.machine_code import Code, as_python, compile_function, load_code
 from .cache_key import CacheKey
@@ -42,7 +41,7 @@ CURE = "OUTLAST_CACHE_DIR can name another folder"
 
 
 class CompiledUnits:
-    """The compiled units of a tick, and functions that Python calls.
+    """The compiled units of a tick, and functions that Python calls. For what it raises, see CacheKey.
 
     Args:
         units: All units of the tick.
@@ -51,14 +50,10 @@ class CompiledUnits:
 
     Attributes:
         compiled: Labels of what `load` did not find: it was compiled here, or by other processes meanwhile.
-
-    Raises:
-        DeclarationError: A system refers to something whose later changes its machine code would not notice.
     """
 
     def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
-        if len({unit.label for unit in units}) < len(units):
-            raise AssertionError(f"two units of one label: {sorted(unit.label for unit in units)}")
+        assert len({unit.label for unit in units}) == len(units), [unit.label for unit in units]
         self._python = frozenset(functions)
         self._functions = {**functions, **parts} if compiled() else {}
         self._cache_key = CacheKey({unit.label: unit.kernels for unit in units} | self._functions)
@@ -81,8 +76,12 @@ class CompiledUnits:
             if missing := self.missing:
                 self.compiled += missing
                 self._discard_outdated()
-                with _few_collections():
+                before = gc.get_threshold()
+                gc.set_threshold(100_000, 50, 50)  # the compiler makes millions of objects that stay
+                try:
                     self._compile(sorted(missing, key=self._urgency))
+                finally:
+                    gc.set_threshold(*before)
                 cache_files.prune()
             found = {label: code for label, code in self._found.items() if self._keys[label] not in ADDRESSES}
             for label, address in zip(found, load_code(found.values()), strict=True):
@@ -132,10 +131,14 @@ class CompiledUnits:
                     self._found[label] = self._compile_one(label)
                     cache_files.write(paths[label], self._found[label])
 
-        def done() -> int:
-            return sum(label in self._found or bool(path and path.exists()) for label, path in paths.items())
+        last = [time.monotonic()]
 
-        report = _Progress(done, len(labels))
+        def report() -> None:
+            if time.monotonic() - last[0] >= REPORT:
+                last[0] = time.monotonic()
+                done = [label in self._found or bool(path and path.exists()) for label, path in paths.items()]
+                LOGGER.info("compiled %d of %d systems", sum(done), len(done))
+
         # Only one of the processes that begin together forks, or there would be as many forks as processes times cores.
         with cache_files.claimed(where and where / FORKS, wait=False) as alone:
             _spread(labels, work, report, fork=bool(where and alone))
@@ -148,9 +151,9 @@ class CompiledUnits:
         unit = self._units.get(label)
         kernel = unit.kernels[0] if unit else self._functions[label]
         function = unit.function() if unit else kernel.py_func
+        options = options_of(getattr(kernel, "py_func", kernel))
         name, qualified = function.__name__, function.__qualname__
         function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # makes its symbol unique
-        options = options_of(getattr(kernel, "py_func", kernel))
         try:
             with explained(unit.system if unit else None):
                 return compile_function(function, options, python=label in self._python)
@@ -158,32 +161,16 @@ class CompiledUnits:
             function.__name__, function.__qualname__ = name, qualified
 
 
-class _Progress:
-    """Messages of how many units are compiled, when it is called, but not more often than every REPORT seconds."""
-
-    def __init__(self, done: Callable[[], int], count: int) -> None:
-        self._done, self._count, self._last = done, count, time.monotonic()
-
-    def __call__(self) -> None:
-        if time.monotonic() - self._last >= REPORT:
-            self._last = time.monotonic()
-            LOGGER.info("compiled %d of %d systems", self._done(), self._count)
-
-
 def _spread(
     labels: Sequence[str], work: Callable[[str], None], report: Callable[[], None] = lambda: None, fork: bool = True
 ) -> None:
-    """Call `work` for each label, in this process and in forks of it; each takes the next label from a pipe.
+    """Call `work` for each label, in this process and, if possible, in forks; each takes the next label from a pipe.
 
     The results of a fork are only on disk. If a fork fails, no further label is begun, and the rest stays undone.
-
-    Args:
-        labels: What to work on.
-        work: The work.
-        report: Is called in this process now and then.
-        fork: Whether to fork, if that is possible.
+    `report` is called in this process now and then.
     """
-    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork and _may_fork() else 1
+    fork &= sys.platform == "linux" and threading.active_count() == 1  # others could hold a lock that a fork waits for
+    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork else 1
     children: dict[int, int | None] = {}  # statuses of those that have ended, by id
     owner = os.getpid()
     queue, source = os.pipe()
@@ -229,7 +216,7 @@ def _status(child: int) -> int | None:
 
 def _fork(work: Callable[[], None]) -> int:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Python and JAX warn of threads; of Python's, none run: see _may_fork
+        warnings.simplefilter("ignore")  # Python and JAX warn of threads; of Python's, none run
         child = os.fork()
     if child == 0:
         status = 1
@@ -247,22 +234,6 @@ def _fork(work: Callable[[], None]) -> int:
     return child
 
 
-def _may_fork() -> bool:
-    """Whether a fork can compile: on Linux, if no other Python thread could hold a lock that the fork waits for."""
-    return sys.platform == "linux" and threading.active_count() == 1
-
-
 def _cores() -> int:
     """How many processes may compile: as many as cores, and as fit into memory."""
     return 1 + int(min(available_cores() - 1, available_memory() // FORK_MEMORY))
-
-
-@contextlib.contextmanager
-def _few_collections() -> Iterator[None]:
-    """Collect garbage rarely: the compiler makes millions of objects that stay, and searching them takes time."""
-    before = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 50)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)

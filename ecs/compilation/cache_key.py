@@ -1,9 +1,8 @@
 """The compile cache's key: a hash of everything that the machine code of a system depends on.
 
-Numba's own key depends only on the file of the function: not on those of the kernels that it calls, on the bodies of
-functions without a file (in notebooks, in closures), on globals that are frozen into machine code, or on numba's flags.
-Here all references of every compiled system are followed, and a reference that cannot be followed is an error.
-Docstrings and line numbers do not count.
+Numba's own key depends only on the file of the function: not on those of the kernels that it calls, on functions
+without a file (in notebooks, in closures), on globals that are frozen into machine code, or on numba's flags. Here all
+references are followed, and one that cannot be followed is an error. Docstrings and line numbers do not count.
 """
 
 import functools
@@ -48,14 +47,9 @@ SETTINGS = (  # of numba, in any of its versions: those that change machine code
 
 
 class CacheKey:
-    """The kernels that some systems compile to machine code, and all that they refer to, as hashes.
+    """Kernels by the labels of systems, one or several each, and all that they refer to, as hashes.
 
-    Args:
-        kernels: By the labels of systems, their kernel, or all kernels that their units call.
-
-    Raises:
-        DeclarationError: A system refers to something whose changes could not be noticed, such as an instance of a
-            user's class, or to a random generator.
+    DeclarationError if a system refers to a random generator, or to something whose changes could not be noticed.
     """
 
     def __init__(self, kernels: Mapping[str, Any]) -> None:
@@ -68,7 +62,7 @@ class CacheKey:
             self._roots[self._label] = [self._add(kernel, self._label) for kernel in called]
 
     def key(self, label: str, source: str) -> str:
-        """Hash of a system's kernel, its unit's source, the engine, the processor, versions and numba's flags."""
+        """Hash of a system's kernels, of its unit's source, and of what all machine code depends on."""
         return hashlib.sha256(f"{self._engine} {self._digest(self._roots[label])} {source}".encode()).hexdigest()[:24]
 
     @functools.cached_property

@@ -40,11 +40,7 @@ write, write_byte, write_short, write_int = map(storer, ("int64", "int8", "int16
 
 @kernel
 def check(block: int) -> int:
-    """Check a step, and set the modes: SKIP where `where` is 0. A step that is refused changes nothing.
-
-    Returns:
-        0, or the reason for refusing it: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
-    """
+    """Check a step, and set the modes: SKIP where `where` is 0. Returns why it is refused, and changes nothing then."""
     worlds, columns, where = read(block + WORLDS), read(block + COLUMNS), read(block + WHERE)
     running, ended, stopped = read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
     rows = worlds * read(block + ROWS)
@@ -93,11 +89,7 @@ def take(block: int, start: int, stop: int) -> None:
 
 @kernel
 def gather(columns: int, count: int, worlds: int, found: int) -> int:
-    """Find the worlds in which a byte of one of `count` columns is not 0: set their bytes of `found` to 1, others to 0.
-
-    Returns:
-        1 if there is such a world, 0 otherwise.
-    """
+    """Set `found` to 1 for worlds in which a byte of one of the columns is not 0, else to 0; whether there are any."""
     for w in range(worlds):
         write_byte(found + w, 0)
     some = 0
@@ -117,12 +109,7 @@ def gather(columns: int, count: int, worlds: int, found: int) -> int:
 def finish(block: int, complete: bool) -> int:
     """Record which episodes are over, and which worlds run, after a tick of the worlds whose mode is not SKIP.
 
-    Args:
-        block: See WORDS.
-        complete: False if the tick was cut short: those worlds no longer run.
-
-    Returns:
-        Flags: DONE if some episode is over, FAULT if some world reports one.
+    After one that was not complete, they no longer run. Returns flags: whether some are DONE, or report a FAULT.
     """
     worlds, mode, running = read(block + WORLDS), read(block + MODE), read(block + RUNNING)
     ended, stopped, at_once = read(block + ENDED), read(block + STOPPED), read(block + AT_ONCE)
@@ -142,16 +129,10 @@ def finish(block: int, complete: bool) -> int:
 def run_units(frame: int, start: int, stop: int) -> int:
     """The tick of the worlds from `start` to `stop`, in machine code; in a step, also take their actions.
 
-    Args:
-        frame: Address of int64 words, see the names above: the number of units; the index of the one that raised an
-            exception, or NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none;
-            how many worlds go through all units together; and for each unit the address of its function and of its
-            arguments.
-        start: The first world.
-        stop: One after the last world.
-
-    Returns:
-        0, or 1 if a unit raised an exception.
+    A frame has int64 words, see the names above: the number of units; the index of the one that raised an exception, or
+    NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none; how many worlds go
+    through all units together; and for each unit the address of its function and of its arguments. Returns 1 if a unit
+    raised an exception, else 0.
     """
     units, chunk, block = read(frame + 8 * UNITS), read(frame + 8 * CHUNK), read(frame + 8 * STEP_BLOCK)
     write(frame + 8 * FAILED, NONE)
@@ -188,16 +169,14 @@ def step(frame: int, function: int, argument: int, worlds: int, block: int, part
 
     Args:
         frame: See run_units; 0 without a tick.
-        function: The address of the function that takes all worlds through the tick: run_units, or one that spreads it
-            over threads; 0 without a tick.
+        function: The address of what takes all worlds through the tick: run_units, or one that spreads it over threads.
         argument: Its first argument.
         worlds: How many there are.
         block: See WORDS; 0 if there is only the tick.
         parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
 
     Returns:
-        What `check` returns, if the step is refused; -1 if a system raised an exception; otherwise what `finish`
-        returns, 0 without it.
+        What `check` returns, if that is not 0; -1 if a system raised an exception; otherwise what `finish` returns.
     """
     if parts & BEGIN:
         refused = check(block)

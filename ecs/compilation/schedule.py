@@ -1,8 +1,9 @@
 """The schedule: phases in order of time, systems within a phase by what they declare. Ambiguity is an error."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from ..declarations.access import SELECTIONS
 from ..declarations.component import Component, Singleton
@@ -11,9 +12,22 @@ from ..declarations.module import Module
 from ..declarations.phase import PhaseBase, When
 from ..declarations.system import System
 from ..kernels.errors import ScheduleError, did_you_mean
-from .ambiguity import Reasons, ambiguity, reasons_of
 
+CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
 OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
+
+
+class Reason(NamedTuple):
+    """A component in after= or before= of the system `asking`, by which `other` runs before or after it."""
+
+    asking: System
+    other: System
+    keyword: str
+    component: type[Component]
+
+
+Reasons = Mapping[tuple[str, str], Sequence[Reason]]
+"""By labels of the first and the second of two systems of a phase, what orders them so."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +58,10 @@ class Schedule:
 def order(
     systems: Iterable[System], present: Iterable[type[Component]], chains: Sequence[Sequence[str]] = ()
 ) -> Schedule:
-    """Put systems in order. The order of `systems` does not matter.
+    """Put the systems of a scenario in order, whatever order they come in.
 
     Args:
-        systems: The systems of a scenario.
+        systems: The systems.
         present: The components of the scenario.
         chains: Labels of systems or names of mechanics; in each chain, every one runs before the next.
 
@@ -64,8 +78,15 @@ def order(
                 f"two systems are called {one.label} ({one.function.__module__} and {two.function.__module__}): their "
                 "name decides their order and their random numbers; rename one of the functions or its mechanic"
             )
-    _check_present(systems, set(present))
-    _check_streams(systems)
+    present, owners = set(present), dict[str, System]()
+    for system in systems:
+        _check_present(system, present)
+        draws = any(parameter.kind == "random" for parameter in system.parameters)
+        if draws and (other := owners.setdefault(system.stream, system)) is not system:
+            raise ScheduleError(
+                f"{other.label} and {system.label} have one random stream, {system.stream}, and would draw the same "
+                f"numbers: give {system.module} a stream of its own, or rename one of the functions"
+            )
     phases: dict[PhaseBase, list[System]] = {}
     for system in systems:
         phases.setdefault(system.phase, []).append(system)
@@ -86,15 +107,15 @@ def _touched(system: System, kind: str) -> str:
     return " ".join(dict.fromkeys(c.__name__ for p in system.access if p.kind == kind for c in p.components))
 
 
-def _check_present(systems: Sequence[System], present: set[type[Component]]) -> None:
-    for system in systems:
-        for parameter in system.access:
-            for component in parameter.components:
-                if parameter.kind not in SELECTIONS.values() and component not in present:
-                    raise ScheduleError(
-                        f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
-                        f"this scenario brings it; {_bringing(component)}, or leave {system.module} out"
-                    )
+def _check_present(system: System, present: set[type[Component]]) -> None:
+    for parameter in system.access:
+        for component in parameter.components:
+            if parameter.kind not in SELECTIONS.values() and component not in present:
+                cure = _bring(component, shared=issubclass(component, Event))  # whoever uses an event may bring it
+                raise ScheduleError(
+                    f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of this "
+                    f"scenario brings it; {cure}, or leave {system.module} out"
+                )
 
 
 def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
@@ -122,16 +143,9 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
 
 
 def check_brought(systems: Iterable[System], brought: Collection[type[Component]]) -> None:
-    """Refuse a user's system that would run in no scenario.
+    """Refuse a user's system that would run in no scenario, as no imported mechanic has a component of its entities.
 
-    A system whose `Rows` or `needs` name a component that this scenario lacks is left out, like the component itself.
-
-    Args:
-        systems: The systems of the scenario's mechanics.
-        brought: The components that the scenario has.
-
-    Raises:
-        ScheduleError: No imported mechanic has the component.
+    A system whose `Rows` or `needs` name a component that is not `brought` here is left out, like the component itself.
     """
     for system in systems:
         rows = [c for p in system.parameters if p.kind in SELECTIONS.values() for c in p.components]
@@ -145,15 +159,10 @@ def check_brought(systems: Iterable[System], brought: Collection[type[Component]
                 )
 
 
-def _bringing(component: type[Component]) -> str:
-    """Say, as a part of a message, what to do so that a scenario has the component."""
-    shared = issubclass(component, Event)  # whoever emits or reads an event may bring it
-    providers = "" if shared else Module.providers(_brings(component))
-    return f"add {providers}" if providers else _bring(component)
-
-
-def _bring(component: type[Component]) -> str:
-    """Say how a mechanic brings the component."""
+def _bring(component: type[Component], shared: bool = True) -> str:
+    """Say, as a part of a message, how a scenario gets the component. shared: not by adding a mechanic that has it."""
+    if not shared and (providers := Module.providers(_brings(component))):
+        return f"add {providers}"
     if issubclass(component, Singleton):
         return f"bring it, as in def singletons(self): return [{component.__name__}()]"
     return f'bring it, as in def archetypes(self): return [Archetype("agent", ({component.__name__}(),))]'
@@ -169,18 +178,6 @@ def _brings(component: type[Component]) -> Callable[[Module], bool]:
     return brings
 
 
-def _check_streams(systems: Sequence[System]) -> None:
-    owners: dict[str, System] = {}
-    for system in systems:
-        if any(parameter.kind == "random" for parameter in system.parameters):
-            other = owners.setdefault(system.stream, system)
-            if other is not system:
-                raise ScheduleError(
-                    f"{other.label} and {system.label} have one random stream, {system.stream}, and would draw the "
-                    f"same numbers: give {system.module} a stream of its own, or rename one of the functions"
-                )
-
-
 def _order_phase(
     systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], errors: list[str]
 ) -> list[System]:
@@ -189,26 +186,24 @@ def _order_phase(
     known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
     that is left out. errors: to this list, those of pairs without an order are added.
     """
-    reasons = reasons_of(systems)
+    reasons = _reasons_of(systems)
     earlier = _predecessors(systems, known, pairs, reasons)
-    ordered: list[System] = []
-    predecessors: dict[str, set[str]] = {}
-    waiting = list(systems)
+    ordered, waiting = list[System](), list(systems)
     while waiting:
-        ready = next((s for s in waiting if earlier[s.label] <= predecessors.keys()), None)
+        done = {system.label for system in ordered}
+        ready = next((s for s in waiting if earlier[s.label] <= done), None)
         if ready is None:
             names = ", ".join(s.label for s in waiting)
             raise ScheduleError(
                 f"the after/before of these systems run in a circle: {names}; leave one of them out"
                 + (", or a part of scenario.ordered(...)" if pairs else "")
             )
-        predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
         ordered.append(ready)
         waiting.remove(ready)
     for k, second in enumerate(ordered):
-        for first in ordered[:k]:
-            if first.label not in predecessors[second.label]:
-                errors += filter(None, [ambiguity(first, second, reasons, brief=bool(errors))])
+        ahead = _all_earlier(second.label, earlier)
+        for first in (each for each in ordered[:k] if each.label not in ahead):
+            errors += filter(None, [_ambiguity(first, second, reasons, brief=bool(errors))])
     return ordered
 
 
@@ -248,12 +243,11 @@ def _all_earlier(label: str, earlier: dict[str, set[str]]) -> set[str]:
 
 def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
     """Labels of the systems of a phase that `name` stands for in the after/before of the system `asking`."""
-    meant = _meant(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
-    if not any(system.phase is asking.phase for system in meant):
-        phases = " and ".join(sorted({system.phase.name for system in meant}))
+    phases = _phases(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
+    if asking.phase not in phases:
         raise ScheduleError(
-            f"{asking.label} in phase {asking.phase.name} is to run after or before '{name}', which is in {phases}: "
-            "the order of phases is fixed, so leave that out, or name something of the same phase"
+            f"{asking.label} in phase {asking.phase.name} is to run after or before '{name}', which is in "
+            f"{_listed(phases)}: the order of phases is fixed, so leave that out, or name something of the same phase"
         )
     return _stands_for(name, systems, known) - ({asking.label} if "." not in name else set())
 
@@ -274,10 +268,9 @@ def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -
     return {s.label for s in (*in_slot, *inherited) if not alike.isdisjoint((s.label, *s.aliases))}
 
 
-def _meant(name: str, who: str, known: Sequence[System], phase: PhaseBase | None = None) -> list[System]:
-    """The known systems of that label or mechanic. If there are none, raise a ScheduleError that begins with `who`."""
-    meant = [system for system in known if name in (system.label, system.module)]
-    if meant:
+def _phases(name: str, who: str, known: Sequence[System], phase: PhaseBase | None = None) -> set[PhaseBase]:
+    """The phases of a label or mechanic. If it is unknown, raise a ScheduleError that begins with `who`."""
+    if meant := {system.phase for system in known if name in (system.label, system.module)}:
         return meant
     names = {each for system in known for each in (system.label, system.module)}
     here = sorted({system.label for system in known if system.phase is phase})
@@ -288,12 +281,115 @@ def _meant(name: str, who: str, known: Sequence[System], phase: PhaseBase | None
     )
 
 
+def _listed(phases: Iterable[PhaseBase]) -> str:
+    return " and ".join(sorted(phase.name for phase in phases))
+
+
 def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
     """Raise ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
-    first, second = ({s.phase for s in _meant(name, f"the scenario orders '{name}'", known)} for name in pair)
+    first, second = (_phases(name, f"the scenario orders '{name}'", known) for name in pair)
     if not first & second:
-        phases = [" and ".join(sorted(phase.name for phase in each)) for each in (first, second)]
         raise ScheduleError(
-            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order "
-            "of phases is fixed, so leave that out"
+            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {_listed(first)} and in {_listed(second)}: "
+            "the order of phases is fixed, so leave that out"
         )
+
+
+# ---- the errors for two systems without an order: why there is none, and what to write on which of them
+
+
+def _reasons_of(systems: Sequence[System]) -> Reasons:
+    """Return the orders that components in after= and before= ask for."""
+    found = dict[tuple[str, str], list[Reason]]()
+    for asking in systems:
+        for other in (each for each in systems if each is not asking):
+            for keyword, given in (("after", asking.after), ("before", asking.before)):
+                pair = (other.label, asking.label) if keyword == "after" else (asking.label, other.label)
+                kinds = ("write", "add") if keyword == "after" else ("read", "write", "add")
+                for component in (each for each in given if not isinstance(each, str)):
+                    if other.touches(component, *kinds):
+                        found.setdefault(pair, []).append(Reason(asking, other, keyword, component))
+    return found
+
+
+def _ambiguity(first: System, second: System, reasons: Reasons, brief: bool) -> str:
+    """Return the error for two systems of a phase that need an order and have none; "" if they need none.
+
+    reasons: those of the phase. brief: whether another error comes before, which has what can be done in general.
+    """
+    if (shared := _conflict(first, second)) is None:
+        return ""
+    asked, other = (first, second) if first.outside and not second.outside else (second, first)
+    there, back = (reasons.get(pair, ()) for pair in ((other.label, asked.label), (asked.label, other.label)))
+    contrary = (*there, *back) if there and back else ()
+    own, others = ([each for each in contrary if each.asking is system] for system in (asked, other))
+    if own and others and asked.outside and not other.outside:  # `other` may keep a limit, as that of hit points
+        where, keyword = ("last", "after") if others[0].keyword == "after" else ("first", "before")
+        cure = (
+            f"{other.label} is to run {where}: {_replaced(own, other, reasons)}; or add {keyword}="
+            f'"{other.label}", to run {keyword} it all the same'
+        )
+    else:
+        keyword = "after" if other.touches(shared, "write", "add") else "before"
+        named = shared in (*first.after, *first.before, *second.after, *second.before)  # which is not enough
+        named |= any(each.other is asked and each[2:] == (keyword, shared) for why in reasons.values() for each in why)
+        cure = f'Say after="{other.label}" on {asked.label} ('
+        cure += ("" if named else f"or {keyword}={shared.__name__}, ") + "or the other way round)"
+        if not brief:
+            cure += (
+                ", put one into another phase, or declare Add where both only add; "
+                f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
+            )
+    return (
+        f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous"
+        + ("" if brief else f": both touch {shared.__name__} and one of them writes it")
+        + (f", and {_said(contrary)}, which cancels out" if contrary else "")
+        + f". {cure}"
+    )
+
+
+def _said(contrary: Sequence[Reason]) -> str:
+    """Return, as a part of a message, by which after= and before= two systems are ordered both ways."""
+    said = {f"{each.keyword}={each.component.__name__}": list[str]() for each in contrary}
+    for each in contrary:
+        said[f"{each.keyword}={each.component.__name__}"].append(each.asking.label)
+    return " and ".join(
+        f"both say {words}" if len({*labels}) > 1 else f"{labels[0]} says {words}" for words, labels in said.items()
+    )
+
+
+def _replaced(own: Sequence[Reason], other: System, reasons: Reasons) -> str:
+    """Return what to write in place of the components that a system gives and that order it and `other` both ways."""
+    asked, dropped = own[0].asking, {(each.keyword, each.component) for each in own}
+    kept = dict[str, set[str]]()
+    for pair, each in ((pair, each) for pair, found in reasons.items() for each in found if each.asking is asked):
+        needed = (each.keyword, each.component) in dropped and each.other is not other and pair[::-1] not in reasons
+        if needed and _conflict(asked, each.other):
+            kept.setdefault(each.keyword, set()).add(f'"{each.other.label}"')
+    names = " and ".join(sorted(f"{keyword}={component.__name__}" for keyword, component in dropped))
+    words = [
+        f"{keyword}=" + (f"({', '.join(sorted(labels))})" if len(labels) > 1 else min(labels))
+        for keyword, labels in kept.items()
+    ]
+    if not words:
+        return f"leave out {names} on {asked.label}"
+    return f"say {' and '.join(words)} on {asked.label} in place of {names}"
+
+
+def _conflict(first: System, second: System) -> type[Component] | None:
+    """Return a component for which the order of two systems matters; None if there is none."""
+    for one in first.access:
+        for two in second.access:
+            if (one.kind, two.kind) not in CONFLICTS and (two.kind, one.kind) not in CONFLICTS:
+                continue
+            for component in one.components:
+                if component in two.components:
+                    here, there = _fields(first, component), _fields(second, component)
+                    if not (here and there) or here & there:
+                        return component
+    return None
+
+
+def _fields(system: System, component: type[Component]) -> set[str]:
+    """Names of a system's Offsets into an observation: it touches only these fields. Empty: it touches all of them."""
+    return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

@@ -35,53 +35,41 @@ def segments(
     specialize: bool = False,
     python: bool = False,
 ) -> list[Segment]:
-    """Generate the units of a tick.
+    """Generate the units of a tick of these systems, in order.
 
-    Args:
-        layout: The layout of the worlds.
-        systems: The systems, in the order of the schedule.
-        split: Whether each unit gets a segment of its own.
-        interpret: Labels of systems to run as Python.
-        specialize: Whether the machine code is for this layout alone.
-        python: Whether all of them run as Python.
+    split: whether each unit gets a segment of its own. interpret: labels of systems to run as Python; python: all of
+    them. specialize: whether the machine code is for this layout alone.
     """
-    modules = {module.name: module for module in layout.modules}
+    modules, tables = {module.name: module for module in layout.modules}, dict[Any, tuple[Any, str]]()
 
-    tables: dict[Any, tuple[Any, str]] = {}
+    def new(as_python: bool = python, outside: bool = False) -> Generator:
+        return Generator(layout, python=as_python, outside=outside, specialize=specialize, tables=tables)
 
-    def generator(as_python: bool = False, outside: bool = False) -> Generator:
-        return Generator(layout, python=python or as_python, outside=outside, specialize=specialize, tables=tables)
-
-    units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
-    units += [generator().assign()] if layout.roles else []
-    stale = [*_read_in_resets(layout, systems), *(each for each, _ in _written_outside(layout, systems, Observation))]
-    units += [generator().zero(stale, When.RESET)] if stale else []
+    as_python = {s.label for s in systems if python or not s.compiled or s.label in interpret}
+    aside = {s.label for s in systems if split or (compiled() and not python and s.label in as_python)}
+    anew = stale_services(systems, aside)
     some_absent = any(number.kinds for number in layout.varied.values())
     signals = [*_written_outside(layout, systems, Signal)]
-
-    def as_python(system: System) -> bool:
-        return python or not system.compiled or system.label in interpret
-
-    aside = {system.label for system in systems if split or (compiled() and not python and as_python(system))}
-    anew = stale_services(systems, aside)
+    units = [new().clock(), *([new().draw()] if layout.keyed else []), *([new().assign()] if layout.roles else [])]
+    stale = [*_read_in_resets(layout, systems), *(each for each, _ in _written_outside(layout, systems, Observation))]
+    units += [new().zero(stale, When.RESET)] if stale else []
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
-        units += [generator().zero(first, When.ALWAYS)] if first else []
-        making = generator(as_python(system), outside=system.outside)
+        units += [new().zero(first, When.ALWAYS)] if first else []
+        making = new(system.label in as_python, system.outside)
         units.append(making.system(modules[system.module], system, anew[system.label]))
         if system.outside:
-            units += [generator().check_range(system, *found) for found in _ranges(layout, system)]
+            units += [new().check_range(system, *found) for found in _ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
-            units.append(generator().check_absent(system))
+            units.append(new().check_absent(system))
     if paid := [component for component in layout.components if issubclass(component, Signal)]:
-        units.append(generator().zero(paid, When.RESET))  # no action has led to the tick that starts an episode
+        units.append(new().zero(paid, When.RESET))  # no action has led to the tick that starts an episode
     if NumbersView in layout.components:
-        units.append(generator().show())
-    units += [generator().clear(*each) for each in published_rows(layout)]
-    found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
+        units.append(new().show())
+    units += [new().clear(*each) for each in published_rows(layout)]
     if split:
-        found = [Segment((unit,), unit.compiled) for unit in units]
-    return found
+        return [Segment((unit,), unit.compiled) for unit in units]
+    return [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
 
 
 def stale_services(systems: Sequence[System], aside: Collection[str]) -> dict[str, dict[Service, int]]:

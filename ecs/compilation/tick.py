@@ -4,9 +4,8 @@
 
 loops over these worlds, makes the tables of each from the argument block (see arguments), and calls the system's
 kernel. The block holds data only: the mode of each world (SKIP, STEP or RESET), the addresses of columns, of lists of
-rows and of scratch memory, and the mechanics' numbers. So a unit's source depends on its own system only, and the
-compile cache (cache) keeps machine code for a system, not for a scenario. For the same reason, each unit has an
-argument layout of its own.
+rows and of scratch memory, and the mechanics' numbers. So a unit's source, for which it has an argument layout of its
+own, depends on its own system only, and the compile cache keeps machine code for a system, not for a scenario.
 
 Each iteration also prefetches memory of a later world. run_units is the tick: it takes a few worlds at a time
 through all units. A system that runs as Python splits the tick into several such calls.
@@ -70,29 +69,17 @@ CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that com
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A system as a function of a range of worlds, or a function of the engine's own, such as the clock.
-
-    Attributes:
-        label: The system's label.
-        system: The system; None for the engine's own.
-        source: Its source.
-        names: The objects that its source refers to, by name.
-        arguments: The layout of its arguments.
-        compiled: False if it runs as Python.
-        only_at_reset: Whether it does nothing in ticks that are no reset.
-        needed: What is added to the message of its exceptions; no part of the machine code.
-        kernels: The kernel that it calls, and those of the services that it takes.
-    """
+    """A system as a function of a range of worlds, or a function of the engine's own, such as the clock."""
 
     label: str
-    system: System | None
+    system: System | None  # None for the engine's own
     source: str
-    names: dict[str, Any]
+    names: dict[str, Any]  # the objects that its source refers to
     arguments: ArgumentLayout
-    compiled: bool
-    only_at_reset: bool
-    needed: str = ""
-    kernels: tuple[Any, ...] = ()
+    compiled: bool  # or it runs as Python
+    only_at_reset: bool  # it does nothing in other ticks
+    needed: str  # what is added to the message of its exceptions; no part of the machine code
+    kernels: tuple[Any, ...]  # the one that it calls, and those of the services that it takes
 
     def function(self) -> Any:
         """The Python function; debuggers and tracebacks find its source."""
@@ -103,14 +90,11 @@ class Unit:
 
 
 class Generator:
-    """Generates a unit.
+    """Generates a unit, by one of its methods.
 
-    Args:
-        layout: The layout of the worlds.
-        python: Whether the unit runs as Python.
-        outside: Whether its system is from outside of outlast.
-        specialize: Whether shapes, places and lists of rows become part of its machine code.
-        tables: The views that were made for tables of this layout, which generators share.
+    python: whether it runs as Python. outside: whether its system is from outside of outlast. specialize: whether
+    shapes, places and lists of rows become part of its machine code. tables: the views that were made for tables of
+    this layout, which generators share.
     """
 
     def __init__(
@@ -136,89 +120,90 @@ class Generator:
     def clock(self) -> Unit:
         """The unit that begins the tick or the episode of every world."""
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
-        state = self._words("state", BLOCK, np.dtype("u8"))
-        counts = self._words("event_counts", EVENTS, np.dtype("i4"))
+        state, counts = self._words("state", BLOCK, "u8"), self._words("event_counts", EVENTS, "i4")
         kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_WORDS, 0), "kept")
-        arguments = [state, image, counts, "mode[w]", kept]
-        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
+        return self._unit(CLOCK, advance_clock, When.ALWAYS, [state, image, counts, "mode[w]", kept])
 
     def draw(self) -> Unit:
         """The unit that draws the varied numbers of every world whose episode begins."""
-        arguments = [
-            self._table(Clock, "w"),
-            self._table(Entity, "w"),
-            f"{self._table(Given, 'w')}.words",
-            *self._numbers(Varied),
-            self._constants("plan", plan(self.layout, by_role=False)),
-            self._constant("absent", absences(self.layout)),
-        ]
-        return self._unit(DRAW, None, draw_of_world, IDLE[When.RESET], arguments)
+        arguments = [self._table(Clock, "w"), self._table(Entity, "w"), f"{self._table(Given, 'w')}.words"]
+        arguments += [*self._numbers(Varied), self._constants("plan", plan(self.layout, by_role=False))]
+        arguments += [self._constant("absent", absences(self.layout))]
+        return self._unit(DRAW, draw_of_world, When.RESET, arguments)
 
     def assign(self) -> Unit:
         """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
-        arguments = [
-            self._table(Clock, "r"),
-            self._table(Entity, "r"),
-            f"{self._table(AgentRoles, 'w')}.role",
-            *self._numbers(AgentNumbers if self.layout.per_agent else AgentRoles),  # without numbers, none is written
-            self._constants("plan", plan(self.layout, by_role=True)),
-            self._constants("role_plan", role_plan(self.layout)),
-        ]
-        return self._unit(ROLES, None, draw_of_agents, IDLE[When.RESET], arguments)
+        arguments = [self._table(Clock, "r"), self._table(Entity, "r"), f"{self._table(AgentRoles, 'w')}.role"]
+        # without numbers, none is written
+        arguments += self._numbers(AgentNumbers if self.layout.per_agent else AgentRoles)
+        arguments += [self._constants("plan", plan(self.layout, by_role=True))]
+        arguments += [self._constants("role_plan", role_plan(self.layout))]
+        return self._unit(ROLES, draw_of_agents, When.RESET, arguments)
 
     def _numbers(self, owner: type[Component]) -> list[str]:
         """The words of numbers as int32 and as float32, and the whole state as int32 and as uint8."""
         return [
-            self._view_of("values", lambda worlds: worlds[owner][0], np.dtype("i4"), writable=True),
-            self._view_of("reals", lambda worlds: worlds[owner][0].view(np.float32), np.dtype("f4"), writable=True),
-            self._view_of("state", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
-            self._view_of("state_bytes", lambda worlds: worlds.block, np.dtype("u1"), writable=True),
+            self._view_of("values", lambda worlds: worlds[owner][0], "i4", writable=True),
+            self._view_of("reals", lambda worlds: worlds[owner][0].view(np.float32), "f4", writable=True),
+            self._view_of("state", lambda worlds: worlds.block.view(np.int32), "i4", writable=True),
+            self._view_of("state_bytes", lambda worlds: worlds.block, "u1", writable=True),
         ]
 
     def show(self) -> Unit:
         """The unit that shows varied numbers to agents."""
         arguments = [
-            self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, np.dtype("f4"), writable=True, ndim=2),
+            self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, "f4", writable=True, ndim=2),
             f"{self._table(Varied, 'r')}.words",
-            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4")),
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), "f4"),
             self._constant("shown", shown(self.layout)),
         ]
-        return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
+        return self._unit("show numbers", show, When.ALWAYS, arguments)
 
     def clear(self, number: Number, component: type[Component], column: str) -> Unit:
         """The unit that sets the rows of absent entities to 0 in a column that learners get."""
-        rows = self._column_as("rows", component, column, axes=2)
-        arguments = [rows, self._view_of("count", *_words_of(number))]
-        return self._unit(f"clear {_full_name(component, column)}", None, clear_rows, IDLE[When.ALWAYS], arguments)
+        arguments = [self._column_as("rows", component, column, axes=2), self._view_of("count", *_words_of(number))]
+        return self._unit(f"clear {_full_name(component, column)}", clear_rows, When.ALWAYS, arguments)
 
     def zero(self, components: Iterable[type[Component]], when: When) -> Unit:
         """The unit that sets all columns of some components, which are not packed, to 0, byte by byte."""
         columns = [(component, name) for component in components for name in component.columns]
-        rows = [self._column_as(f"row_{k}", *each, axes=1, dtype=np.uint8) for k, each in enumerate(columns)]
+        rows = [self._column_as(f"row_{k}", *each, axes=1, dtype="u1") for k, each in enumerate(columns)]
         label = f"zero {', '.join(itertools.starmap(_full_name, columns))} ({when.value})"
-        return self._unit(label, None, zero, IDLE[when], [f"({', '.join(rows)},)"])
+        return self._unit(label, zero, when, [f"({', '.join(rows)},)"])
 
     def check_absent(self, system: System) -> Unit:
         """The unit that follows a system that can make entities alive, and refuses absent ones."""
-        label, entities = f"absent rows after {system.label}", self._table(Entity, "r")
-        return self._unit(label, None, check_absent, IDLE[system.phase.when], [entities])
+        entities = self._table(Entity, "r")
+        return self._unit(f"absent rows after {system.label}", check_absent, system.phase.when, [entities])
 
     def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
         """The unit that follows a system that can write integers out of a column's range, and refuses these."""
         label = f"{_full_name(component, column)} after {system.label}"
         values = self._column_as("values", component, column, axes=2, writable=False)
-        rows = self._constant("rows", _checked_rows(self.layout, component, column))
+        if issubclass(component, Singleton):
+            checked = np.arange(component.row_shape(column, self.layout.dims)[0], dtype=np.int32)
+        else:
+            checked = self.layout.rows(component)
+        rows = self._constant("rows", checked)
         ends = (self._number(end, name) for name, end in (("low", low), ("high", min(high, 2**63 - 1))))
-        unit = self._unit(label, None, check_range, IDLE[system.phase.when], [values, rows, *ends])
-        return replace(unit, needed=f": {low} to {high} is needed")
+        needed = f": {low} to {high} is needed"
+        return self._unit(label, check_range, system.phase.when, [values, rows, *ends], needed=needed)
 
     def system(self, module: Module, system: System, stale: Mapping[Service, int]) -> Unit:
         """The unit of a system. stale: in which modes its services are to be made anew, see segments.stale_services."""
         self._stale = stale
         arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
-        return self._unit(system.label, system, system.kernel, IDLE[system.phase.when], arguments)
+        return self._unit(system.label, system.kernel, system.phase.when, arguments, system)
 
-    def _unit(self, label: str, system: System | None, kernel: Any, idle: str, arguments: Sequence[str]) -> Unit:
+    def _unit(
+        self,
+        label: str,
+        kernel: Any,
+        when: When,
+        arguments: Sequence[str],
+        system: System | None = None,
+        needed: str = "",
+    ) -> Unit:
         self._array("mode", MODE, View(np.dtype("i1"), 1))
         self.names["kernel"] = kernel = kernel if self.compiled else getattr(kernel, "py_func", kernel)
         lines = [f"def unit(arguments, first, last):  # {label}"]
@@ -231,12 +216,11 @@ class Generator:
         lines += ["    for w in range(first, last):"]
         if self.compiled:
             lines += ["        fetch(ahead, offsets, count)", "        ahead += stride"]
-        lines += [f"        if {idle}:", "            continue"]
+        lines += [f"        if {IDLE[when]}:", "            continue"]
         lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
-        source = "\n".join(lines) + "\n"
-        at_reset = idle == IDLE[When.RESET]
-        kernels = kernel, *self._kernels
-        return Unit(label, system, source, self.names, self.arguments, self.compiled, at_reset, kernels=kernels)
+        source, kernels = "\n".join(lines) + "\n", (kernel, *self._kernels)
+        at_reset = when is When.RESET
+        return Unit(label, system, source, self.names, self.arguments, self.compiled, at_reset, needed, kernels)
 
     def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:
@@ -266,12 +250,19 @@ class Generator:
             case "offset":
                 return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
         full, value = kernel_value(self.layout.modules, module, system, parameter)
-        if full in self.layout.per_agent:
-            return self._per_agent(self.layout.per_agent[full], parameter.name)
-        if full in self.layout.varied:
-            return self._varied(full, parameter.name)
+        name = f"number_{parameter.name}"
+        if (number := self.layout.per_agent.get(full)) is not None:  # an array by row
+            part, dtype = slice(number.start, number.start + self.layout.dims["rows"]), number.dtype
+            words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(dtype), dtype)
+            self.inside[f"{name} = {words}"] = None
+            return name
+        if (number := self.layout.varied.get(full)) is not None:  # in the state of each world
+            words = self._view_of(name, *_words_of(number))
+            form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
+            self.inside[f"{name} = {form.format(words)}"] = None
+            return name
         if parameter.kind == "numbers":
-            return self._constant(f"number_{parameter.name}", np.array(value, np.float32))
+            return self._constant(name, np.array(value, np.float32))
         return self._number(value, parameter.name, full)
 
     def _service(self, module: Module, system: System, parameter: Parameter) -> str:
@@ -295,21 +286,6 @@ class Generator:
         stale = self._number(self._stale[service], f"stale_{parameter.name}")
         self.inside[f"{name} = {kind}(arguments, {slot}, w - first)  # {types}"] = None
         self.inside[f"if {stale} >> mode[w] & 1: {make}({', '.join([name, *parts])})"] = None
-        return name
-
-    def _varied(self, full: str, parameter: str) -> str:
-        """A number of which each world has its own, in its state."""
-        number, name = self.layout.varied[full], f"number_{parameter}"
-        words = self._view_of(name, *_words_of(number))
-        form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
-        self.inside[f"{name} = {form.format(words)}"] = None
-        return name
-
-    def _per_agent(self, number: Number, parameter: str) -> str:
-        """A number of which each agent has its own: an array by row."""
-        part, name = slice(number.start, number.start + self.layout.dims["rows"]), f"number_{parameter}"
-        words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
-        self.inside[f"{name} = {words}"] = None
         return name
 
     def _number(self, value: int | float, parameter: str, full: str = "") -> str:
@@ -347,11 +323,11 @@ class Generator:
         self.names[view.name] = array_view(view, not self.compiled)
         return view.name
 
-    def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
+    def _words(self, name: str, slot: int, dtype: Any, writable: bool = True, ndim: int = 1) -> str:
         """Memory of a world as an array."""
-        return f"{self._view(View(dtype, ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
+        return f"{self._view(View(np.dtype(dtype), ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
 
-    def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
+    def _view_of(self, name: str, view: Any, dtype: Any, writable: bool = False, ndim: int = 1) -> str:
         """Memory of a world as an array, which the function `view` finds in the Worlds."""
         return self._words(name, self.arguments.add_array(view), dtype, writable, ndim)
 
@@ -361,8 +337,8 @@ class Generator:
         """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
         kind = np.dtype(dtype or component.columns[column].dtype)
 
-        def view(worlds: Tables) -> np.ndarray[Any, Any]:
-            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+        def view(worlds: Tables) -> Any:
+            values = getattr(worlds[component], column)
             shape = *values.shape[:axes], math.prod(values.shape[axes:])  # -1 would fail for 0 numbers
             return values.reshape(shape).view(kind)
 
@@ -441,25 +417,12 @@ def _column_of(component: type[Component], column: str, worlds: Tables) -> Any:
     return getattr(worlds[component], column)
 
 
-def _checked_rows(layout: MemoryLayout, component: type[Component], name: str) -> np.ndarray[Any, Any]:
-    """The rows of a column to check: those of entities that have the component; all, if that is a Singleton."""
-    if issubclass(component, Singleton):
-        return np.arange(component.row_shape(name, layout.dims)[0], dtype=np.int32)
-    return layout.rows(component)
-
-
 @kernel
 def check_range(values: Any, rows: Any, low: int, high: int) -> None:
-    """Raise RangeError unless all integers of these rows are in the range.
+    """Raise RangeError unless all integers of these rows, (rows, numbers of a row), are in the range.
 
     Other systems use them as indices or bits without a check, so an impossible one would make them read and write
     memory that is not meant.
-
-    Args:
-        values: A column of integers, (rows of the world, numbers of a row).
-        rows: The rows to check, int32.
-        low: The lowest integer that is allowed.
-        high: The highest one.
     """
     for k in range(rows.size):
         for c in range(values.shape[1]):
@@ -473,6 +436,6 @@ def _full_name(component: type[Component], column: str) -> str:
     return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
 
-def _words_of(number: Number) -> tuple[Any, np.dtype[Any]]:
+def _words_of(number: Number) -> tuple[Any, Any]:
     """A function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype

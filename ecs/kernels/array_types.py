@@ -27,44 +27,38 @@ from . import jit
 CUT = "which cuts it off"
 
 
-class ColumnType(types.Array):  # type: ignore[misc]
-    """An array in order of rows ("C") whose indices are not negative."""
-
-    unchecked = True  # intrinsics look for this, as their code may not refer to classes
+class _Column(types.Array):  # type: ignore[misc]
+    word = ""  # that its name begins with
+    layouts: tuple[str, ...] = ()  # in which its parts are columns, too
 
     def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
         super().__init__(dtype, ndim, layout, readonly=readonly, **more)
-        self.name: str = f"Column{self.name}"
+        self.name: str = f"{self.word}{self.name}"
 
     @property
     def mangling_args(self) -> Any:
         """The parts of its name in symbols."""
-        return "Column", super().mangling_args[1]
+        return f"{self.word}Column", super().mangling_args[1]
 
     def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
         """The type of a part of such an array, for example of a slice."""
         readonly = not self.mutable if readonly is None else readonly
         layout, ndim = layout or self.layout, self.ndim if ndim is None else ndim
-        kind = ColumnType if layout == "C" else types.Array
+        kind = type(self) if layout in self.layouts else types.Array
         return kind(dtype or self.dtype, ndim, layout, readonly=readonly)
 
 
-class CheckedColumn(types.Array):  # type: ignore[misc]
+class ColumnType(_Column):
+    """An array in order of rows ("C") whose indices are not negative."""
+
+    word, layouts = "Column", ("C",)
+    unchecked = True  # intrinsics look for this, as their code may not refer to classes
+
+
+class CheckedColumn(_Column):
     """The same for systems from outside outlast, with checked indices."""
 
-    def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
-        super().__init__(dtype, ndim, layout, readonly=readonly, **more)
-        self.name: str = f"Checked{self.name}"
-
-    @property
-    def mangling_args(self) -> Any:
-        """The parts of its name in symbols."""
-        return "CheckedColumn", super().mangling_args[1]
-
-    def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """The type of a part of such an array, for example of a slice."""
-        readonly, ndim = not self.mutable if readonly is None else readonly, self.ndim if ndim is None else ndim
-        return CheckedColumn(dtype or self.dtype, ndim, layout or self.layout, readonly=readonly)
+    word, layouts = "Checked", ("A", "C", "F")
 
 
 register_default(ColumnType)(models.ArrayModel)
@@ -140,25 +134,21 @@ def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return context.get_dummy_value()
 
 
-def _checked(context: Any) -> Any:
-    """Numba's context for code that checks indices, even in a function whose own options do not."""
-    return context.subtarget(enable_boundscheck=True) if jit.BOUNDS_CHECKS else context
+def _checked(lowering: Any) -> Any:
+    """A lowering of numba's whose code checks indices, even in a function whose own options do not."""
+
+    def lower(context: Any, *rest: Any) -> Any:
+        return lowering(context.subtarget(enable_boundscheck=True) if jit.BOUNDS_CHECKS else context, *rest)
+
+    return lower
 
 
-@lower_builtin(operator.getitem, CheckedColumn, types.Integer)  # type: ignore[untyped-decorator]
-def _get_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return arrayobj.getitem_arraynd_intp(_checked(context), builder, signature, arguments)
-
-
-@lower_builtin(operator.getitem, CheckedColumn, types.BaseTuple)  # type: ignore[untyped-decorator]
-def _get_part_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return arrayobj.getitem_array_tuple(_checked(context), builder, signature, arguments)
-
-
-@lower_builtin(operator.getitem, CheckedColumn, types.Array)  # type: ignore[untyped-decorator]
-def _gather_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return arrayobj.fancy_getitem_array(_checked(context), builder, signature, arguments)
-
+for _index, _lowering in (
+    (types.Integer, arrayobj.getitem_arraynd_intp),
+    (types.BaseTuple, arrayobj.getitem_array_tuple),
+    (types.Array, arrayobj.fancy_getitem_array),
+):
+    lower_builtin(operator.getitem, CheckedColumn, _index)(_checked(_lowering))
 
 # To allocate what is gathered, copied or sorted, numba looks for this method in exactly the class of the type.
 overload_classmethod(CheckedColumn, "_allocate", target="CPU")(arrayobj._ol_array_allocate)
@@ -167,4 +157,4 @@ overload_classmethod(CheckedColumn, "_allocate", target="CPU")(arrayobj._ol_arra
 @lower_builtin(operator.setitem, CheckedColumn, types.Any, types.Any)  # type: ignore[untyped-decorator]
 def _set_checked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     _refuse_cut(signature.args[0], signature.args[2])
-    return arrayobj.setitem_array(_checked(context), builder, signature, arguments)
+    return _checked(arrayobj.setitem_array)(context, builder, signature, arguments)

@@ -19,7 +19,7 @@ def available_cores() -> int:
 
 def available_memory() -> float:
     """Return the number of bytes that this process can take from what is free; infinity where that is unknown."""
-    words = _words(PROC / "meminfo")
+    words = _text(PROC / "meminfo").split()
     free = [int(words[words.index("MemAvailable:") + 1]) * 1024] if "MemAvailable:" in words else []
     return max(0, min([math.inf, *free, *_rests_of_limits()]))
 
@@ -38,7 +38,7 @@ def _rests_of_limits() -> Iterator[int]:
         found = _numbers(group / "memory.max", group / "memory.current")
         found = found or _numbers(group / "memory.limit_in_bytes", group / "memory.usage_in_bytes")
         if len(found) == 2:
-            words = _words(group / "memory.stat")
+            words = _text(group / "memory.stat").split()
             parts = dict(zip(words[::2], words[1::2], strict=False))
             files = [parts.get(f"total_{name}", parts.get(name, 0)) for name in ("active_file", "inactive_file")]
             yield found[0] - found[1] + sum(map(int, files))
@@ -47,10 +47,10 @@ def _rests_of_limits() -> Iterator[int]:
 def _control_groups(controller: str) -> Iterator[Path]:
     """Yield the folders of this process's control groups of versions 1 and 2, and of those around them."""
     paths: dict[str, str] = {}  # by the names of version 1's controllers; version 2's has the name ""
-    for line in _lines(PROC / "self" / "cgroup"):
+    for line in _text(PROC / "self" / "cgroup").splitlines():
         _, names, path = line.split(":", 2)
         paths |= dict.fromkeys(names.split(","), path)
-    for line in _lines(PROC / "self" / "mountinfo"):
+    for line in _text(PROC / "self" / "mountinfo").splitlines():
         before, _, after = line.partition(" - ")
         root, mount = before.split()[3:5]
         kind, options = after.split()[0], after.split()[-1].split(",")
@@ -60,18 +60,14 @@ def _control_groups(controller: str) -> Iterator[Path]:
             yield from (each for each in (group, *group.parents) if each.is_relative_to(mount))
 
 
-def _lines(path: Path) -> list[str]:
+def _text(path: Path) -> str:
     try:
-        return path.read_text().splitlines()
+        return path.read_text()
     except OSError:
-        return []
-
-
-def _words(path: Path) -> list[str]:
-    return " ".join(_lines(path)).split()
+        return ""
 
 
 def _numbers(*paths: Path) -> list[int]:
     """Return the integers in these files; none if there are others than integers, such as "max"."""
-    words = [word for path in paths for word in _words(path)]
+    words = [word for path in paths for word in _text(path).split()]
     return [int(word) for word in words] if all(word.removeprefix("-").isdecimal() for word in words) else []

@@ -2,6 +2,9 @@
 
 A file counts as absent, and is written again, if it does not match its checksum (after a full disk, or a process that
 was killed), if it is not a regular file, or if others than the user and root could have written it.
+
+Whoever can write to a folder of machine code can run code as its reader. So a folder is used as it is only if nobody
+but the user and root can write to it. Below others, as a group's or the temporary one, the user has a private folder.
 """
 
 import contextlib
@@ -11,24 +14,32 @@ import os
 import re
 import secrets
 import stat
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from .cache_folder import cache_folder, is_private
+import platformdirs
+
 from .file_lock import try_lock, unlock
 from .machine_code import Code
 
 DAY = 86_400  # seconds
 LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
 SUFFIX, CLAIM = ".unit", ".claim"
-TEMPORARY = re.compile(r"tmp\w{8}\.tmp")
+OWN = re.compile(r"\.unit$|\.claim$|^tmp\w{8}\.tmp$")
 LONGEST = 80  # characters of a label in the name of its file
 PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
 PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # neither follows a link nor waits for a FIFO
 WARNED: list[str] = []  # the warning of this process
-DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that the first line of its file has
+DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that are ahead of the object file
+try:
+    START = Path.cwd()  # a relative folder does not move when the program changes its working directory
+except OSError:  # it has been deleted
+    START = Path()
+POSIX = os.name == "posix"  # on Windows, users have folders for their data and for temporary files that are private
 
 
 def file_name(label: str, key: str) -> str:
@@ -43,28 +54,20 @@ def read(path: Path) -> Code | None:
             found = os.fstat(file.fileno())
             if not stat.S_ISREG(found.st_mode) or not is_private(found) or found.st_size > LARGEST:
                 return None
-            head, _, image = file.read().partition(b"\n")
+            checksum, _, content = file.read().partition(b"\n")
     except OSError:
         return None
-    try:
-        header = json.loads(head)
-        code = Code(header["symbol"], image, header["constants"], header["externals"])
-        if header["checksum"] != _checksum(code):
-            return None
-    except (ValueError, TypeError, KeyError, RecursionError):
+    if checksum != _checksum(content):
         return None
+    head, _, image = content.partition(b"\n")
     if time.time() - found.st_mtime > DAY:
         with contextlib.suppress(OSError):  # the folder may be read-only
             os.utime(path)  # keeps it from being deleted as unused
-    return code
+    return Code(image=image, **json.loads(head))
 
 
 def write(path: Path | None, code: Code) -> bool:
-    """Write a file, whole or not at all.
-
-    Args:
-        path: The file; if there is none, nothing is written.
-        code: Its content.
+    """Write a file, whole or not at all; without a path, nothing is written.
 
     Returns:
         Whether other processes can load it: not if the code cannot be loaded elsewhere or, with a warning, if it
@@ -73,15 +76,16 @@ def write(path: Path | None, code: Code) -> bool:
     if path is None or not code.portable:
         return False
     try:
-        head = json.dumps({"checksum": _checksum(code), **{name: getattr(code, name) for name in DESCRIPTION}})
+        head = json.dumps({name: getattr(code, name) for name in DESCRIPTION})
     except TypeError:  # a constant that JSON cannot hold: each process compiles the unit again
         return False
+    content = head.encode() + b"\n" + code.image
     temporary = path.with_name(f"tmp{secrets.token_hex(4)}.tmp")
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
         # Never writable for a group, in spite of the umask: such files count as absent
         with open(temporary, "xb", opener=lambda name, flags: os.open(name, flags, 0o644)) as file:
-            file.write(head.encode() + b"\n" + code.image)
+            file.write(_checksum(content) + b"\n" + content)
         os.replace(temporary, path)
     except OSError as error:
         if read(path):  # Windows does not replace a file that another process has open; its content is the same
@@ -103,16 +107,11 @@ def warn(text: str) -> None:
 
 @contextlib.contextmanager
 def claimed(path: Path | None, wait: bool) -> Iterator[bool]:
-    """Claim a unit, so that processes that begin together compile different ones, and none twice.
+    """Claim the unit of a file, so that processes that begin together compile different ones, and none twice.
 
-    A claim ends with its process, however that ends. Where files cannot be locked, every process can claim everything.
-
-    Args:
-        path: The unit's file; without one, no other process would find it, so it can be claimed.
-        wait: Whether to wait for a process that has claimed it, but no longer than PATIENCE: it may be suspended.
-
-    Yields:
-        Whether to compile the unit here, unless the file is there by now.
+    A claim ends with its process, however that ends. Where there is no file, or it cannot be locked, every process can
+    claim it. Yields whether to compile it here, unless the file is there by now. wait: whether to wait for a process
+    that has claimed it, but no longer than PATIENCE: it may be suspended.
     """
     if path is None:
         yield True
@@ -140,22 +139,66 @@ def prune() -> None:
     """Delete what killed processes left, and if all units together are too large, those that are unused for longest."""
     now, size, folder = time.time(), 0, cache_folder()
     with contextlib.suppress(OSError):
-        for used, bytes_, path in sorted(_found(folder) if folder else (), reverse=True):
-            size += bytes_
-            if size > LARGEST or (path.suffix != SUFFIX and now - used > DAY):
-                with contextlib.suppress(OSError):
-                    path.unlink()
+        own = [each for each in folder.iterdir() if OWN.search(each.name)] if folder else []
+        found = [(path.lstat(), path) for path in own]
+        for about, path in sorted(found, key=lambda each: -each[0].st_mtime):
+            if stat.S_ISREG(about.st_mode):
+                size += about.st_size
+                if size > LARGEST or (path.suffix != SUFFIX and now - about.st_mtime > DAY):
+                    with contextlib.suppress(OSError):
+                        path.unlink()
 
 
-def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Yield time of the last use, size and path of each of the cache's files."""
-    for path in folder.iterdir():
-        found = path.lstat()
-        own = path.suffix in (SUFFIX, CLAIM) or TEMPORARY.fullmatch(path.name)
-        if own and stat.S_ISREG(found.st_mode):
-            yield found.st_mtime, found.st_size, path
+def _checksum(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
-def _checksum(code: Code) -> str:
-    told = json.dumps([getattr(code, name) for name in DESCRIPTION]).encode()
-    return hashlib.sha256(told + code.image).hexdigest()
+class CacheFolders(NamedTuple):
+    """Folders of machine code."""
+
+    readable: list[Path]  # those that code is loaded from, the first choice first
+    writable: Path | None  # the one that new code is written to
+    problem: str  # why that is not the first choice
+
+
+def cache_folders() -> CacheFolders:
+    """Return $OUTLAST_CACHE_DIR, else the user's cache folder; and if that is not writable, a temporary one, too."""
+    readable, problems = list[Path](), list[str]()
+    for find in (_first_choice, lambda: _own_folder(Path(tempfile.gettempdir()))):
+        try:
+            readable.append(folder := find())
+        except OSError as error:
+            problems.append(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        except RuntimeError as error:  # there is no home
+            problems.append(str(error))
+        else:
+            if os.access(folder, os.W_OK | os.X_OK):
+                return CacheFolders(readable, folder, "; ".join(problems))
+            problems.append(f"{folder} is not writable")
+    return CacheFolders(readable, None, "; ".join(problems))
+
+
+def cache_folder() -> Path | None:
+    """Return the folder that new machine code is written to; None if there is none."""
+    return cache_folders().writable
+
+
+def is_private(found: os.stat_result) -> bool:
+    """Return whether only this user and root can have written a file, or can write to a folder."""
+    return not POSIX or (found.st_uid in (0, os.geteuid()) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def _first_choice() -> Path:
+    folder = START / Path(os.environ.get("OUTLAST_CACHE_DIR") or platformdirs.user_cache_dir("outlast")).expanduser()
+    folder.mkdir(mode=0o755, parents=True, exist_ok=True)
+    return folder if is_private(folder.stat()) else _own_folder(folder)
+
+
+def _own_folder(parent: Path) -> Path:
+    """Return a private folder of the user's in one that others can write to. Raises OSError."""
+    folder = parent / (f"outlast-{os.geteuid()}" if POSIX else "outlast")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()  # a link could lead to a folder where files of other programs would be deleted as old
+    if not stat.S_ISDIR(found.st_mode) or not is_private(found):
+        raise PermissionError(f"others can write to {folder}")
+    return folder

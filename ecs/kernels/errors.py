@@ -9,7 +9,7 @@ from types import FunctionType
 def did_you_mean(
     name: object, known: Iterable[object], *, before: str = "", after: str = "", count: int = 2, cutoff: float = 0.6
 ) -> str:
-    """Return the part of an error message that asks whether a misspelt name was meant to be another one.
+    """Return the part of an error message that asks whether a misspelt name was meant to be a known one; "" if none is.
 
     Args:
         name: The name that was given.
@@ -18,9 +18,6 @@ def did_you_mean(
         after: What comes after it, such as " ".
         count: How many names are suggested at most, the closest first.
         cutoff: The least similarity of the names, from 0 to 1; see `difflib.get_close_matches`.
-
-    Returns:
-        The question, or "" if no known name is close.
     """
     close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
     return f"{before}did you mean {' or '.join(close)}?{after}" if close else ""
@@ -29,10 +26,7 @@ def did_you_mean(
 def meant(name: object, known: Collection[str], beside: Iterable[str] = ()) -> str:
     """Return the hint for an unknown name, such as that of a number: the near misses, or else all known names.
 
-    Args:
-        name: The name that was given.
-        known: The names that exist.
-        beside: Further names that may have been meant, but are not listed.
+    beside: further names that may have been meant, but are not listed.
     """
     return did_you_mean(name, [*beside, *known]) or f"known: {', '.join(known)}"
 

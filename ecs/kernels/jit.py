@@ -107,9 +107,6 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
         function: A Python function in the subset of Python that numba compiles.
         inline: Whether to compile it into every kernel that calls it. A call that is not inlined takes some fifty
             instructions for each table among its arguments; inlined, only the columns that are used cost anything.
-
-    Returns:
-        The compiled function; under NUMBA_DISABLE_JIT the function itself.
     """
     options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     if is_outside(function):
@@ -170,13 +167,8 @@ register_model(External)(models.OpaqueModel)
 def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
     """Return the C function `name` for use inside kernels.
 
-    It is resolved by name when a kernel is linked, so kernels that call it can be cached on disk.
-
-    Args:
-        name: Its symbol.
-        returns: Numba's name of the type of its result; a pointer is "intp".
-        *arguments: Types of its arguments, likewise.
-        cure: What the user can do if the kernel has to run as Python, for the error.
+    It is resolved by name when a kernel is linked, so kernels that call it can be cached on disk. Types have numba's
+    names; a pointer is "intp". cure: what the user can do if the kernel has to run as Python, for the error.
     """
     kinds = [getattr(types, argument) for argument in arguments]
     function = External(name, getattr(types, returns)(*kinds))
@@ -198,40 +190,24 @@ _CALLBACKS: list[Any] = []  # kept alive
 
 
 class Intrinsic(_Intrinsic):  # type: ignore[misc]
-    """A function with handwritten machine code for kernels, and a plain form, `python`, for Python."""
-
-    python: Callable[..., Any]
+    """A function with handwritten machine code for kernels, and a plain form for Python, `python` of its definition."""
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the plain form."""
-        return self.python(*arguments)
-
-    def _reduce_states(self) -> dict[str, Any]:
-        return {**super()._reduce_states(), "python": self.python}
-
-    @classmethod
-    def _rebuild(cls, uuid: str, name: str, defn: Any, python: Any) -> Any:  # type: ignore[override]
-        result = super()._rebuild(uuid, name, defn)
-        result.python = python
-        return result
+        return self._defn.python(*arguments)  # type: ignore[attr-defined]
 
 
 def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
-    """Declare a function that kernels and Python can call.
+    """Decorate what numba calls the definition of an intrinsic: a function that kernels and Python can call.
 
-    Args:
-        python: Its plain form.
-
-    Returns:
-        A decorator for what numba calls the definition of an intrinsic. It returns the function, or under
-        NUMBA_DISABLE_JIT its plain form.
+    python: Its plain form, which is all that is left of it under NUMBA_DISABLE_JIT.
     """
 
-    def define(definition: Callable[..., Any]) -> Any:
+    def define(definition: Any) -> Any:
         if not compiled():
             return python
+        definition.python = python
         result = Intrinsic(definition.__name__, definition)
-        result.python = python
         result._register()
         return result
 
@@ -257,10 +233,7 @@ def storer(kind: str) -> Any:
     """Return a function `(address, value)` for kernels that writes one `kind`, to which the value is cast."""
     value = getattr(types, kind)
 
-    def python_store(address: int, number: Any) -> None:
-        _memory(address, kind)[()] = number
-
-    @intrinsic(python_store)
+    @intrinsic(lambda address, number: _memory(address, kind).fill(number))
     def store(typing: Any, address: Any, number: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())

@@ -32,22 +32,13 @@ ENVIRONMENTS: list[Any] = []  # numba's environments of loaded code, kept alive 
 
 
 class Code(NamedTuple):
-    """A compiled function: its symbol, the object file, and what that needs.
-
-    Attributes:
-        symbol: The function's name in the object file.
-        image: The object file.
-        constants: Constants that its calls of Python (print) need, by symbol.
-        externals: Symbols of the C functions that it calls.
-        portable: Whether other processes can load it; not if it contains addresses of this process, such as that of a
-            large array.
-    """
+    """A compiled function: its symbol, the object file, and what that needs."""
 
     symbol: str
     image: bytes
-    constants: dict[str, list[Any]]
-    externals: list[str]
-    portable: bool = True
+    constants: dict[str, list[Any]]  # that its calls of Python (print) need, by symbol
+    externals: list[str]  # symbols of the C functions that it calls
+    portable: bool = True  # whether other processes can load it; not with addresses of this one, as of a large array
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
@@ -118,10 +109,9 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
         def visit(library: JITCodeLibrary) -> None:
             seen.add(library)
-            if isinstance(library, Library):
-                for each in library._linking_libraries:
-                    if each not in seen:
-                        visit(each)
+            for each in library._linking_libraries if isinstance(library, Library) else ():
+                if each not in seen:
+                    visit(each)
             found.insert(0, library)
 
         visit(self)
@@ -138,11 +128,9 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         for function in _defined(self._final_module):
             if function.name != symbol:
                 function.linkage = "internal"
-        environments = {
-            name: environment
-            for library in (self, *callees)
-            for name, environment in getattr(library, "environments", {}).items()
-        }
+        environments = dict[str, Any]()
+        for library in (self, *callees):
+            environments |= getattr(library, "environments", {})
         for value in self._final_module.global_variables:
             if value.name in environments:
                 value.linkage = "linkonce_any"  # left out if no call of Python needs it
@@ -183,12 +171,9 @@ def _unfinished_callees() -> Iterator[None]:
 
 
 def compile_function(function: Callable[..., None], options: dict[str, Any], *, python: bool = False) -> Code:
-    """Compile a function of int64 arguments. Raises what numba raises.
+    """Compile a function of int64 arguments, with options of numba.njit. Raises what numba raises.
 
-    Args:
-        function: The function.
-        options: Options of numba.njit.
-        python: Whether Python is to call it (see `as_python`), or other compiled code.
+    python: whether Python is to call it (see `as_python`), or other compiled code.
     """
     with global_compiler_lock, _unfinished_callees():
         dispatcher = numba.njit(**options, no_cpython_wrapper=not python, no_cfunc_wrapper=True)(function)
@@ -235,18 +220,10 @@ def as_python(address: int) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: Any, error: Any) -> Any:
-    """In compiled code, call a compiled function of three int64 arguments.
+    """In compiled code, call the compiled function at `address` with the three int64 that follow.
 
-    Args:
-        typing: Numba's typing context, as in all intrinsics.
-        address: The function's address.
-        arguments: Its first argument: an address.
-        first: Its second argument.
-        last: Its third argument.
-        error: The address of an int64 that gets the address of the exception, if the function raises one.
-
-    Returns:
-        Its status: 0 and -2 mean success, all others an exception.
+    error: the address of an int64 that gets the address of the exception, if the function raises one. The result is its
+    status: 0 and -2 mean success, all others an exception.
     """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

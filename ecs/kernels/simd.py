@@ -48,16 +48,16 @@ class MaskType(types.Type):  # type: ignore[misc]
 VECTOR, MASK = VectorType("Vector"), MaskType("Mask")
 
 
-@register_model(VectorType)
-class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, FLOATS)
+def _model(value: Any) -> type[Any]:
+    class Model(models.PrimitiveModel):  # type: ignore[misc]
+        def __init__(self, manager: Any, kind: Any) -> None:
+            super().__init__(manager, kind, value)
+
+    return Model
 
 
-@register_model(MaskType)
-class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, BOOLEANS)
+register_model(VectorType)(_model(FLOATS))
+register_model(MaskType)(_model(BOOLEANS))
 
 
 def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...]], emit: Callable[..., Any]) -> None:
@@ -91,18 +91,14 @@ def _on_floats(name: str, *before: str) -> Callable[..., Any]:
     return emit
 
 
-def _on_booleans(name: str) -> Callable[..., Any]:
-    return lambda builder, *values: getattr(builder, name)(*values)
-
-
 _PAIRS = [(VECTOR, VECTOR), (VECTOR, types.float32), (types.float32, VECTOR)]
 for _function, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
     _define(_function, VECTOR, _PAIRS, _on_floats(_name))
 for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
     _define(_function, MASK, _PAIRS, _on_floats("fcmp_ordered", _sign))
-for _function, _name in ((operator.and_, "and_"), (operator.or_, "or_")):
-    _define(_function, MASK, [(MASK, MASK)], _on_booleans(_name))
-_define(operator.invert, MASK, [(MASK,)], _on_booleans("not_"))
+_define(operator.and_, MASK, [(MASK, MASK)], lambda builder, *values: builder.and_(*values))
+_define(operator.or_, MASK, [(MASK, MASK)], lambda builder, *values: builder.or_(*values))
+_define(operator.invert, MASK, [(MASK,)], lambda builder, value: builder.not_(value))
 _define(abs, VECTOR, [(VECTOR,)], lambda builder, value: builder.call(_absolute(builder), [value]))
 
 
@@ -146,10 +142,6 @@ def _python_store(column: Any, start: int, value: Any) -> None:
     column[start : start + SIMD_WIDTH] = value
 
 
-def _python_load_flags(column: Any, start: int) -> Any:
-    return _padded(column, start) != 0
-
-
 def _python_store_bytes(column: Any, start: int, value: Any, bits: int) -> None:
     whole = np.where(value > 0, np.minimum(value, LARGEST), 0).astype(np.uint8)
     column[start : start + SIMD_WIDTH] = np.where(bits >> np.arange(SIMD_WIDTH) & 1, whole, NO_BYTE)
@@ -158,6 +150,10 @@ def _python_store_bytes(column: Any, start: int, value: Any, bits: int) -> None:
 def _python_overlap(low: Any, high: Any, start: int, first: int, last: int) -> Any:
     ranges = slice(start, start + BYTES)
     return np.packbits((low[ranges] <= last) & (high[ranges] >= first), bitorder="little").view(np.int64)[0]
+
+
+def _python_load_flags(column: Any, start: int) -> Any:
+    return _padded(column, start) != 0
 
 
 def _python_trailing_zeros(word: int) -> int:

@@ -43,19 +43,12 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class CompiledGame:
-    """All that a batch of worlds needs except memory.
-
-    Attributes:
-        layout: The layout of each world.
-        schedule: The systems, in order.
-        segments: The units of the tick.
-        units: The machine code of units, functions and parts.
-    """
+    """All that a batch of worlds needs except memory."""
 
     layout: MemoryLayout
     schedule: Schedule
-    segments: Sequence[Segment]
-    units: CompiledUnits
+    segments: Sequence[Segment]  # of the tick
+    units: CompiledUnits  # with the functions and parts that a step needs
 
 
 def plan(wanted: Wanted) -> CompiledGame:
@@ -86,37 +79,29 @@ def _made(wanted: Wanted) -> CompiledGame:
     check_brought(layout.systems, layout.components)
     systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
     schedule = order(systems, layout.components, wanted.ordered)
-    _check_labels(wanted.interpret, schedule)
+    known = [system.label for system in schedule.systems]
+    for label in (each for each in wanted.interpret if each not in known):
+        hint = did_you_mean(label, known, after=" ")
+        raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")
     if any(system.outside for system in schedule.systems):
         outside = [code_digest(module) for module in layout.modules if is_outside(type(module))]
         options = wanted.varied, wanted.roles, wanted.without, wanted.ordered
         try_out(layout, schedule.systems, (repr((wanted.modules, options)), *outside, compiled()))
+    run = list[System]()
     for system in schedule.systems:
-        if system.label in wanted.interpret and (why := python_refusal(system)):
+        interpreted = system.label in wanted.interpret
+        if interpreted and (why := python_refusal(system)):
             raise DeclarationError(f"{system.label} cannot run as Python: {why}")
-    run = [_as_it_runs(system, layout, wanted.interpret) for system in schedule.systems]
+        if system.outside and (interpreted or not system.compiled):  # a user's runs on stand-ins
+            system = replace(system, kernel=Traced(system, layout, PYTHON_ONLY if system.compiled else None))
+        run.append(system)
     tick = segments(layout, run, wanted.split, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
     code = CompiledUnits(units, {WHOLE_STEP: step}, {RUN: run_units})
     return CompiledGame(layout, schedule, tick, code)
 
 
-def _as_it_runs(system: System, layout: MemoryLayout, interpret: Sequence[str]) -> System:
-    """The system, on stand-ins if it is a user's and runs as Python."""
-    if not system.outside or (system.compiled and system.label not in interpret):
-        return system
-    return replace(system, kernel=Traced(system, layout, PYTHON_ONLY if system.compiled else None))
-
-
 def _applies(system: System, layout: MemoryLayout) -> bool:
     """Whether a system is scheduled: the components that it needs are there, and none of its lists of rows is empty."""
     rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
     return {*system.needs} <= {*layout.components} and all(map(len, rows))
-
-
-def _check_labels(interpret: Sequence[str], schedule: Schedule) -> None:
-    known = [system.label for system in schedule.systems]
-    for label in interpret:
-        if label not in known:
-            hint = did_you_mean(label, known, after=" ")
-            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")

@@ -1,13 +1,16 @@
-"""Execution: the units of a segment, bound to the memory of a batch of worlds and to the threads that share them."""
+"""Execution: the tick of a batch of worlds, segment after segment, on their memory and the threads that share it."""
 
 import functools
 import os
-from collections.abc import Callable, Collection
+import threading
+import time
+import weakref
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..compilation.arguments import ArgumentBlock, ServiceMemory
+from ..compilation.arguments import ArgumentBlock, ServiceMemory, aligned
 from ..compilation.cache import CompiledUnits
 from ..compilation.compile_errors import of_numba
 from ..compilation.compiled_step import (
@@ -21,15 +24,17 @@ from ..compilation.compiled_step import (
     TICK,
     UNITS,
     WHOLE_STEP,
+    step,
 )
 from ..compilation.segments import Segment
 from ..compilation.tick import Unit
 from ..declarations.component import Component
 from ..kernels.errors import EngineError
-from ..kernels.jit import interpreted
+from ..kernels.jit import compiled, interpreted
 from ..kernels.machine_code import exception_at
 from ..memory.tables import Tables
-from .team import TEAM, Team, aligned
+from .compiled_game import CompiledGame
+from .team import SPREAD, TEAM, Team, shared
 
 # How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
 # which fit into a second-level cache of 0.5 MB.
@@ -37,20 +42,79 @@ TOGETHER, TOGETHER_BYTES = 32, 7 << 16
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
 
 
+class Runner:
+    """Runs a tick in a batch of worlds: the segments of `game`, with so many threads. Nothing is loaded at first."""
+
+    def __init__(self, worlds: Tables, threads: int, game: CompiledGame) -> None:
+        self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
+        self._segments, self._touched = game.segments, game.schedule.touched
+        self.units = game.units
+        self.times = {segment.units[0].label: 0.0 for segment in self._segments}  # seconds, by the first unit
+        self.lock = threading.Lock()  # held while executions are made or changed
+        self._executions = list[CompiledExecution | PythonExecution]()
+        self._team = Team(threads) if shared(worlds.count, threads) else None
+
+    @property
+    def sources(self) -> list[Unit]:
+        """All units, in order."""
+        return [unit for segment in self._segments for unit in segment.units]
+
+    @property
+    def missing(self) -> list[str]:
+        """Labels of the units whose machine code is neither loaded nor on disk."""
+        return self.units.missing + (self._team.code.missing if self._team is not None else [])
+
+    def run(self) -> None:
+        """Take every world through the tick, by its mode."""
+        for segment, execution in zip(self._segments, self._loaded(), strict=True):
+            start = time.perf_counter()
+            execution()
+            self.times[segment.units[0].label] += time.perf_counter() - start
+
+    def step(self) -> Any:
+        """compilation.compiled_step.step, for Python to call: as machine code, or as Python if nothing is compiled."""
+        self._loaded()
+        return self.units.function(WHOLE_STEP) if compiled() else step
+
+    def single(self) -> "CompiledExecution | None":
+        """The execution of the whole tick; None if the tick takes several calls."""
+        first, *others = self._loaded()
+        return first if isinstance(first, CompiledExecution) and not others else None
+
+    def set_numbers(self, changed: Mapping[str, int | float]) -> None:
+        """Change numbers of mechanics, by name, from the next tick on. The caller holds `lock`."""
+        for execution in self._executions:
+            for block in execution.blocks:
+                block.set_numbers(changed)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._team is not None:
+            self._team.close()
+
+    def _loaded(self) -> "list[CompiledExecution | PythonExecution]":
+        """The executions of the segments, once everything is loaded."""
+        if not self._executions:
+            self.units.load()
+            if self._team is not None:
+                self._team.code.load()
+            with self.lock:  # one thread at a time: modules' scratch() need not be thread-safe
+                worlds = self._worlds()
+                assert worlds is not None  # it is the caller
+                self._executions = self._executions or [
+                    CompiledExecution(each, worlds, self.units, self._team, self._touched)
+                    if each.compiled
+                    else PythonExecution(each, worlds)
+                    for each in self._segments
+                ]
+        return self._executions
+
+
 class CompiledExecution:
-    """Runs units that are machine code.
+    """Runs the units of a segment that are machine code, which is loaded, on the tables of worlds.
 
-    Args:
-        segment: The units.
-        worlds: The Worlds, whose tables the units use.
-        compiled_units: The machine code, loaded.
-        team: The threads that share the worlds; None for the caller's thread alone.
-        touched: See Schedule.touched.
-
-    Attributes:
-        blocks: The arguments of all units, one thread after the other.
-        step: Does parts of a step, given the address of its block, see compilation.compiled_step.step, and returns the
-            same.
+    team: the threads that share the worlds; None for the caller's thread alone. touched: see Schedule.touched. `step`
+    does parts of a step, given the address of its block, as compilation.compiled_step.step does.
     """
 
     def __init__(
@@ -75,7 +139,7 @@ class CompiledExecution:
         """The frame of a thread."""
         memory = ServiceMemory(worlds.dims, min(_together(worlds), worlds.count))
         blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
-        frame = aligned(TABLE + 2 * len(blocks))
+        frame = aligned(8 * (TABLE + 2 * len(blocks))).view(np.int64)
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
         frame[TABLE + 1 :: 2] = [block.address for block in blocks]
@@ -110,7 +174,7 @@ def _together_with(team: Team, step: Any, plan: Any, frame: int, count: int) -> 
 
     def call(block: int, parts: int) -> int:
         plan[TEAM] = team.ready()
-        return int(step(frame, team.spread, plan.ctypes.data, count, block, parts))
+        return int(step(frame, team.code.address(SPREAD), plan.ctypes.data, count, block, parts))
 
     return call
 
@@ -142,14 +206,7 @@ def _together(worlds: Tables) -> int:
 
 
 def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
-    """The exception that a unit raised, with its label and the line, or how to find it, and a note on the worlds.
-
-    Args:
-        unit: The unit.
-        first_world: The first of the worlds that it was handling.
-        last: The last of them.
-        address: The address of the exception, see `exception_at`.
-    """
+    """The exception at an address, with its unit and line, or how to find it, and a note on the worlds."""
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
     shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing

@@ -94,21 +94,17 @@ class Stepper:
         self._where, self._all = np.ones(worlds.count, bool), True
         columns = [component.columns[name] for component, name in worlds.layout.actions]
         self._zeros = np.array([-int(column.low) for column in columns], np.int64)
-        sizes = np.array([int(column.high - column.low) + 1 for column in columns], np.int64)
-        lists = [np.array([_place(column) for column in each], np.int64) for each in (ends, faults)]
+        flags = {"running": self.running, "ended": self.ended, "stopped": self.stopped, "faulty": self.faulty}
         self._arrays = {  # kept here, as the words below are their addresses
             "actions": actions,
-            "sizes": sizes,
+            "sizes": np.array([int(column.high - column.low) + 1 for column in columns], np.int64),
             "zeros": self._zeros,
             "taken": worlds.actions,
             "where": self._where,
             "mode": self.mode,
-            "running": self.running,
-            "ended": self.ended,
-            "stopped": self.stopped,
-            "faulty": self.faulty,
-            "ends": lists[0],
-            "faults": lists[1],
+            "ends": np.array([_place(column) for column in ends], np.int64),
+            "faults": np.array([_place(column) for column in faults], np.int64),
+            **flags,
         }
         words = {name: array.ctypes.data for name, array in self._arrays.items()}
         words |= {"worlds": worlds.count, "rows": actions.shape[1], "columns": actions.shape[2]}
@@ -156,15 +152,9 @@ class Stepper:
         return flags
 
     def reset(self, where: Array, keys: tuple[Array, Array, Array] | None = None) -> int:
-        """Begin new episodes in the worlds `where`, bool (worlds,).
+        """Begin new episodes in the worlds `where`, bool (worlds,). Returns what `step` does.
 
-        Args:
-            where: The worlds.
-            keys: Seeds and worlds, (worlds,) each, that key random numbers from now on, and the worlds that get them,
-                bool.
-
-        Returns:
-            As from `step`.
+        keys: seeds and worlds, (worlds,) each, that key random numbers from now on; and the worlds that get them, bool.
         """
         self.mode[:] = np.where(where, RESET, SKIP)
         return self._run(keys)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ..compilation.arguments import aligned
 from ..compilation.cache import CompiledUnits
 from ..compilation.compiled_step import EXCEPTION, FAILED, FIRST_WORLD, NONE, STEP_BLOCK
 from ..kernels.jit import external, has_symbol, kernel, loader, storer
@@ -129,17 +130,11 @@ def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
 
 @kernel
 def spread(plan: int, first: int, last: int) -> int:
-    """Run a round: the team takes all worlds through the tick.
+    """Run a round: the team takes all worlds, from the `first` to the `last`, through the tick.
 
-    Args:
-        plan: Address of int64 words, see the names above: the team; the function that takes worlds through the tick,
-            run_units; the number of all worlds, of those in a share and of those in a range; the number of threads,
-            and the frame of each. Afterwards, the caller's frame says which unit failed, if one did in any thread.
-        first: 0.
-        last: The number of worlds.
-
-    Returns:
-        0.
+    A plan has int64 words, see the names above: the team; the function that takes worlds through the tick, run_units;
+    the number of all worlds, of those in a share and of those in a range; the number of threads, and the frame of each.
+    Afterwards, the caller's frame says which unit failed, if one did in any thread.
     """
     team, threads, own = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS), read_word(plan + 8 * FRAMES)
     begin = first
@@ -199,21 +194,11 @@ def shared(count: int, threads: int) -> bool:
 
 
 class Team:
-    """The caller's thread and others that serve it, started when they are needed, and again in a fork.
-
-    Attributes:
-        size: How many threads there are, including the caller's.
-        code: The machine code that they run; it must be loaded first.
-    """
+    """The caller's thread and others, started when they are needed, and again in a fork, once `code` is loaded."""
 
     def __init__(self, size: int) -> None:
         self.size, self.code = size, code()
         self._owner = 0
-
-    @property
-    def spread(self) -> int:
-        """The address of the function `spread`."""
-        return self.code.address(SPREAD)
 
     def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
         """The plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
@@ -224,7 +209,8 @@ class Team:
     def ready(self) -> int:
         """Start the threads that are not running yet, and return the team's address."""
         if self._owner != os.getpid():  # there are none yet, or this is a fork, which inherits none
-            self._words, self._threads = aligned(NEXT + LINE * self.size), list[tuple[int, threading.Lock]]()
+            self._words = aligned(8 * (NEXT + LINE * self.size)).view(np.int64)
+            self._threads = list[tuple[int, threading.Lock]]()
             self._address = int(self._words.ctypes.data)
             self.code.function("prepare")(self._address)
             dismissing = self.code.function("dismiss"), self._words, self._threads, os.getpid()
@@ -243,13 +229,6 @@ class Team:
         if self._owner == os.getpid():
             self._owner = 0
             self._end()
-
-
-def aligned(words: int) -> Any:
-    """Zeros, int64 (words,), that begin at a cache line."""
-    memory = np.zeros(words + LINE - 1, np.int64)
-    start = -memory.ctypes.data // 8 % LINE
-    return memory[start : start + words]
 
 
 def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None:

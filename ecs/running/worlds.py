@@ -20,7 +20,7 @@ from ..memory.given import given_words
 from ..memory.numbers import AWAY, KEY, NO_LEVELS, ONCE, Given, Varied
 from ..memory.tables import Tables
 from .compiled_game import Wanted, plan
-from .runner import Runner
+from .execution import Runner
 
 
 class Worlds(Tables):
@@ -113,21 +113,17 @@ class Worlds(Tables):
         return {kind.name: self.entries(kind) for kind in self.layout.events}
 
     def entries(self, kind: type[Event]) -> np.ndarray[Any, Any]:
-        """Return a copy of the events of one kind in the last tick of each world.
+        """Return a copy of the events of one kind in the last tick of each world; nothing if there is no such event.
 
-        Returns:
-            A structured array with a row for each event, in order of worlds: `world`, `episode` and `tick`, int64, and
-            the event's columns. Empty if this scenario does not have the event.
+        A structured array has a row for each, in order of worlds: `world`, `episode` and `tick`, int64, and the event's
+        columns.
         """
         clock = self[Clock]
         times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
         return event.entries(kind, self.layout.events, self.event_memory, times)
 
     def number(self, name: str) -> Any:
-        """Return the value of a number in this episode, whether it is set, varies or differs by role.
-
-        Args:
-            name: "module_number".
+        """Return the value of the number "module_number" in this episode, whether it is set, varies or differs by role.
 
         Returns:
             A single value; if worlds differ in it, an array (count,), or (count, length) for a tuple (see `numbers`);
@@ -149,8 +145,7 @@ class Worlds(Tables):
     def span(self, archetype: str) -> slice:
         """Return the rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
 
-        Raises:
-            DeclarationError: No mechanic that is imported has it.
+        DeclarationError if no mechanic that is imported has it.
         """
         if (rows := self.layout.spans.get(archetype)) is None:
             check_kind(archetype, self.layout.spans)
@@ -171,10 +166,7 @@ class Worlds(Tables):
             self[Given].words[where, AWAY] = 0
 
     def set_numbers(self, /, **numbers: Any) -> None:
-        """Change numbers of mechanics from the next tick on, in all worlds.
-
-        Args:
-            **numbers: Values by name, module_number ("rewards_kill").
+        """Change numbers of mechanics by name, module_number ("rewards_kill"), from the next tick on, in all worlds.
 
         Raises:
             NumberError: A number is unknown, a value is not allowed, or the number does more than enter into what
@@ -227,9 +219,8 @@ class Worlds(Tables):
     def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
         """Make the next episode one of another key; those that follow have the worlds' own keys again.
 
-        Args:
-            keys: (seed, world, episode) for each of the worlds `where`, uint64 (n, 3). NumberError unless layout.keyed.
-            where: The worlds: mask, indices or slice.
+        keys: (seed, world, episode) for each of the worlds `where` (mask, indices or slice), uint64 (n, 3). NumberError
+        unless layout.keyed.
         """
         if not self.layout.keyed:
             raise NumberError(NO_LEVELS)
@@ -254,10 +245,8 @@ class Worlds(Tables):
 
     def source(self) -> str:
         """Return the generated code of the tick: a function for each system, in order, with the phases as comments."""
-        lines, phase = (
-            ["# Slots, in upper case, are positions in the argument block of a unit; see ecs.compilation.arguments."],
-            None,
-        )
+        slots = "# Slots, in upper case, are positions in the argument block of a unit; see ecs.compilation.arguments."
+        lines, phase = [slots], None
         for unit in self.runner.sources:
             if unit.system and unit.system.phase is not phase:
                 phase = unit.system.phase

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 from outlast.ecs import Worlds
-from outlast.ecs.kernels.cache_folder import cache_folder
+from outlast.ecs.kernels.cache_files import cache_folder
 
 LOGGER = logging.getLogger("outlast")
 

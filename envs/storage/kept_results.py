@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 from urllib.request import url2pathname
 
-from outlast.ecs.kernels.cache_folder import cache_folders
+from outlast.ecs.kernels.cache_files import cache_folders
 
 from ..errors import UsageError, install
 

@@ -23,9 +23,7 @@ from outlast.ecs import kernel
 from outlast.ecs.compilation import cache
 from outlast.ecs.compilation.cache import CompiledUnits
 from outlast.ecs.kernels import cache_files
-from outlast.ecs.kernels import cache_folder as folders
-from outlast.ecs.kernels.cache_files import SUFFIX, claimed
-from outlast.ecs.kernels.cache_folder import cache_folder, cache_folders, is_private
+from outlast.ecs.kernels.cache_files import SUFFIX, cache_folder, cache_folders, claimed, is_private
 from outlast.ecs.kernels.machine_code import Code
 from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
@@ -148,7 +146,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("OUTLAST_CACHE_DIR", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(folders, "START", tmp_path / "start")
+    monkeypatch.setattr(cache_files, "START", tmp_path / "start")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     monkeypatch.setattr(cache_files, "WARNED", [])
     return tmp_path
