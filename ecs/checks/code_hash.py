@@ -62,7 +62,10 @@ def _describe_module(module: Module) -> Iterator[str]:
         functions += [each for each in (system.function, *services) if is_outside(each)]
     for component in sorted(components, key=full_name):
         yield _describe_component(component)
-    yield from _describe_functions(functions)
+    for function in functions:  # grows meanwhile
+        yield read_code(function.__code__)[0]
+        for name, value in references(function):
+            yield from _describe_value(name, value, functions)
 
 
 def _describe_prefab(part: Component, count: int = 1) -> str:
@@ -103,15 +106,6 @@ def _describe_declaration(system: System) -> str:
         f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
         + (f" {names(system.needs)}" if system.needs else "")
     )
-
-
-def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
-    """The functions and all that they refer to, each once, in the order in which they are found."""
-    known = list(ahead)
-    for function in known:  # `known` grows meanwhile
-        yield read_code(function.__code__)[0]
-        for name, value in references(function):
-            yield from _describe_value(name, value, known)
 
 
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:

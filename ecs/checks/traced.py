@@ -77,20 +77,12 @@ def tagged(kind: Any, value: Any, tag: Tag) -> Any:
     return made
 
 
-class Watch:
-    """The columns that a system has used and written, and `_wrong` for the layout of its worlds."""
-
-    def __init__(self, layout: MemoryLayout) -> None:
-        self.used, self.written = Columns(), Columns()
-        self.misused = functools.cache(functools.partial(_wrong, layout))
-
-
 @dataclass
 class Guard:
     """What may be done with an array."""
 
     title: str  # what errors call it
-    watch: Watch
+    system: "Traced"
     locked: str = ""  # why nothing may be written to it
     dims: tuple[int | str, ...] = ()  # of its axes, as far as indices are checked
     gives: Tag | None = None  # what its elements are
@@ -102,11 +94,11 @@ class Guard:
     def access(self, index: Any) -> None:
         """Refuse an index of the wrong kind."""
         if self.column:
-            self.watch.used.add(self.column)
+            self.system.used.add(self.column)
         for dim, part in zip(self.dims, index if isinstance(index, tuple) else (index,), strict=False):
             if isinstance(part, slice):
                 break
-            if (tag := getattr(part, "tag", None)) and (wrong := self.watch.misused(dim, tag)):
+            if (tag := getattr(part, "tag", None)) and (wrong := self.system.misused(dim, tag)):
                 raise Refused(f"indexes {self.title}, {wrong}")
 
     def write(self, dtype: np.dtype[Any], index: Any = ..., value: Any = None) -> None:
@@ -120,7 +112,7 @@ class Guard:
         if self.places is not None and self.own and not self.own[0][self.reach(self.places, index)].all():
             raise Refused(f"writes {self.title} beside {self.own[1]}; take an Offset for each field")
         if self.column:
-            self.watch.written.add(self.column)
+            self.system.written.add(self.column)
 
     def reach(self, array: Any, index: Any) -> Any:
         """Return a part of an array. IndexError, with the title, if there is no such part."""
@@ -138,7 +130,7 @@ class Guard:
             )
 
 
-FREE = Guard("", watch=None)  # type: ignore[arg-type]  # of arrays that are the system's own
+FREE = Guard("", system=None)  # type: ignore[arg-type]  # of arrays that are the system's own
 
 
 class Watched(np.ndarray):
@@ -346,7 +338,9 @@ class Traced:
     """
 
     def __init__(self, system: System, layout: MemoryLayout, stand_ins: Mapping[str, Any] | None) -> None:
-        self.system, self.layout, self.watch = system, layout, Watch(layout)
+        self.system, self.layout = system, layout
+        self.used, self.written = Columns(), Columns()  # what it has done so far
+        self.misused = functools.cache(functools.partial(_wrong, layout))
         self.drawn = set[tuple[int, ...]]()
         function: Any = getattr(system.function, "py_func", system.function)
         self.codes = dict.fromkeys(codes(function.__code__), function)
@@ -401,26 +395,26 @@ class Traced:
 
     def _stand_in(self, parameter: Parameter, value: Any) -> Any:
         """What the system gets for an argument."""
-        components, title, watch = parameter.components, f"'{parameter.name}'", self.watch
+        components, title = parameter.components, f"'{parameter.name}'"
         match parameter.kind:
             case "read" | "write" | "add" as access:
                 columns = zip(components[0].columns, value, strict=True)
                 return components[0].Table(*(self._column(components[0], access, *each) for each in columns))
             case "rows":
-                return watched(value, Guard(title, watch, SHARED, (len(value),), Tag("row", components)), Selection)
+                return watched(value, Guard(title, self, SHARED, (len(value),), Tag("row", components)), Selection)
             case "row_index":
-                return watched(value, Guard(title, watch, SHARED, ("rows",), Tag("index", components)))
+                return watched(value, Guard(title, self, SHARED, ("rows",), Tag("index", components)))
             case "bitset" | "numbers" if isinstance(value, np.ndarray):
-                return watched(value, Guard(title, watch, SHARED))
+                return watched(value, Guard(title, self, SHARED))
             case "number" if isinstance(value, np.ndarray) and value.ndim:
-                return watched(value, Guard(parameter.name, watch, SHARED, ("rows",), computed=False))
+                return watched(value, Guard(parameter.name, self, SHARED, ("rows",), computed=False))
         return value
 
     def _column(self, component: type[Component], access: str, name: str, array: Any) -> Any:
         title, dims = f"{component.__name__}.{name}", component.columns[name].dims
         guard = Guard(
             title,
-            self.watch,
+            self,
             READ_ONLY.format(component.__name__) if access == "read" else "",
             dims if issubclass(component, Singleton) else ("rows", *dims),
             column=(component, name),

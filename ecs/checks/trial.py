@@ -61,8 +61,8 @@ def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
     traced = {s.label: Traced(s, layout, {**PYTHON_ONLY, "print": _silent}) for s in chosen if s.outside}
     _play(layout, [dataclasses.replace(s, kernel=traced.get(s.label, s.kernel)) for s in chosen], traced)
     for label, each in traced.items():
-        found[label][0].update(each.watch.used)
-        found[label][1].update(each.watch.written)
+        found[label][0].update(each.used)
+        found[label][1].update(each.written)
     resets = [system.label for system in systems if system.phase.when is When.RESET]
     for system in systems:
         if system.outside:

@@ -13,7 +13,7 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.core.ir import Loc
 
 from ..declarations.system import System
-from ..kernels.array_check import ENDLESS, NO_VALUE, UNCHECKED
+from ..kernels.array_check import AS_LEFT, ENDLESS, UNCHECKED
 from ..kernels.array_types import CUT
 from ..kernels.errors import DeclarationError, EngineError, ScheduleError, place
 
@@ -51,7 +51,15 @@ def explained(system: System | None) -> Iterator[None]:
     except Exception as error:
         if system is None:  # the engine's own
             raise
-        raise _explanation(error, system) from error
+        text, function = _text(error), cast("FunctionType", system.function)
+        lines = [f"{file}, line {line}" for file, line in reversed(places(error))]
+        where = f"{system.label} ({'; '.join(lines) or place(function, function.__code__.co_firstlineno)})"
+        if "Cannot modify readonly array" in text:
+            what = "writes an array that its parameter list declares as Read; declare it Write"
+            raise ScheduleError(f"{where} {what}") from error
+        if any(each in text for each in (AS_LEFT, CUT, ENDLESS, UNCHECKED)):  # in Python, it is as wrong
+            raise DeclarationError(f"{where} {first_sentence(error)}") from error
+        raise DeclarationError(f"{where} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}") from error
 
 
 def first_sentence(error: BaseException) -> str:
@@ -90,14 +98,3 @@ def of_numba(file: str) -> bool:
 
 def _text(error: BaseException) -> str:
     return COLOURS.sub("", str(error))
-
-
-def _explanation(error: BaseException, system: System) -> EngineError:
-    text, label, function = _text(error), system.label, cast("FunctionType", system.function)
-    where = [f"{file}, line {line}" for file, line in reversed(places(error))]
-    label += f" ({'; '.join(where) or place(function, function.__code__.co_firstlineno)})"
-    if "Cannot modify readonly array" in text:
-        return ScheduleError(f"{label} writes an array that its parameter list declares as Read; declare it Write")
-    if any(each in text for each in (CUT, ENDLESS, NO_VALUE, UNCHECKED)):  # in Python, it is as wrong
-        return DeclarationError(f"{label} {first_sentence(error)}")
-    return DeclarationError(f"{label} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}")

@@ -31,7 +31,9 @@ UNCHECKED_CALLS: dict[Any, str] = {
     np.lib.stride_tricks.as_strided: f"calls as_strided, whose shape {UNCHECKED}; take slices, or reshape",
     np.delete: f"calls np.delete, whose indices {UNCHECKED}; take what is to stay, as in a[stays]",
 }
-NO_VALUE, ENDLESS = "has no value here", "never ends"  # parts of others
+ENDLESS = "this loop never ends, and nothing interrupts machine code; leave it by break or return"
+AS_LEFT = "has no value here, where machine code takes 0 or what an earlier round left; give it one ahead of that"
+NO_VALUE = "on some path '{0}' " + AS_LEFT + ", as in {0} = -1"
 INPUTS = {np.outer: 2}  # functions that pass on a further argument to a ufunc as its output
 
 
@@ -66,27 +68,19 @@ def _refuse(blocks: dict[int, Any], typemap: Any, calltypes: Any, seen: set[Any]
     loops = compute_cfg_from_blocks(blocks).loops()
     for loop in loops.values():
         if not loop.exits:
-            what = f"this loop {ENDLESS}, and nothing interrupts machine code; leave it by break or return"
-            raise NumbaTypeError(what, loc=blocks[loop.header].loc)
+            raise NumbaTypeError(ENDLESS, loc=blocks[loop.header].loc)
     for label, block in blocks.items():
         for statement in block.find_insts(ir.Assign):
             what, value = _unchecked(statement, typemap, calltypes), statement.value
             if isinstance(value, ir.Expr) and value.op == "phi" and ir.UNDEFINED in value.incoming_values:
-                what = "" if _has_a_round(loops.get(label), statement.target, blocks, typemap) else _no_value(statement)
+                rounds = _has_a_round(loops.get(label), statement.target, blocks, typemap)
+                what = "" if rounds else NO_VALUE.format(statement.target.unversioned_name)
             if what:
                 raise NumbaTypeError(what, loc=statement.loc)
             for annotation in _compiled(statement, typemap, calltypes):
                 if annotation not in seen:
                     seen.add(annotation)
                     _refuse(annotation.blocks, annotation.typemap, annotation.calltypes, seen)
-
-
-def _no_value(statement: Any) -> str:
-    name = statement.target.unversioned_name
-    return (
-        f"on some path '{name}' {NO_VALUE}, where machine code takes 0 or what an earlier round left; give it one "
-        f"ahead of that, as in {name} = -1"
-    )
 
 
 def _has_a_round(loop: Any, variable: Any, blocks: dict[int, Any], typemap: Any) -> bool:

@@ -33,11 +33,7 @@ def _element(number: Any, e: int) -> Any:
 def of(typing: Any, number: Any, e: Any) -> Any:
     """Return the number for the entity in row `e`: that of its role if roles differ in it, else the game's own."""
     if not hasattr(number, "ndim"):  # not an array
-
-        def same(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-            return arguments[0]
-
-        return number(number, types.intp), same
+        return number(number, types.intp), lambda context, builder, kinds, arguments: arguments[0]
 
     def element(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         array = cgutils.create_struct_proxy(kinds.args[0])(context, builder, arguments[0])
@@ -56,8 +52,4 @@ def of(typing: Any, number: Any, e: Any) -> Any:
 def differs(typing: Any, number: Any) -> Any:
     """Whether roles differ in a number. Known at compile time, so the branch that is not taken costs nothing."""
     value = hasattr(number, "ndim")
-
-    def constant(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return ir.Constant(FLAG, value)
-
-    return types.boolean(number), constant
+    return types.boolean(number), lambda context, builder, kinds, arguments: ir.Constant(FLAG, value)

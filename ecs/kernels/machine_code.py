@@ -12,8 +12,7 @@ functions, to check them, and its interface for extensions. These parts are thos
 import ctypes
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import llvmlite.binding
@@ -159,29 +158,23 @@ def _own_module(library: Any) -> Any:
     return JITCodeLibrary._get_module_for_linking(library)
 
 
-@contextmanager
-def _unfinished_callees() -> Iterator[None]:
-    codegen = cpu_target.target_context.codegen()
-    before = codegen._library_class
-    codegen._library_class = Library
-    try:
-        yield
-    finally:
-        codegen._library_class = before
-
-
 def compile_function(function: Callable[..., None], options: dict[str, Any], *, python: bool = False) -> Code:
     """Compile a function of int64 arguments, with options of numba.njit. Raises what numba raises.
 
     python: whether Python is to call it (see `as_python`), or other compiled code.
     """
-    with global_compiler_lock, _unfinished_callees():
-        dispatcher = numba.njit(**options, no_cpython_wrapper=not python, no_cfunc_wrapper=True)(function)
-        dispatcher.compile((types.int64,) * function.__code__.co_argcount)
-        (overload,) = dispatcher.overloads.values()
-        names = overload.fndesc
-        code: Code = overload.library.emit(names.llvm_cpython_wrapper_name if python else names.llvm_func_name)
-        return code
+    codegen = cpu_target.target_context.codegen()
+    with global_compiler_lock:
+        before, codegen._library_class = codegen._library_class, Library
+        try:
+            dispatcher = numba.njit(**options, no_cpython_wrapper=not python, no_cfunc_wrapper=True)(function)
+            dispatcher.compile((types.int64,) * function.__code__.co_argcount)
+            (overload,) = dispatcher.overloads.values()
+            names = overload.fndesc
+            code: Code = overload.library.emit(names.llvm_cpython_wrapper_name if python else names.llvm_func_name)
+            return code
+        finally:
+            codegen._library_class = before
 
 
 def load_code(codes: Iterable[Code]) -> list[int]:
@@ -268,21 +261,17 @@ def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], st
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_add(typing: Any, address: Any, number: Any) -> Any:
     """In compiled code, add to the int64 at an address, and return what it was: one step for all threads."""
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.atomic_rmw("add", _word(builder, values[0]), values[1], "seq_cst")
-
-    return types.int64(types.int64, types.int64), generate
+    return types.int64(types.int64, types.int64), lambda context, builder, signature, values: builder.atomic_rmw(
+        "add", _word(builder, values[0]), values[1], "seq_cst"
+    )
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_load(typing: Any, address: Any) -> Any:
     """In compiled code, read an int64 that other threads write."""
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.load_atomic(_word(builder, values[0]), "seq_cst", 8)
-
-    return types.int64(types.int64), generate
+    return types.int64(types.int64), lambda context, builder, signature, values: builder.load_atomic(
+        _word(builder, values[0]), "seq_cst", 8
+    )
 
 
 @intrinsic  # type: ignore[untyped-decorator]

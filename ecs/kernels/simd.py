@@ -214,11 +214,9 @@ def to_bits(typing: Any, mask: Any) -> Any:
 @intrinsic(_python_trailing_zeros)
 def trailing_zeros(typing: Any, word: Any) -> Any:
     """(int > 0) -> index of its lowest 1."""
-
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), generate
+    return types.int64(types.int64), lambda context, builder, kinds, arguments: builder.cttz(
+        arguments[0], ir.Constant(ir.IntType(1), 1)
+    )
 
 
 @intrinsic(_python_store_bytes)

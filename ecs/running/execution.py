@@ -143,18 +143,15 @@ class CompiledExecution:
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
         frame[TABLE + 1 :: 2] = [block.address for block in blocks]
-        self._share_fetching(worlds, blocks, int(frame[CHUNK]))
         self.blocks += blocks
-        return frame
-
-    def _share_fetching(self, worlds: Tables, blocks: list[ArgumentBlock], together: int) -> None:
-        """Let the units that run in every tick prefetch the next `together` worlds, in equal parts, if that pays."""
+        # The units that run in every tick prefetch the worlds of the next chunk, in equal parts, if that pays
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
-            ahead = worlds.block.ctypes.data + together * worlds.layout.world_bytes
+            ahead = worlds.block.ctypes.data + int(frame[CHUNK]) * worlds.layout.world_bytes
             lines = worlds.layout.touched_lines(self._touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
+        return frame
 
     def __call__(self) -> None:
         """Take all worlds through the units. Raises what a kernel raises."""
