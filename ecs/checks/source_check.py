@@ -1,7 +1,8 @@
-"""A reading of a system's source, for the branches that a trial does not take.
+"""A reading of a system, for the branches that a trial does not take.
 
-It finds the columns that a system uses and writes, and anything but sums on what is declared Add, also in functions
-that are called with tables. Functions whose source is not at hand are left to the trial.
+Its source shows the columns that it uses and writes, and anything but sums on what is declared Add, also in functions
+that are called with tables; functions whose source is not at hand are left to the trial. What numba reads of it shows
+variables that may have no value where they are used, and loops that nothing leaves.
 """
 
 import ast
@@ -14,12 +15,22 @@ from collections.abc import Iterator
 from types import CodeType, FunctionType
 from typing import Any
 
+from numba.core import ir
+from numba.core.analysis import compute_cfg_from_blocks
+from numba.core.compiler import run_frontend
+from numba.core.ir_utils import find_const, get_definition, guard
+
 from ..declarations.component import Component
 from ..declarations.system import System
-from ..kernels.errors import ScheduleError, place
-from ..kernels.frozen_values import is_library, references
+from ..kernels.errors import DeclarationError, ScheduleError, place
+from ..kernels.frozen_values import is_library, is_outside, reachable, references
 from .traced import ONLY_SUMS, SIZES, Columns
 
+ENDLESS = "this loop never ends, and nothing interrupts machine code; leave it by break or return"
+NO_VALUE = (
+    "on some path '{0}' has no value here, where machine code takes 0 or what an earlier round left; give it one ahead "
+    "of that, as in {0} = -1"
+)
 Names = dict[str, tuple[type[Component], str, str]]  # component, access, and column ("" for a table) by variable
 
 
@@ -44,6 +55,69 @@ def check_source(system: System) -> tuple[Columns, Columns]:
                 raise ScheduleError(f"{system.label} ({where}) {text}")
         ahead += [called for called in each.calls() if called.key not in (known.key for known in ahead)]
     return used, written
+
+
+def check_paths(system: System) -> None:
+    """Refuse variables of a user's compiled system, and of what it calls, that have a value on some paths only.
+
+    Raises:
+        DeclarationError: There is one, or a loop that nothing leaves; with the system's label, file and line.
+    """
+    function: Any = getattr(system.function, "py_func", system.function)
+    for inner in reachable(function, lambda inner: is_outside(inner) and not is_library(inner)):
+        try:
+            code = run_frontend(inner)
+        except Exception:  # numba will not compile it, and say why
+            continue
+        if found := _wrong_path(code):
+            line, what = found
+            raise DeclarationError(f"{system.label} ({place(inner, line)}): {what}")
+
+
+def _wrong_path(code: Any) -> tuple[int, str] | None:
+    """The line of what check_paths refuses in numba's form of a function, and what it is."""
+    graph, blocks = compute_cfg_from_blocks(code.blocks), code.blocks
+    loops = graph.loops()
+    for label, loop in loops.items():
+        if not loop.exits:
+            return blocks[label].loc.line, ENDLESS
+    gives = {label: {each.target.name for each in block.find_insts(ir.Assign)} for label, block in blocks.items()}
+    everything = frozenset().union(*gives.values())
+    known, rounds = dict.fromkeys(blocks, everything), {label for label in loops if _has_a_round(code, label)}
+    ends = dict.fromkeys(rounds, everything)  # what has a value behind the last round of such a loop
+
+    def behind(label: int, following: int) -> frozenset[str]:
+        last = label in rounds and following not in loops[label].body
+        return (ends if last else known)[label] | gives[label]
+
+    before = None
+    while known != before:
+        before = dict(known)
+        for label in graph.topo_order():
+            ahead = [(each, behind(each, label)) for each, _ in graph.predecessors(label)]
+            known[label] = everything.intersection(*(names for _, names in ahead)) if ahead else frozenset()
+            if label in rounds:
+                ends[label] = everything.intersection(*(names for each, names in ahead if each in loops[label].body))
+    for label, block in blocks.items():
+        there = set(known[label])
+        for statement in block.body:
+            source = statement.value if isinstance(statement, ir.Assign) else statement
+            used = [source] if isinstance(source, ir.Var) else getattr(source, "list_vars", list)()
+            for name in (each.name for each in used if each.name not in there and each.is_temp is False):
+                return statement.loc.line, NO_VALUE.format(name)
+            there.update([statement.target.name] if isinstance(statement, ir.Assign) else ())
+    return None
+
+
+def _has_a_round(code: Any, label: int) -> bool:
+    """Whether a block begins a loop over a range of constants that is not empty."""
+    for step in code.blocks[label].find_exprs("iternext"):
+        source = guard(get_definition, code, step.value)
+        call = guard(get_definition, code, source.value) if getattr(source, "op", "") == "getiter" else None
+        if getattr(call, "op", "") == "call" and guard(find_const, code, call.func) is range:
+            bounds = [guard(find_const, code, each) for each in call.args]
+            return all(type(each) is int for each in bounds) and 0 not in bounds[2:] and len(range(*bounds)) > 0
+    return False
 
 
 class _Uses:

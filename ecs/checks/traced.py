@@ -144,7 +144,7 @@ class Watched(np.ndarray):
     def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, out: Any = (), **options: Any) -> Any:
         for each in inputs:
             _guard(each).compute()
-        for each in out:
+        for each in (each for each in out if each is not None):
             _guard(each).write(each.dtype)
         if out:
             options["out"] = tuple(map(_plain, out))

@@ -30,7 +30,7 @@ from ..kernels.jit import External, Intrinsic, interpreted
 from ..memory.clock import RESET, STEP
 from ..memory.layout import MemoryLayout
 from ..memory.tables import Tables
-from .source_check import check_source
+from .source_check import check_paths, check_source
 from .traced import PYTHON_ONLY, Columns, Traced
 
 MODES = (RESET, STEP, STEP)
@@ -57,6 +57,8 @@ def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
     if key in TRIED:
         return
     found = {system.label: check_source(system) for system in systems if system.outside}
+    for system in (each for each in systems if each.outside and each.compiled):
+        check_paths(system)
     chosen = [system for system in systems if _runs(layout, system)]
     traced = {s.label: Traced(s, layout, {**PYTHON_ONLY, "print": _silent}) for s in chosen if s.outside}
     _play(layout, [dataclasses.replace(s, kernel=traced.get(s.label, s.kernel)) for s in chosen], traced)
