@@ -113,7 +113,7 @@ def _has_a_round(code: Any, label: int) -> bool:
     """Whether a block begins a loop over a range of constants that is not empty."""
     for step in code.blocks[label].find_exprs("iternext"):
         source = guard(get_definition, code, step.value)
-        call = guard(get_definition, code, source.value) if getattr(source, "op", "") == "getiter" else None
+        call: Any = guard(get_definition, code, source.value) if getattr(source, "op", "") == "getiter" else None
         if getattr(call, "op", "") == "call" and guard(find_const, code, call.func) is range:
             bounds = [guard(find_const, code, each) for each in call.args]
             return all(type(each) is int for each in bounds) and 0 not in bounds[2:] and len(range(*bounds)) > 0

@@ -9,7 +9,7 @@ import functools
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import llvmlite
@@ -21,7 +21,7 @@ from numba.core.registry import cpu_target
 
 from ..kernels import array_check, array_types, jit, machine_code, simd
 from ..kernels.errors import DeclarationError, place
-from ..kernels.frozen_values import described, read_code, references, refuse_random, root
+from ..kernels.frozen_values import codes, described, read_code, references, refuse_random, root
 from ..kernels.jit import OPTIONS, compiled
 from . import arguments
 
@@ -74,8 +74,8 @@ class CacheKey:
         return f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}"
 
     def size(self, label: str) -> int:
-        """Characters of the code that the machine code is made from: the more, the longer compiling takes."""
-        return sum(len(line) for function in self._closure(self._roots[label]) for line in self._texts[function])
+        """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
+        return sum(len(function.__code__.co_code) for function in self._closure(self._roots[label]))
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:
         """Every kernel, and a hash of what its own machine code depends on."""
@@ -159,5 +159,8 @@ def _versions() -> str:
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
     module: Any
     for module in GENERATORS:
-        digest.update(read_code(module.__loader__.get_code(module.__name__))[0].encode())
+        for each in codes(module.__loader__.get_code(module.__name__)):  # `read_code` would take longer
+            constants = [value for value in each.co_consts if not isinstance(value, CodeType)]
+            plain = [sorted(map(repr, value)) if isinstance(value, frozenset) else value for value in constants]
+            digest.update(repr((each.co_code, each.co_names, plain)).encode())
     return digest.hexdigest()

@@ -2,6 +2,7 @@
 
 import dis
 import functools
+import hashlib
 import inspect
 import sys
 from collections.abc import Callable, Iterator
@@ -153,12 +154,12 @@ def read_code(code: CodeType) -> tuple[str, tuple[tuple[str, ...], ...]]:
     """Read the code of a function and of those nested in it.
 
     Returns:
-        Its instructions with names and constants, but without docstrings and line numbers; and all names that it loads
-        from outside, with their attributes: ("package", "module", "LIMIT").
+        A hash of its instructions with names and constants, but without docstrings and line numbers; and all names that
+        it loads from outside, with their attributes: ("package", "module", "LIMIT").
     """
-    lines, found = list[str](), dict[tuple[str, ...], None]()
+    said, found = list[Any](), dict[tuple[str, ...], None]()
     for each in codes(code):
-        lines.append(f"{each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]}{each.co_exceptiontable.hex()}")
+        said.append((each.co_varnames[: each.co_argcount + each.co_kwonlyargcount], each.co_exceptiontable))
         chain: tuple[str, ...] = ()
         for instruction in dis.get_instructions(each):
             name, value = instruction.opname, instruction.argval
@@ -169,9 +170,11 @@ def read_code(code: CodeType) -> tuple[str, tuple[tuple[str, ...], ...]]:
             else:
                 found[chain] = None
                 chain = (value,) if name in NAMES else ()
-            if isinstance(value, CodeType):  # also comes as one of `codes`
+            if type(value) is CodeType:  # also comes as one of `codes`
                 value = value.co_name
-            lines.append(f"{name} {sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value)}")
+            elif type(value) is frozenset:
+                value = sorted(map(repr, value))
+            said.append((name, value))
         found[chain] = None
     found.pop((), None)
-    return "\n".join(lines), tuple(found)
+    return hashlib.sha256(repr(said).encode()).hexdigest(), tuple(found)
