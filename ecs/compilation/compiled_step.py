@@ -165,14 +165,14 @@ def fetch(world: int, offsets: int, count: int) -> None:
 
 @kernel
 def step(frame: int, function: int, argument: int, worlds: int, block: int, parts: int) -> int:
-    """Do some parts of a step, or all.
+    """Do some parts of a step, or all. An address is 0 if it is of no part of these.
 
     Args:
-        frame: See run_units; 0 without a tick.
+        frame: See run_units.
         function: The address of what takes all worlds through the tick: run_units, or one that spreads it over threads.
         argument: Its first argument.
         worlds: How many there are.
-        block: See WORDS; 0 if there is only the tick.
+        block: See WORDS.
         parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
 
     Returns:

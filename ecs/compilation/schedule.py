@@ -58,12 +58,9 @@ class Schedule:
 def order(
     systems: Iterable[System], present: Iterable[type[Component]], chains: Sequence[Sequence[str]] = ()
 ) -> Schedule:
-    """Put the systems of a scenario in order, whatever order they come in.
+    """Put the systems of a scenario, which has the components `present`, in order, whatever order they come in.
 
-    Args:
-        systems: The systems.
-        present: The components of the scenario.
-        chains: Labels of systems or names of mechanics; in each chain, every one runs before the next.
+    chains: labels of systems or names of mechanics; in each chain, every one runs before the next.
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;

@@ -126,15 +126,15 @@ class Stepper:
         return done
 
     def step(self, ranges: bool = True, where: Array | None = None) -> int:
-        """Take worlds through a tick with `actions`; those that ended before are reset. A refused step changes nothing.
+        """Take worlds through a tick with `actions`; those that ended before are reset.
 
         Args:
             ranges: Whether to check the ranges of the actions; those of all worlds, whatever `where` is.
             where: Which worlds, bool (worlds,); None: all. The tables of the others stay as they are.
 
         Returns:
-            NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE if it is refused; otherwise FAULT and DONE, if some world has a fault
-            or some episode is over, or 0.
+            NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE if it is refused, and changes nothing; otherwise FAULT, DONE or both,
+            if some world has a fault or some episode is over.
         """
         if ranges is not self._ranges:
             self._ranges = ranges
