@@ -9,26 +9,25 @@ import pytest
 from outlast import FloorPlan, Level, free, integers, variant
 from outlast.envs.rollout.saved import CHECKPOINT
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.run_header import WEIGHTS  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.ppo.curriculum import TrainingProgress  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.runs.run import TrainingRun  # noqa: E402
-from tests.training.test_run import points  # noqa: E402
+import torch
+
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.run_header import WEIGHTS
+from outlast.training.policies import checkpoint
+from outlast.training.ppo.curriculum import TrainingProgress
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs.run import TrainingRun
+from tests.helpers.runs import points
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 24
 EACH = WORLDS * STEPS * 2  # agent-steps of a rollout
-SHORT = (
-    variant("ffa_1")
-    .replace(agents_health=10, safe_zone_radii=(4.0,), ending_limit=9)
-    .vary(agents_health=integers(3, 12), melee_damage=integers(1, 9))
-)
+SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(4.0,), ending_limit=9)
+SHORT = SHORT.vary(agents_health=integers(3, 12), melee_damage=integers(1, 9))
 FIXED = [Level({"melee_damage": 1, "agents_health": 12}, (9, 9, 1)), Level({"melee_damage": 9}, (9, 9, 2))]
 GIVEN = {**SHORT.numbers(), "threads": 1}
 
@@ -80,14 +79,6 @@ def test_episodes_are_drawn_from_what_is_chosen() -> None:
     assert first != second
 
 
-def test_episodes_of_imitation_are_not_told() -> None:
-    told: list[int] = []
-    trainer = Trainer(config(lambda progress: told.append(len(progress.played)) or FIXED, warm_start="scripted:1000"))
-    trainer.imitate(lambda done, tags: None)
-    trainer.collect()
-    assert told[0] == 0 < told[1]
-
-
 def test_the_policy_of_the_moment_can_play() -> None:
     trainer = Trainer(config(fixed))
     found: list[TrainingProgress] = []
@@ -120,19 +111,21 @@ def test_a_run_that_goes_on_is_the_run_that_did_not_stop(more: dict[str, Any], t
     assert weights(tmp_path / "whole", 4 * each) == weights(tmp_path / "parts", 4 * each)
 
 
-def test_halves_are_the_same_numbers() -> None:
+def test_levels_go_with_halves_opponents_and_imitation() -> None:
     whole, halves = (Trainer(config(drawn, halves=halves)) for halves in (False, True))
     for _ in range(3):
         one, other = whole.collect(), halves.collect()
         assert whole.curriculum.levels == halves.curriculum.levels  # type: ignore[union-attr]
         np.testing.assert_array_equal(one.actions, other.actions)
-
-
-def test_worlds_that_play_one_level_meet_different_opponents() -> None:
     trainer = Trainer(config(fixed, opponents={"self": 0.5, "random": 0.5}))
     trainer.collect()
     assert len(set(trainer.lane.opponent.tolist())) == 2
     assert len(set(trainer.lane.own.tolist())) == 2
+    told: list[int] = []
+    trainer = Trainer(config(lambda progress: told.append(len(progress.played)) or FIXED, warm_start="scripted:1000"))
+    trainer.imitate(lambda done, tags: None)
+    trainer.collect()
+    assert told[0] == 0 < told[1]
 
 
 @pytest.mark.parametrize(
@@ -152,8 +145,12 @@ def test_what_are_no_levels_is_refused(returned: Any, reason: str) -> None:
         trainer.collect()
 
 
-def test_a_plan_that_cannot_be_played_is_refused_before_it_is_dealt() -> None:
-    """Among so many others that hardly any world would get it."""
+def test_what_cannot_choose_is_refused() -> None:
+    with pytest.raises(TrainingError, match=r"levels = 'levels.json': a function is needed"):
+        config("levels.json")
+    with pytest.raises(TrainingError, match="levels are chosen in one process"):
+        config(fixed, processes=2)
+    # among so many others that hardly any world would get it
     plan = FloorPlan(walls=[(-4, 0, 0.5, 8)])
     game = variant("ffa_1").with_(plan.mechanic(1)).vary(walls_layout=free(plan.layout(1)))
     chosen = [Level()] * 99_999 + [Level({"walls_layout": (0, 0, -1, 1, 0, 0)})]
@@ -162,27 +159,12 @@ def test_a_plan_that_cannot_be_played_is_refused_before_it_is_dealt() -> None:
         trainer.collect()
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"levels": "levels.json"}, "levels = 'levels.json': a function is needed"),
-        ({"levels": fixed, "processes": 2}, "levels are chosen in one process"),
-    ],
-)
-def test_what_cannot_choose_is_refused(options: Any, reason: str) -> None:
-    with pytest.raises(TrainingError, match=reason):
-        config(**options)
-
-
-def test_a_run_goes_on_with_the_same_choice_only(tmp_path: Path) -> None:
+def test_a_run_goes_on_with_the_same_choice_and_levels_only(tmp_path: Path) -> None:
     TrainingRun(config(fixed), tmp_path).train()
     with pytest.raises(TrainingError, match=r"was begun with levels = .*fixed, not .*drawn"):
         TrainingRun(config(drawn, 4 * EACH), tmp_path, resume=True)
     with pytest.raises(TrainingError, match=r"was begun with levels = .*fixed, not None"):
         TrainingRun(config(None, 4 * EACH), tmp_path, resume=True)
-
-
-def test_levels_in_a_checkpoint_that_are_none_are_refused() -> None:
     trainer = Trainer(config(fixed))
     assert trainer.curriculum is not None
     for given in (None, 3, "nonsense", "[]", "[1]", '[{"numbers": {"melee_damage": 99}, "key": null}]'):

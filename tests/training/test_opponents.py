@@ -10,21 +10,22 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import make_vec
+from outlast import choice, integers, make_vec
 from outlast.components import Side
 from outlast.ecs import Clock, Entity
-from tests.conftest import few_by_day
 from tests.helpers.execution_modes import short
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, OpponentPool  # noqa: E402
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.policies.checkpoint import write_checkpoint  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
-from outlast.training.runs.resume import capture, restore  # noqa: E402
+import torch
+
+from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, OpponentPool
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.errors import TrainingError
+from outlast.training.policies.checkpoint import write_checkpoint
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.ppo.world_slice import NOBODY
+from outlast.training.runs.resume import capture, restore
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 12, 60
@@ -52,20 +53,12 @@ def shares(opponents: OpponentPool) -> dict[str, float]:
     return {opponents.all[k].name: weight / weights.sum() for k, weight in zip(indices, weights, strict=True)}
 
 
-# ---- the pool
-
-
 def test_opponents_are_drawn_by_weight() -> None:
     assert shares(pool({"self": 1, "scripted": 2, "random": 1})) == {"self": 0.25, "scripted": 0.5, "random": 0.25}
     assert shares(pool({"self": 0.25, "past": 0.75})) == {"self": 1.0}  # until there is a past
     assert shares(pool({"scripted": 3, "past": 1})) == {"self": 0.25, "scripted": 0.75}
-
-
-def test_indices_are_in_the_order_in_which_opponents_were_named() -> None:
-    """Whatever the process: they are in checkpoints. Sets of names have another order in each process."""
-    for names in itertools.permutations(("scripted", "random", "noop")):
-        opponents = pool(dict.fromkeys(names, 1.0))
-        assert [one.name for one in opponents.all.values()] == ["self", *names]
+    for names in itertools.permutations(("scripted", "random", "noop")):  # indices are in checkpoints: by this order
+        assert [one.name for one in pool(dict.fromkeys(names, 1.0)).all.values()] == ["self", *names]
 
 
 def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> None:
@@ -73,10 +66,8 @@ def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> 
     found = shares(given)
     assert found["self"] == pytest.approx(0.5)
     assert sum(found.values()) == pytest.approx(1)
-    priority = {
-        name: (1 - given_wins) ** 2 + 0.02 for name, given_wins in (("scripted", 10.5 / 101), ("random", 99.5 / 101))
-    }
-    assert found["scripted"] / found["random"] == pytest.approx(priority["scripted"] / priority["random"])
+    one, other = ((1 - wins) ** 2 + 0.02 for wins in (10.5 / 101, 99.5 / 101))
+    assert found["scripted"] / found["random"] == pytest.approx(one / other)
 
 
 def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
@@ -134,9 +125,6 @@ def test_ratings_follow_the_games() -> None:
     assert opponents.report()["wins/scripted"] == pytest.approx(0.75 * 0.9 * 1200 / (0.9 * 1200 + 10))
 
 
-# ---- playing
-
-
 class Watched:
     """What is true before each step of a rollout: by its lane, and by the worlds themselves."""
 
@@ -149,9 +137,8 @@ class Watched:
             key = np.stack([clock.world[:, 0], clock.episode[:, 0]], 1).astype(int)
             row = {"opponent": lane.opponent.copy(), "own": lane.own.copy(), "key": key}
             chosen = inner(*given)
-            self.rows.append(
-                row | {"actions": chosen.copy(), "seen": {k: v.copy() for k, v in lane.env.observe().items()}}
-            )
+            seen = {key: values.copy() for key, values in lane.env.observe().items()}
+            self.rows.append(row | {"actions": chosen.copy(), "seen": seen})
             return chosen
 
         lane.act = act  # type: ignore[method-assign]
@@ -240,9 +227,6 @@ def test_games_are_those_that_a_plain_loop_counts(scenario: Any) -> None:
     assert [means[f"rollout/reward{k}"] for k in returns] == pytest.approx([np.mean(each) for each in returns.values()])
 
 
-# ---- a policy for each side
-
-
 @pytest.mark.parametrize(("policies", "count"), [("shared", 1), ("side", 2), ("agent", 4)])
 def test_every_learner_trains_on_its_own_agents(policies: str, count: int) -> None:
     trainer = make(policies=policies, opponents={"self": 1.0})
@@ -269,49 +253,37 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
     assert (actions[:, 2:, 0] == 2).all()
 
 
-# ---- what cannot be
+ALONE = "opponents need a side of their own, and here is one side only"
+VARIES = "policies = 'side': {} varies, and with it who is on which side"
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"policies": "each"}, "policies = 'each': allowed are 'shared', 'side', 'agent'"),
-        ({"prioritised": True}, "prioritised needs several opponents to choose among: name some"),
-        ({"snapshots": 3, "opponents": {"scripted": 1.0}}, "snapshots have no effect without past selves"),
+        (
+            {"prioritised": True, "opponents": {"self": 1.0}},
+            "prioritised needs several opponents to choose among: name",
+        ),
+        ({"prioritised": True, "opponents": {"self": 1.0, "scripted": 1.0}}, "prioritised needs several opponents"),
+        ({"scenario": short("ffa_1").replace(n_agents=1)}, ALONE),
+        ({"scenario": short("teams_1").replace(n_teams=1)}, ALONE),
+        ({"policies": "side", "scenario": SHORT.vary(agents_count=integers(2, 4))}, VARIES.format("agents_count")),
+        (
+            {"policies": "side", "scenario": SHORT.vary(teams_sizes=choice((1, 3), (2, 2)))},
+            VARIES.format("teams_sizes"),
+        ),
     ],
 )
-def test_settings_without_effect_are_refused(given: dict[str, Any], message: str) -> None:
+def test_opponents_and_sides_that_cannot_be_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(TrainingError, match=message):
-        TrainingConfig(SHORT, **given)
+        make(**({"opponents": {"scripted": 1.0}} | given))
 
 
-@pytest.mark.parametrize("scenario", [short("ffa_1").replace(n_agents=1), short("teams_1").replace(n_teams=1)])
-def test_who_is_alone_has_no_opponents(scenario: Any) -> None:
-    with pytest.raises(TrainingError, match="opponents need a side of their own, and here is one side only"):
-        make(scenario=scenario, opponents={"scripted": 1.0})
-    make(scenario=scenario, opponents={"self": 1.0})
-
-
-# ---- going on
-
-
-@pytest.mark.parametrize("policies", few_by_day(["shared", "side"], ("shared",)))
-def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
-    whole, parts = (make(policies=policies, prioritised=True) for _ in range(2))
-    for trainer in (whole, parts):
-        for _ in range(3):
-            trainer.update(trainer.collect())
-            trainer.report()
-    again = make(policies=policies, prioritised=True)
-    restore(again, capture(parts, parts.config.header()))
-    for _ in range(3):
-        one, two = whole.collect(), again.collect()
-        assert np.array_equal(one.actions, two.actions)
-        assert np.array_equal(one.learner, two.learner)
-        assert np.array_equal(one.advantages, two.advantages)
-        assert whole.report() == again.report()
-        assert whole.update(one) == again.update(two)
-    assert whole.opponents.all.keys() == again.opponents.all.keys()
+def test_snapshots_need_past_selves_and_who_is_alone_plays_itself() -> None:
+    with pytest.raises(TrainingError, match="snapshots have no effect without past selves"):
+        TrainingConfig(SHORT, snapshots=3, opponents={"scripted": 1.0})
+    make(scenario=short("ffa_1").replace(n_agents=1), opponents={"self": 1.0})
 
 
 @pytest.mark.parametrize("role", [{"opponents": {"self": 1.0, "{}": 1.0}}, {"warm_start": "{}:100"}], ids=str)
@@ -342,24 +314,13 @@ def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -
         restore(make(opponents=opponents), kept)
 
 
-def test_a_world_is_played_the_same_in_any_batch() -> None:
+def test_worlds_are_played_the_same_in_any_batch_and_agents_without_teams_are_sides() -> None:
     """Actions and opponents are functions of the world, not of the batch."""
     small, large = (make(worlds=n, rollout=n * 40, opponents={"self": 1.0, "scripted": 1.0}) for n in (4, WORLDS))
     one, two = small.collect().actions, large.collect().actions
     assert np.array_equal(one, two[:, : one.shape[1]])
-
-
-def test_without_teams_each_agent_is_a_side_however_many_there_are() -> None:
     scenario = outlast.variant("ffa_1").vary(n_agents=outlast.integers(2, 5))
     for seed in range(3):  # the first world may have fewer
         trainer = make(seed=seed, scenario=scenario, policies="side", opponents={"self": 1.0})
         assert trainer.team.tolist() == [0, 1, 2, 3, 4]
         assert len(trainer.learners) == 5
-
-
-@pytest.mark.parametrize(
-    ("name", "drawn"), [("agents_count", outlast.integers(2, 4)), ("teams_sizes", outlast.choice((1, 3), (2, 2)))]
-)
-def test_policies_of_sides_that_differ_from_world_to_world_are_refused(name: str, drawn: Any) -> None:
-    with pytest.raises(TrainingError, match=f"policies = 'side': {name} varies, and with it who is on which side"):
-        TrainingConfig(outlast.variant("teams_3").vary(**{name: drawn}), policies="side")

@@ -1,67 +1,66 @@
-"""What a run logs of episodes and behaviour, counted again in plain Python in worlds that do the same."""
+"""What is logged of episodes and behaviour, counted again in plain Python; and games of one's own."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+import outlast
 from outlast import Scenario, choice, integers, make_vec, variant
-from outlast.components import Item
-from outlast.ecs import Entity
+from outlast.components import Item, Phase, Side
+from outlast.ecs import Array, Entity, Module, Read, Rows, Statistic, Write, column
 from tests.conftest import draw_actions
 from tests.helpers.beasts import Beasts
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.curves import Curves  # noqa: E402
-from outlast.training.base.metrics import AgentMetrics  # noqa: E402
-from outlast.training.base.run_summary import headline  # noqa: E402
-from outlast.training.plots.panels import chosen, drawn  # noqa: E402
-from outlast.training.plots.runs import Run  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.curves import Curves
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.metrics import AgentMetrics
+from outlast.training.base.run_summary import headline
+from outlast.training.plots.panels import chosen, drawn
+from outlast.training.plots.runs import Run
+from outlast.training.ppo.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
-SHORT = {
-    "agents_health": 60,
-    "heals_amount": 10,
-    "safe_zone_radii": (4.0,),
-    "safe_zone_stand": 30,
-    "safe_zone_shrink": 20,
-}
+SHORT = {"safe_zone_radii": (4.0,), "safe_zone_stand": 30, "safe_zone_shrink": 20, "agents_health": 60}
+SHORT |= {"heals_amount": 10}
 GIVING = {"give_last_reach": 4.0, "give_last_nearest": "suitable"}
 CLOSE = {"room_size": 8.0, "pickup_reach": 1.5, "n_boxes": 1, "rewards_death": -3.0, **GIVING}
 CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
 
 
-def make(scenario: Scenario = CROWD) -> Trainer:
-    return Trainer(TrainingConfig(scenario, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12))
+def make(scenario: Scenario = CROWD, **changes: Any) -> Trainer:
+    return Trainer(TrainingConfig(scenario, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12, **changes))
 
 
 def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
+    """Rows about each living agent that learns, before each step of a rollout; statistics of episodes that ended."""
     rows, episodes = [], []
     env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
     observations = env.set_state(trainer.env.get_state())
     rollout = trainer.collect()
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
-    for actions in rollout.actions.reshape(STEPS, WORLDS, 4, -1):
+    every = rollout.learner.reshape(STEPS, WORLDS, 4) >= 0
+    for actions, learns in zip(rollout.actions.reshape(STEPS, WORLDS, 4, -1), every, strict=True):
         alive = env.worlds[Entity].alive[:, agents] != 0
         seen = {key: observations[key].copy() for key in ("own", "zone")}
         reaches = np.broadcast_to(env.worlds.number("melee_reach"), WORLDS)
         observations, _, terminated, truncated, info = env.step(actions)
         after, lives, given = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive, env.events()["item_given"]
         for w in range(WORLDS):
-            gifts = [
-                gift
-                for gift in given
-                if gift["world"] == w and lives[w, gift["giver"]] and heals.start <= gift["item"] < heals.stop
-            ]
-            rows += [agent(seen, alive, actions, w, i, reaches[w]) for i in range(4) if alive[w, i]]
+            own = [gift for gift in given if gift["world"] == w and lives[w, gift["giver"]]]
+            gifts = [gift for gift in own if heals.start <= gift["item"] < heals.stop]
+            gifts = [gift for gift in gifts if learns[w, gift["giver"] - agents.start]]
+            rows += [agent(seen, alive, actions, w, i, reaches[w]) for i in range(4) if alive[w, i] and learns[w, i]]
             episodes += [{key: values[w] for key, values in info["statistics"].items()}] if terminated[w] else []
-            rows.append({"given": len(gifts), "held": int((after[w] >= 0).sum())})
+            held = sum(learns[w, holder - agents.start] for holder in after[w] if holder >= 0)
+            rows.append({"given": len(gifts), "held": int(held)})
         if terminated.any():
             observations, _ = env.reset(options={"reset_mask": terminated})
     assert not truncated.any()
@@ -75,9 +74,14 @@ def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int, reach:
     return {"attack": actions[w, i, 3], "near": bool(apart) and min(apart) <= reach + 0.5, "distance": distance}
 
 
-@pytest.mark.parametrize("scenario", [CROWD, CROWD.vary(melee_reach=choice(0.5, 5.0))], ids=["one reach", "varied"])
-def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario) -> None:
-    trainer = make(scenario)
+@pytest.mark.parametrize(
+    ("scenario", "changes"),
+    [(CROWD, {}), (CROWD.vary(melee_reach=choice(0.5, 5.0)), {}), (CROWD, {"opponents": {"hoarder": 1.0}})],
+    ids=["one reach", "varied", "opponents"],
+)
+def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario, changes: dict[str, Any]) -> None:
+    """Of learners: opponents that hoard have most of the heals."""
+    trainer = make(scenario, **changes)
     rows, _ = collected(trainer)
     report = {tag: value for tag, value in trainer.report().items() if tag.startswith("behaviour/")}
     living = [row for row in rows if "near" in row]
@@ -85,44 +89,13 @@ def test_behaviour_is_as_counted_in_plain_python(scenario: Scenario) -> None:
     assert min(len(near), len(far)) > 100
     given, held = (sum(row[key] for row in rows if key in row) for key in ("given", "held"))
     assert min(given, held) > 0
-    expected = {
-        "alive": len(living) / (WORLDS * STEPS * 4),
-        "near": len(near) / len(living),
-        "attack_near": np.mean(near),
-        "attack_far": np.mean(far),
-        "zone_distance": np.mean([row["distance"] for row in living]),
-        "heals_held": held / len(living),
-        "heals_given": 1000 * given / len(living),
-    }
-    assert report == pytest.approx({f"behaviour/{key}": value for key, value in expected.items()}, rel=1e-4)
-
-
-def test_heals_of_opponents_do_not_count() -> None:
-    """Hoarders have most of them."""
-    numbers = {"worlds": WORLDS, "rollout": WORLDS * STEPS, "seed": 12}
-    trainer = Trainer(TrainingConfig(CROWD, opponents={"hoarder": 1.0}, **numbers))
-    env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
-    env.set_state(trainer.env.get_state())
-    rollout = trainer.collect()
-    agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
-    held, given, count = np.zeros(2), np.zeros(2), np.zeros(2)  # of opponents, of learners
-    learners = rollout.learner.reshape(STEPS, WORLDS, 4) >= 0
-    for actions, learns in zip(rollout.actions.reshape(STEPS, WORLDS, 4, -1), learners, strict=True):
-        alive = env.worlds[Entity].alive[:, agents] != 0
-        for own in (0, 1):
-            count[own] += (alive & (learns == own)).sum()
-        _, _, terminated, truncated, _ = env.step(actions)
-        for w, who in zip(*np.nonzero((holder := env.worlds[Item].holder[:, heals]) >= 0), strict=True):
-            held[int(learns[w, holder[w, who] - agents.start])] += 1
-        for gift in env.events()["item_given"]:
-            if heals.start <= gift["item"] < heals.stop and env.worlds[Entity].alive[gift["world"], gift["giver"]]:
-                given[int(learns[gift["world"], gift["giver"] - agents.start])] += 1
-        if (ended := terminated | truncated).any():
-            env.reset(options={"reset_mask": ended})
-    report = trainer.report()
-    assert report["behaviour/heals_held"] == pytest.approx(held[1] / count[1])
-    assert report["behaviour/heals_given"] == pytest.approx(1000 * given[1] / count[1])
-    assert held[0] / count[0] > 1.5 * held[1] / count[1] > 0
+    count = len(living)
+    expected = {"near": len(near) / count, "attack_near": np.mean(near), "attack_far": np.mean(far)}
+    expected |= {"zone_distance": np.mean([row["distance"] for row in living])}
+    expected |= {"heals_held": held / count, "heals_given": 1000 * given / count}
+    if not changes:
+        expected |= {"alive": count / (WORLDS * STEPS * 4)}
+    assert {key: report[f"behaviour/{key}"] for key in expected} == pytest.approx(expected, rel=1e-4)
 
 
 def test_one_world_is_judged_by_the_reach_of_each_episode_too() -> None:
@@ -143,16 +116,9 @@ def test_episodes_are_those_that_ended() -> None:
         return float(np.mean([episode[key][index] for episode in episodes]))
 
     assert "rollout/reward2" not in report
-    expected = {
-        "steps": mean("length"),
-        "reward0": mean("return", 0),
-        "reward1": mean("return", 2),  # of the first agent of the second team
-        "kills0": mean("kills", 0),
-        "kills1": mean("kills", 1),
-        "heals_used": mean("heals_used"),
-        "boxes_placed": mean("boxes_placed"),
-        "deaths_melee": mean("deaths_melee"),
-    }
+    expected = {key: mean(key) for key in ("heals_used", "boxes_placed", "deaths_melee")} | {"steps": mean("length")}
+    expected |= {"reward0": mean("return", 0), "reward1": mean("return", 2)}  # the first agent of the second team
+    expected |= {f"kills{side}": mean("kills", side) for side in (0, 1)}
     assert {key: report[f"rollout/{key}"] for key in expected} == pytest.approx(expected)
     assert expected["heals_used"] > 0
     assert expected["reward0"] != expected["reward1"]
@@ -207,3 +173,98 @@ def test_an_evaluation_counts_no_deaths_of_animals(order: int) -> None:
         metrics.after_step()
     assert not env.worlds[Entity].alive[:, env.worlds.span("beast")].any()
     assert not any(metrics.totals[name].any() for name in metrics.totals if name.startswith("deaths_"))
+
+
+@dataclass(frozen=True)
+class Steps(Module):
+    """Counts what agents and sides live to see."""
+
+    name: ClassVar[str] = "steps_lived"
+
+    def singletons(self) -> list[Any]:
+        return [Lived()]
+
+
+class Lived(Statistic):
+    """Ticks in which agents and sides lived."""
+
+    lived: Array = column("i4", "agents")
+    team_lived: Array = column("i4", "sides")
+
+
+@Steps.system(Phase.RECORD)
+def count_steps(entities: Read[Entity], agents: Rows[Side], side: Read[Side], counts: Write[Lived]) -> None:
+    for i in range(agents.size):
+        if entities.alive[agents[i]]:
+            counts.lived[i] += 1
+            counts.team_lived[side.side[agents[i]]] += 1
+
+
+def test_statistics_of_ones_own_are_columns() -> None:
+    """Of agents the mean over them, of sides the sum, as of the game's own return and kills."""
+    game = variant("teams_2").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5).with_(Steps())
+    found = outlast.evaluate(game, ["noop", "random"], episodes=8, worlds=4, quiet=True)
+    for pair in (("noop", "random"), ("random", "noop")):
+        of = found.estimates(*pair)
+        assert of["team_lived"][0] == pytest.approx(2 * of["lived"][0])
+        assert 0 < of["lived"][0] <= of["life"][0]
+
+
+def test_games_with_another_melee_or_without_melee_or_records() -> None:
+    """A game of one's own need not have them."""
+    game = variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5)
+    found = outlast.evaluate(game.without("melee"), ["noop"], episodes=2, worlds=2, quiet=True)
+    assert "near" not in found.estimates("noop", "noop")
+    with pytest.raises(TrainingError, match=r"ffa_1\S* has no statistic 'length': add the mechanic Record"):
+        outlast.evaluate(game.without("record"), ["noop"], quiet=True)
+    game = variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5)
+    shares = []
+    for reach in (1.0, 24.0):
+        found = outlast.evaluate(game.with_(Strong(reach=reach)), ["noop"], episodes=2, worlds=2, quiet=True)
+        shares.append(found.estimates("noop", "noop")["near"][0])
+    assert shares[0] < 0.1 < shares[1]
+
+
+ITEMS = ("inventory", "pickup", "give_last", "death_drop", "heals")
+
+
+@pytest.mark.parametrize(
+    ("without", "words"),
+    [
+        (("record",), r"ffa_1\S* has no statistic 'length': add the mechanic Record"),
+        (("agents",), "'agent', but none declares how many there are; add Agents"),
+        (("motors", "melee", *ITEMS), "agents have no actions here: add a mechanic with some, such as Motors"),
+    ],
+)
+def test_games_that_cannot_be_trained_are_refused(without: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    with pytest.raises(outlast.errors.OutlastError, match=words):
+        outlast.train(variant("ffa_1").without(*without), tmp_path / "run", worlds=2, rollout=64, quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_game_without_melee_is_trained_and_its_plot_says_what_numbers_are_of(tmp_path: Path) -> None:
+    """The behaviour that is logged needed the reach of a melee."""
+    game = variant("teams_2").replace(safe_zone_damage=50, safe_zone_stand=10, safe_zone_shrink=5).without("melee")
+    small: dict[str, Any] = {"steps": 1, "worlds": 8, "rollout": 512, "threads": 1, "quiet": True}
+    run = outlast.train(game.with_(Steps()), tmp_path / "run", **small)
+    assert "behaviour/near" not in run.logged
+    assert run.logged["rollout/lived0"] > 0
+    found = outlast.plot(run.folder, tmp_path / "out", curves=("lived", "team_lived", "return"))
+    titles = ["lived, mean over agents", "team lived, mean over sides", "return, mean over sides"]
+    assert [panel.title for panel in found.panels] == titles
+
+
+def test_figures_of_agents_are_means_over_episodes_however_many_agents_they_have() -> None:
+    game = variant("teams_2").vary(n_agents=outlast.integers(2, 4)).replace(ending_limit=60)
+    found = outlast.evaluate(game.with_(Steps()), ["scripted", "noop"], episodes=24, worlds=8, quiet=True)
+    (match,) = (pairing.results for pairing in found.pairings if pairing.pair == (0, 1))
+    lived = match.figures["lived"][:, :, 0]
+    assert (lived[..., 1] == 1).all()
+    assert (lived[..., 0] <= 60).all()  # ticks of one agent
+    assert found.estimates("scripted", "noop")["lived"][0] == pytest.approx(lived[..., 0].mean())
+
+
+class Strong(outlast.systems.Melee):
+    """A melee under another name."""
+
+    name = "strong"

@@ -8,20 +8,22 @@ import pytest
 
 import outlast
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.policies.player import Player  # noqa: E402
-from outlast.training.policies.rows import Rows  # noqa: E402
-from outlast.training.ppo import learner  # noqa: E402
-from outlast.training.ppo.loss import ppo_loss  # noqa: E402
-from outlast.training.ppo.minibatches import Batch  # noqa: E402
-from outlast.training.runs.run import TrainingRun  # noqa: E402
-from outlast.training.runs.train import TrainedRun  # noqa: E402
-from tests.helpers.trainers import make, weights  # noqa: E402
-from tests.training.test_run import assert_same, points  # noqa: E402
+import torch
+
+from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
+from outlast.training.base.errors import TrainingError
+from outlast.training.policies.player import Player
+from outlast.training.policies.rows import Rows
+from outlast.training.ppo import learner
+from outlast.training.ppo.loss import ppo_loss
+from outlast.training.ppo.minibatches import Batch
+from outlast.training.runs.run import TrainingRun
+from outlast.training.runs.train import TrainedRun
+from tests.helpers.runs import assert_same, points
+from tests.helpers.trainers import make, weights
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 OWN = Pooled.__module__
@@ -51,9 +53,6 @@ class WithState(Pooled):
 
 def train(folder: Path, steps: int = 2 * EACH, **options: Any) -> TrainedRun:
     return outlast.train("ffa_2", folder, steps=steps, **(TINY | options))
-
-
-# ---- losses
 
 
 def test_a_loss_with_an_auxiliary_term_is_trained(tmp_path: Path) -> None:
@@ -87,35 +86,6 @@ def test_the_clip_can_be_changed_into_a_penalty() -> None:
     assert not torch.allclose(weights(plain.policies[0]), after[0], rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("loss", "words"),
-    [
-        (lambda batch: (batch.returns - batch.values).square().mean(), "and those of its halves are .* must add up"),
-        (lambda batch: 1.0, "returns 1.0: a tensor without axes is needed"),
-        (lambda batch: batch.values, "a tensor without axes is needed"),
-        (lambda batch: batch.mean(batch.returns), "a tensor without axes is needed, computed from the networks"),
-        (lambda batch: (batch.mean(batch.values), {"values": batch.values}), "figure 'values' must be one number"),
-        (lambda batch: (batch.mean(batch.values), {"approx_kl": 1.0}), "figure 'approx_kl', which is logged anyway"),
-        (lambda batch: (batch.mean(batch.values), [1.0]), r"figures \[1.0\]: a dict by names"),
-        (lambda batch: (batch.mean(batch.values), {f"f{id(batch)}": 1.0}), "returns other figures than before"),
-        ("squared", "loss = 'squared': a function is needed, of a batch"),
-    ],
-)
-def test_what_is_no_loss_is_refused(loss: Any, words: str) -> None:
-    def trained() -> None:
-        trainer = make("fast", loss=loss)
-        trainer.update(trainer.collect())
-
-    with pytest.raises(TrainingError, match=words):
-        trained()
-
-
-def test_other_processes_must_be_able_to_import_a_loss() -> None:
-    make(loss=kl_penalty, processes=2).crew.close()
-    with pytest.raises(TrainingError, match=r"loss = .*<lambda> cannot be imported"):
-        make(loss=lambda batch: batch.mean(batch.values), processes=2)
-
-
 def test_old_values_are_those_of_the_rollout() -> None:
     """And advantages as they were are what returns add to them."""
     seen: list[Batch] = []
@@ -127,16 +97,11 @@ def test_old_values_are_those_of_the_rollout() -> None:
         torch.testing.assert_close(own.sort().values, sorted_values.sort().values)
 
 
-# ---- networks
-
-
 @pytest.mark.parametrize(
     ("networks", "options"),
     [(Pooled, {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}), (Remembering, {"memory": 8})],
 )
-def test_networks_of_ones_own_are_trained_saved_and_played(
-    networks: Any, options: dict[str, Any], tmp_path: Path
-) -> None:
+def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: Path) -> None:
     run = train(tmp_path / "parts", networks=networks, **options)
     train(tmp_path / "parts", 3 * EACH, networks=networks, resume=True, **options)
     train(tmp_path / "whole", 3 * EACH, networks=networks, **options)
@@ -156,7 +121,7 @@ def test_networks_of_ones_own_are_trained_saved_and_played(
         train(tmp_path / "parts", 4 * EACH, resume=True, **options)
 
 
-def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch) -> None:
     run = train(tmp_path / "run", EACH, networks=Pooled)
     monkeypatch.delattr(f"{OWN}.Pooled")
     with pytest.raises(TrainingError, match=f"networks are {OWN}.Pooled, which are not imported.* --import FILE.py"):
@@ -182,22 +147,37 @@ class WideValues(Pooled):
         return logs, values[:, None], memory
 
 
+def mean(batch: Any) -> Any:
+    return batch.mean(batch.values)
+
+
 @pytest.mark.parametrize(
-    ("networks", "words"),
+    ("given", "words"),
     [
-        (NoLogs, "NoLogs returns no log probabilities"),
-        (WideValues, r"WideValues returns tensors of shapes .* are needed"),
-        (Rows, "networks = .*Rows.*: a subclass of outlast.training.policies.policy.Networks is needed"),
-        (lambda *sizes, **given: None, "networks = .*<lambda> cannot be imported"),
-        (3, "networks = 3: a subclass of"),
+        ({"loss": lambda batch: (batch.returns - batch.values).square().mean()}, "and those of its halves are .* must"),
+        ({"loss": lambda batch: 1.0}, "returns 1.0: a tensor without axes is needed"),
+        ({"loss": lambda batch: batch.values}, "a tensor without axes is needed"),
+        ({"loss": lambda batch: batch.mean(batch.returns)}, "a tensor without axes is needed, computed from the netw"),
+        ({"loss": lambda batch: (mean(batch), {"values": batch.values})}, "figure 'values' must be one number"),
+        ({"loss": lambda batch: (mean(batch), {"approx_kl": 1.0})}, "figure 'approx_kl', which is logged anyway"),
+        ({"loss": lambda batch: (mean(batch), [1.0])}, r"figures \[1.0\]: a dict by names"),
+        ({"loss": lambda batch: (mean(batch), {f"f{id(batch)}": 1.0})}, "returns other figures than before"),
+        ({"loss": "squared"}, "loss = 'squared': a function is needed, of a batch"),
+        ({"loss": lambda batch: mean(batch), "processes": 2}, r"loss = .*<lambda> cannot be imported"),
+        ({"networks": NoLogs}, "NoLogs returns no log probabilities"),
+        ({"networks": WideValues}, r"WideValues returns tensors of shapes .* are needed"),
+        ({"networks": Rows}, "networks = .*Rows.*: a subclass of outlast.training.policies.policy.Networks is needed"),
+        ({"networks": lambda *sizes, **given: None}, "networks = .*<lambda> cannot be imported"),
+        ({"networks": 3}, "networks = 3: a subclass of"),
     ],
 )
-def test_what_are_no_networks_is_refused(networks: Any, words: str) -> None:
+def test_other_losses_and_networks_are_refused(given: dict[str, Any], words: str) -> None:
+    def trained() -> None:
+        trainer = make("fast", **given)
+        trainer.update(trainer.collect())
+
     with pytest.raises(TrainingError, match=words):
-        make("fast", networks=networks)
-
-
-# ---- callbacks
+        trained()
 
 
 class Watching:
