@@ -1,26 +1,41 @@
-"""The networks against plain ones with torch.nn.MultiheadAttention, written from the description of the authors'.
+"""The networks and what they are given, against plain forms with torch.nn.MultiheadAttention, in float64.
 
-Both in float64, so that what differs is not the rounding.
+Plain forms are written from the description of the authors' networks.
 """
 
 import itertools
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from outlast import make_vec, variant
+from outlast.envs.rollout.policies import scripted_policy
 from tests.conftest import draw_actions
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales  # noqa: E402
-from outlast.training.base.presets import PRESETS, preset  # noqa: E402
-from outlast.training.policies import attention  # noqa: E402
-from outlast.training.policies.packer import Packer  # noqa: E402
-from outlast.training.policies.policy import ActorCritic, MultiCategorical  # noqa: E402
-from outlast.training.policies.rows import PaddedRows, Rows, concatenated  # noqa: E402
-from tests.helpers.trainers import doubled  # noqa: E402
+import torch
+
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales
+from outlast.training.base.presets import PRESETS, preset
+from outlast.training.base.run_header import NAME
+from outlast.training.policies import attention
+from outlast.training.policies.checkpoint import write_checkpoint
+from outlast.training.policies.networks import Extractor
+from outlast.training.policies.packer import Packer
+from outlast.training.policies.player import Player
+from outlast.training.policies.policy import ActorCritic, MultiCategorical
+from outlast.training.policies.rows import PaddedRows, concatenated
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs.resume import capture
+from tests.helpers.trainers import doubled
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 COUNTS = {"ffa_2": 22_832, "ffa_3": 23_856, "teams_2": 22_896, "teams_3": 23_920}  # of the authors' checkpoints
@@ -67,9 +82,6 @@ def evaluated(policy: Any, inputs: Any, actions: Any) -> tuple[Any, Any, Any]:
     """Values, log probabilities of the actions, entropies."""
     logs, values, _ = policy(inputs)
     return values, policy.choices.of(actions, logs), policy.choices.entropy(logs)
-
-
-# ---- naive forms
 
 
 def embedded(extractor: Any, layout: ObservationLayout, observations: Arrays, active: Any) -> tuple[Any, Any]:
@@ -153,12 +165,8 @@ def test_outputs_and_gradients_are_those_of_the_naive_form(name: str, chosen: st
     assert sum(float(gradient.abs().sum()) > 0 for gradient in expected.values()) > 15  # of about 20 tensors
     for label, gradient in expected.items():
         close = 1e-6 * float(gradient.abs().max()) + 1e-12
-        torch.testing.assert_close(
-            found[label].expand_as(gradient).to(gradient), gradient, rtol=0, atol=close, msg=label
-        )
-
-
-# ---- rows
+        one = found[label].expand_as(gradient).to(gradient)
+        torch.testing.assert_close(one, gradient, rtol=0, atol=close, msg=label)
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -182,69 +190,18 @@ def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
     assert_same(by_world, whole)
 
 
-def test_rows_are_the_entities_that_are_seen_agent_after_agent() -> None:
-    """Each in the columns of its kind, by a plain loop."""
-    layout, observations, _ = seen("teams_3", "paper")
-    rows = Packer(layout, leaky=False, egocentric=False)(observations)
-    assert isinstance(rows, Rows)
-    agents, expected = [], []
-    for agent in range(len(rows)):
-        assert rows.own[agent].tolist() == [*observations["own"][agent], *observations["zone"][agent]]
-        column = 0
-        for k, kind in enumerate(layout.kinds):
-            for row, mask in zip(observations[kind.key][agent], observations[kind.key + MASK][agent], strict=True):
-                if mask:
-                    entity = np.zeros(layout.columns, np.float32)
-                    entity[column : column + kind.features], entity[k - len(layout.kinds)] = row, 1
-                    expected.append(entity.tolist())
-                    agents.append(agent)
-            column += kind.features
-    assert rows.entities.tolist() == expected
-    assert rows.agent.tolist() == agents
-    assert rows.count.tolist() == np.bincount(agents, minlength=len(rows)).tolist()
-    assert {0, 1, layout.rows} <= set(rows.count.tolist())
-
-
-# ---- what is visible
-
-
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_with_nothing_visible_all_numbers_are_finite(chosen: str) -> None:
     layout, observations, own = seen("ffa_3", chosen)
     policy, actions = make(chosen, layout, own), torch.zeros(len(observations["own"]), 6, dtype=torch.long)
-    for _ in range(2):
+    for part in (slice(None, None, 2), slice(None)):  # of half of the batch, then of all of it
         for kind in layout.kinds:
-            observations[kind.key + MASK][::2] = 0  # of half of the batch, then of all of it
+            observations[kind.key + MASK][part] = 0
         found = evaluated(policy, packed(chosen, layout, observations), actions)
         policy.zero_grad()
         sum(each.sum() for each in found).backward()
-        assert all(bool(each.isfinite().all()) for each in found)
         assert all(bool(p.grad.isfinite().all()) for p in policy.parameters() if p.grad is not None)
         torch.testing.assert_close(found, naive_outputs(policy, layout, observations, actions), rtol=1e-6, atol=1e-9)
-        for kind in layout.kinds:
-            observations[kind.key + MASK][:] = 0
-
-
-@pytest.mark.parametrize("chosen", PRESETS)
-def test_only_the_original_knows_what_is_hidden(chosen: str) -> None:
-    layout, observations, own = seen("ffa_3", chosen)
-    other = {key: values.copy() for key, values in observations.items()}
-    for kind in layout.kinds:
-        other[kind.key] += 0.5 * (observations[kind.key + MASK][:, :, None] == 0)
-    policy = make(chosen, layout, own)
-    values = [policy(packed(chosen, layout, each))[1] for each in (observations, other)]
-    assert bool(torch.allclose(*values)) != (chosen == "original")
-
-
-def test_scaled_is_paper_on_scaled_inputs() -> None:
-    layout, observations, (own, kinds) = seen("teams_3", "scaled")
-    scaled, inputs = make("scaled", layout, (own, kinds)), packed("scaled", layout, observations)
-    by_column = torch.tensor([*kinds, *[1.0] * len(layout.kinds)]).double()
-    inputs = Rows(inputs.own * torch.tensor(own), inputs.entities * by_column, inputs.count)
-    expected = make("paper", layout, (own, kinds))(inputs)[1]
-    torch.testing.assert_close(scaled(packed("scaled", layout, observations))[1], expected, rtol=1e-6, atol=1e-9)
-    place = slice(3, layout.own)  # behind id, team, and health, which heals raise far above what it begins with
-    assert float(inputs.own[:, place].abs().max()) < 1.5 < 10 < np.abs(observations["own"][:, place]).max()
 
 
 @pytest.mark.parametrize("chosen", PRESETS)
@@ -252,10 +209,9 @@ def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
     layout = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
     policy = make(chosen, layout, scales(layout, {}))
     observations = {key: np.ones((5, *shape), np.float32) for key, shape in layout.shapes.items()}
-    assert bool(policy(packed(chosen, layout, observations))[1].isfinite().all())
-
-
-# ---- parameters, choices, layout
+    actions = torch.zeros(5, 6, dtype=torch.long)
+    found = evaluated(policy, packed(chosen, layout, observations), actions)
+    torch.testing.assert_close(found, naive_outputs(policy, layout, observations, actions), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "count"), COUNTS.items())
@@ -300,28 +256,21 @@ def test_no_value_is_drawn_that_an_action_has_not() -> None:
     assert choices.draw(torch.tensor([[0.0, 0.4, 0.6]] * 2).log().T[:, :, None], torch.zeros(1, 2)).tolist() == [[1, 1]]
 
 
-@pytest.mark.parametrize("leaky", [False, True])
-def test_the_views_of_a_packed_array_are_the_observations(leaky: bool) -> None:
-    layout, observations, _ = seen("teams_3", "original")
-    rows = Packer(layout, leaky=leaky, egocentric=False)(observations)
-    if leaky:
-        assert isinstance(rows, PaddedRows)
-        views = layout.views(rows.packed.numpy()[:, None])
-        assert views.keys() == observations.keys()
-        assert rows.packed.shape[1] == layout.size == 15 + 36 + 36 * 11
-    else:
-        views = layout.own_views(rows.own.numpy()[:, None])
-        assert views.keys() == {"own", "zone"}
-    assert all(np.array_equal(view[:, 0], observations[key]) for key, view in views.items())
-
-
-def test_an_unknown_preset_is_refused() -> None:
+def test_what_no_extractor_can_be_is_refused() -> None:
+    layout, observations, own = seen("ffa_2", "original", worlds=1, steps=0)
     with pytest.raises(ValueError, match="no preset 'big'; known: original, paper, scaled"):
         preset("big")
+    for change in ({"activation": "relu"}, {"padded": False}):
+        with pytest.raises(ValueError, match="a leaky one has padding and tanh"):
+            Extractor(layout, replace(PRESETS["original"], **change), own)
+    inputs = packed("original", layout, observations)
+    inputs.packed.requires_grad_()
+    with pytest.raises(ValueError, match="gradients by its parameters only"):
+        make("original", layout, own)(inputs)
 
 
 @pytest.mark.parametrize("agents", [0, 2, 128], ids=["no agent", "no row", "many"])
-def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch) -> None:
     """And so are its gradients; `seen` has agents that see nothing, one row and all rows."""
     layout, observations, own = seen("teams_3", "fast")
     rows = Packer(layout, leaky=False, egocentric=False)(observations).select(torch.arange(agents))
@@ -336,3 +285,65 @@ def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch:
     assert agents < 128 or not torch.equal(found[0][1], found[1][1])  # or both would be one form
     for one, other in zip(*found, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)
+
+
+def turned(row: Any, fields: Any, me: Any, own: bool) -> Any:
+    """One row in the frame of an agent that is at (x, y), moves by (vx, vy) and looks along angle."""
+    x, y, vx, vy, angle = me
+    found = row.copy()
+
+    def put(first: str, second: str, ahead: float, left: float) -> None:
+        found[fields[first].start] = math.cos(angle) * ahead + math.sin(angle) * left
+        found[fields[second].start] = math.cos(angle) * left - math.sin(angle) * ahead
+
+    def value(name: str) -> float:
+        return float(row[fields[name].start])
+
+    for one, two in (("x", "y"), ("next_x", "next_y")):
+        if one in fields:
+            put(one, two, -x if own else value(one) - x, -y if own else value(two) - y)
+    if "vx" in fields:
+        put("vx", "vy", value("vx") - vx * (not own), value("vy") - vy * (not own))
+    if "angle" in fields:
+        angle_there = value("angle") - angle * (not own)
+        found[fields["angle"].start] = math.atan2(math.sin(angle_there), math.cos(angle_there))
+    return found
+
+
+@pytest.mark.parametrize("name", ["ffa_2", "teams_3", "ffa_4"])
+def test_rows_in_the_frame_of_the_agent_are_those_of_the_naive_form(name: str) -> None:
+    env = make_vec(name, 4, seed=0)
+    env.reset(seed=0)
+    policy = scripted_policy(env)
+    for _ in range(60):
+        env.step(policy(env.observe()))
+    seen, layout = env.observe(), layout_of(env)
+    found = Packer(layout, leaky=False, egocentric=True)(seen)
+    columns = layout.field_columns()
+    widths = {kind.key: kind.features for kind in layout.kinds}
+    own_fields = env.fields["own"]
+    rows = iter(found.entities.numpy())
+    for agent, (w, a) in enumerate(np.ndindex(4, env.num_agents)):
+        own = seen["own"][w, a]
+        me = [float(own[own_fields[key].start]) for key in ("x", "y", "vx", "vy", "angle")]
+        for key, width in layout.alone.items():
+            expected = turned(seen[key][w, a].ravel(), env.fields[key], me, key == "own")
+            start = min(columns[key].values())
+            np.testing.assert_allclose(found.own[agent, start : start + width], expected, rtol=1e-5, atol=2e-5)
+        for key, width in widths.items():
+            for k in np.flatnonzero(seen[f"{key}_mask"][w, a]):
+                expected = turned(seen[key][w, a, k], env.fields[key], me, False)
+                start = min(columns[key].values())
+                row = next(rows)[start : start + width]
+                np.testing.assert_allclose(row, expected, rtol=1e-5, atol=2e-5)
+    assert next(rows, None) is None
+
+
+def test_a_policy_without_the_fields_that_turn_is_refused(tmp_path: Path) -> None:
+    trainer = Trainer(TrainingConfig(variant("ffa_2"), "fast", worlds=1, rollout=16))
+    files = capture(trainer, trainer.config.header())
+    header = json.loads(files[NAME])
+    header["fields"]["own"]["heading"] = header["fields"]["own"].pop("angle")
+    write_checkpoint(tmp_path / "broken.zip", files | {NAME: json.dumps(header).encode()})
+    with pytest.raises(TrainingError, match="preset fast needs the fields x, y, vx, vy, angle of 'own'"):
+        Player(tmp_path / "broken.zip")
