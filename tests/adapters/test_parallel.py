@@ -1,10 +1,9 @@
-"""PettingZoo: PettingZoo's own suites, and the same world as in the batched environment."""
+"""PettingZoo: its own suites, the same world as in a batch, who is reported when, the state, and bad input."""
 
 import copy
-import pickle
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -13,12 +12,15 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import VARIANTS, make_vec, variant
-from outlast.ecs import Entity
+from outlast import VARIANTS, ScenarioError, make_vec, variant
+from outlast.components import Bag, Body, Box, Health, SelfView, Shape, Wall
+from outlast.ecs import Clock, Entity, NumberError, Worlds
 from outlast.envs.core.agents import counts_vary, present
-from outlast.envs.errors import NotResetError
-from tests.conftest import COMPILED, few_by_day, scaled
-from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, SHORT
+from outlast.envs.core.global_state import GlobalState
+from outlast.envs.errors import ActionError, NotResetError, StateError
+from outlast.systems import GiveLast, Heals, Inventory, Pickup, Respawn, SafeZone
+from tests.conftest import digest, few_by_day, scaled
+from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, MAZE, ROLES, SHORT
 from tests.helpers.execution_modes import short as scenario
 
 pettingzoo = pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
@@ -28,15 +30,11 @@ from outlast.envs.adapters import pettingzoo as parallel  # noqa: E402
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import (
-        api_test,
         max_cycles_test,
         parallel_api_test,
-        parallel_seed_test,
         render_test,
-        seed_test,
         state_test,
     )
-    from pettingzoo.test.render_test import collect_render_results
 
 CYCLES = scaled(1000, least=20)
 NAMES = few_by_day(VARIANTS, ("ffa_1", "teams_3"))
@@ -75,31 +73,6 @@ def same(one: Any, other: Any) -> bool:
     return type(one) is type(other) and bool(np.array_equal(one, other))
 
 
-# ---- PettingZoo's own suites
-
-
-@both
-@everywhere
-def test_parallel_api(name: str, dead: str) -> None:
-    """Also its checks of dead agents, which are mere warnings; but for one, that some possible agents never played."""
-    env = outlast.parallel_env(name, dead=dead, **SHORT)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        if counts_vary(env.base_env.worlds):
-            warnings.filterwarnings("ignore", "No agents present but not all possible_agents are terminated")
-        parallel_api_test(env, CYCLES)
-    assert env.statistics or not COMPILED  # it saw the end of an episode
-
-
-@both
-@everywhere
-@pytest.mark.filterwarnings("ignore:Observation is not a NumPy array", "ignore:.*probably should be gymnasium.spaces")
-def test_aec_api(name: str, dead: str) -> None:
-    env = outlast.aec_env(name, dead=dead, **SHORT)
-    api_test(env, CYCLES)
-    assert env.unwrapped.statistics or not COMPILED
-
-
 @pytest.mark.parametrize("agents", [1, 12])
 def test_other_numbers_of_agents(agents: int) -> None:
     """Agent 10 comes after agent 9, though its name sorts before."""
@@ -109,13 +82,6 @@ def test_other_numbers_of_agents(agents: int) -> None:
     observations, _ = env.reset()
     assert [seen["own"][0] for seen in observations.values()] == list(range(agents))
     assert list(env.step({})[0]) == env.agents == env.possible_agents
-
-
-@both
-@everywhere
-def test_seeds(name: str, dead: str) -> None:
-    parallel_seed_test(lambda: outlast.parallel_env(name, dead=dead, **SHORT), CYCLES)
-    seed_test(lambda: outlast.aec_env(name, dead=dead, **SHORT), CYCLES)
 
 
 def test_max_cycles() -> None:
@@ -159,26 +125,10 @@ def test_render(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     render_test(lambda **options: outlast.aec_env(scenario(name), **options))
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *EACH_LEVEL])
-def test_render_without_a_window(name: str) -> None:
-    """What their suite asks of pictures and text; drawing changes nothing."""
-    for picture in collect_render_results(outlast.aec_env(scenario(name), render_mode="rgb_array")):
-        assert (picture.dtype, picture.ndim, picture.shape[2]) == (np.uint8, 3, 3)
-    pages = collect_render_results(outlast.aec_env(scenario(name), render_mode="ansi"))
-    assert all(isinstance(page, str) for page in pages)
-    drawn, blind = short(name, render_mode="rgb_array", seed=1), short(name, seed=1)
-    assert same(drawn.reset(), blind.reset())
-    assert np.array_equal(drawn.render(), drawn.render())
-    assert same(drawn.step(act(drawn, 0)), blind.step(act(blind, 0)))
-
-
 def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ImportError, match=r"pip install 'outlast\[window\]'"):
         outlast.parallel_env(render_mode="human")
-
-
-# ---- PettingZoo's registry
 
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "parallel_registry"), reason="a PettingZoo without a registry")
@@ -191,9 +141,6 @@ def test_the_registry_makes_them(kind: Any, name: str) -> None:
     expected = variant(name).replace(ending_limit=7, melee_damage=2)
     assert (scenario.name, str(env)) == (expected.name, expected.name)
     assert scenario.numbers() == expected.numbers()
-
-
-# ---- the same world as in a batch
 
 
 @both
@@ -209,10 +156,8 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
     expected, _ = batch.reset(seed=[seed + 1, seed, seed + 2])
     alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
     there = present(batch.worlds, 1)
-    assert same(
-        observations,
-        {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4) if there[i] or dead == "keep"},
-    )
+    first = [i for i in range(4) if there[i] or dead == "keep"]
+    assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in first})
     died = done = False
     for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
         rows = [int(agent[6:]) for agent in before]
@@ -252,42 +197,6 @@ def test_statistics_where_all_leave_a_world_that_goes_on() -> None:
         batch.reset()
 
 
-@both
-def test_whole_episodes_repeat(dead: str) -> None:
-    """Two in a row; reset() without a seed goes on to the next one, which is another."""
-    one, other = short(dead=dead), short(dead=dead, seed=9)
-    first, again = [one.reset(seed=9), *play(one)], [other.reset(), *play(other)]
-    second, then = [one.reset(), *play(one)], [other.reset(), *play(other)]
-    assert same(first, again)
-    assert same(second, then)
-    assert not same(first[0], second[0])
-    assert same(first, [other.reset(seed=9), *play(other)])
-
-
-@both
-@pytest.mark.parametrize("name", [*NAMES, *EACH_LEVEL])
-def test_everything_lies_in_its_space(name: str, dead: str) -> None:
-    env = short(name, dead=dead, seed=1)
-    observations, _ = env.reset()
-    assert observations.keys() == {*env.possible_agents} or name in LEVELS
-    count = present(env.base_env.worlds, 0).sum() if dead == "end" else None
-    assert list(observations) == env.agents == env.possible_agents[:count]
-    for _, (observations, rewards, terminated, truncated, _) in play(env):
-        for agent, seen in observations.items():
-            assert env.observation_space(agent).contains(seen)
-            assert type(rewards[agent]) is float
-            assert type(terminated[agent]) is type(truncated[agent]) is bool
-        assert env.state_space.contains(env.state())
-        assert np.isfinite(env.state()).all()
-    for agent in env.possible_agents:
-        space: Any = env.observation_space(agent)
-        assert space is env.observation_space(agent)
-        assert env.action_space(agent) is env.action_space(agent)
-        assert env.action_space(agent).nvec.tolist() == [3, 3, 3, 2, 2, 2]
-        assert all(box.dtype == np.float32 for box in space.values())
-    assert env.action_space("agent_0") is not env.action_space("agent_1")  # they are seeded one by one
-
-
 def test_every_count_of_agents_is_played() -> None:
     """Over the episodes of one environment; a state of another count goes on with its agents. Or all are kept."""
     env, found, states = short(COUNTS, seed=0), set(), {}
@@ -306,30 +215,378 @@ def test_every_count_of_agents_is_played() -> None:
         assert not any(list(rewards.values())[count:])
 
 
-def test_copies_go_on_from_where_an_environment_is() -> None:
-    env = short(dead="keep", render_mode="ansi")
-    assert copy.deepcopy(env).agents == []
+IDLE = [1, 1, 1, 0, 0, 0]
+
+
+def test_the_dead_are_reported_once_and_leave() -> None:
+    """With terminated True, their last reward, and masks of 0."""
+    env = short("ffa_3", seed=2)
     env.reset()
-    env.step({})
-    env.base_env.set_numbers(motors_ahead=1.0)
-    env.statistics = {"return": np.ones(2)}
-    for name in env.agents:
-        env.action_space(name).seed(3)
-    other = copy.deepcopy(env)
-    assert other.statistics["return"].tolist() == [1, 1]
-    assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", env.agents)
-    for _ in range(3):
-        one, two = ({name: each.action_space(name).sample() for name in each.agents} for each in (other, env))
-        assert same(other.step(one), env.step(two))
-    assert same(other.reset(), env.reset())
+    ends: dict[str, int] = {}
+    for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
+        for part in (observations, rewards, terminated, truncated, infos):
+            assert list(part) == before
+        for agent in before:
+            if terminated[agent]:
+                assert agent not in ends
+                ends[agent] = tick
+                assert agent not in env.agents
+            if not infos[agent]["alive"]:
+                assert terminated[agent]
+                assert observations[agent]["heals_mask"].sum() == 0
+    assert ends.keys() == set(env.possible_agents)
+    assert len(set(ends.values())) > 1
 
 
-def test_pickles_are_made_the_same_way() -> None:
-    env = short(dead="keep", render_mode="ansi", seed=4)
-    first = env.reset()
-    env.step({})
-    other = pickle.loads(pickle.dumps(env))
-    assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", [])
-    assert other.base_env.scenario == env.base_env.scenario
-    assert same(other.reset(), first)
-    assert pickle.loads(pickle.dumps(outlast.aec_env("ffa_3"))).metadata["name"] == "ffa_3"
+def test_nobody_comes_back() -> None:
+    """Whatever a mechanic does: an agent of PettingZoo has no second life within an episode."""
+    env = short("ffa_3", seed=2)
+    env.reset()
+    while len(env.agents) == 4:
+        env.step({})
+    left = list(env.agents)
+    worlds = env.base_env.worlds
+    for column in (worlds[Entity].alive, worlds[Health].points):
+        column[0, worlds.span("agent")] = 1
+    observations, *_, infos = env.step({})
+    assert list(observations) == list(infos) == left
+    assert worlds[Entity].alive[0, worlds.span("agent")].all()
+    assert env.agents == left
+    assert env.reset()[0].keys() == set(env.possible_agents)
+
+
+def test_kept_agents_stay_until_the_world_ends() -> None:
+    """And are paid what the dead are paid: -1 a tick in this variant, or their team's reward."""
+    env = short("ffa_3", dead="keep", seed=2)
+    env.reset()
+    paid = []
+    for before, (_, rewards, terminated, _, infos) in play(env):
+        assert before == env.possible_agents
+        assert set(terminated.values()) == {not env.agents}
+        paid += [rewards[agent] for agent in before if not infos[agent]["alive"]]
+    assert len(paid) > 4
+    assert set(paid) == {-1.0}
+
+
+def limited(dead: str, seed: int) -> Any:
+    """The step at the limit, in which those outside of the zone die; the world may end by its rule in that step."""
+    env = outlast.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, safe_zone_radii=(8.0,))
+    env.reset(seed=seed)
+    *_, (_, last) = play(env)
+    assert env.agents == []
+    return env, last
+
+
+@both
+def test_at_the_limit_all_agents_are_truncated(dead: str) -> None:
+    """Also those that die in that step. If the world ends by its rule, all are terminated and none is truncated."""
+    found = set()
+    for seed in range(12):
+        env, (_, _, terminated, truncated, infos) = limited(dead, seed)
+        alive = {agent: bool(info["alive"]) for agent, info in infos.items()}
+        assert list(truncated) == env.possible_agents
+        if not (any(alive[f"agent_{i}"] for i in (0, 1)) and any(alive[f"agent_{i}"] for i in (2, 3))):
+            assert set(terminated.values()) == {True}
+            assert set(truncated.values()) == {False}
+            found.add("rule")
+            continue
+        assert set(truncated.values()) == {True}
+        assert terminated == {agent: dead == "end" and not lives for agent, lives in alive.items()}
+        found.add("limit and deaths" if not all(alive.values()) else "limit")
+    assert {"rule", "limit and deaths"} <= found
+
+
+@both
+def test_the_dead_and_the_missing_idle(dead: str) -> None:
+    """What the dead want is not even looked at; a random order of agents means nothing."""
+    env, reference = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=2)
+    env.reset()
+    reference.reset()
+    alive = env.base_env.worlds[Entity].alive[0, env.base_env.worlds.span("agent")]
+    tick, nonsense = 0, 0
+    while env.agents:
+        actions = {**act(env, tick), "agent_1": IDLE}
+        living = {agent: actions[agent] for i, agent in enumerate(env.possible_agents) if alive[i]}
+        gone = {agent: "nonsense" for agent in env.possible_agents if agent not in living}
+        living.pop("agent_1", None)
+        assert same(env.step({**gone, **dict(reversed(living.items()))}), reference.step(actions))
+        tick, nonsense = tick + 1, nonsense + len(gone)
+    assert nonsense
+
+
+def test_an_agent_acts_in_the_step_in_which_it_comes_back() -> None:
+    game = outlast.variant("ffa_1").with_(Respawn(ticks=5)).replace(ending_rule="never", safe_zone_radii=(0.5,))
+    game, seen = game.replace(ending_limit=scaled(200, least=60), agents_health=3), 0
+    env, batch = outlast.parallel_env(game, dead="keep"), outlast.make_vec(game, 1)
+    env.reset(seed=0)
+    batch.reset(seed=0)
+    rng = np.random.default_rng(0)
+    while env.agents:
+        actions = rng.integers(0, batch.action_sizes, (1, 2, len(batch.action_sizes)))
+        actions[..., :3] = 2  # ahead, to the left, and around
+        found = env.step(dict(zip(env.agents, actions[0], strict=True)))[0]
+        expected = batch.step(actions)[0]["own"][0]
+        if env.agents:  # else the batch has begun anew
+            assert np.array_equal([found[agent]["own"] for agent in env.possible_agents], expected)
+            seen += len(batch.events()["respawned"])
+    assert seen
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.int8, np.uint8, np.int32, np.uint64])
+def test_actions_of_every_integer_type_mean_the_same(kind: Any) -> None:
+    env, reference = short(seed=3), short(seed=3)
+    env.reset()
+    reference.reset()
+    changed = {a: kind(v.tolist()) if kind in (list, tuple) else v.astype(kind) for a, v in act(env, 0).items()}
+    assert same(env.step(changed), reference.step(act(reference, 0)))
+
+
+def one(action: Any) -> Callable[[Env], Any]:
+    return lambda env: env.step({"agent_0": IDLE, "agent_2": action})
+
+
+REFUSED: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
+    "unequal lists": (one([[1], [1, 2]]), ActionError, r"of agent_2 have shape \(2,\): \(actions,\) = \(6,\)"),
+    "an unknown agent": (
+        lambda env: env.step({"agent_4": IDLE}), ActionError, "no agent 'agent_4' to act; there are: agent_0, .*agent_3"
+    ),
+    "a number for an agent": (lambda env: env.step({0: IDLE}), ActionError, "no agent 0"),  # type: ignore[dict-item]
+    "a list": (lambda env: env.step([IDLE] * 4), ActionError, "a dict of agent -> action"),  # type: ignore[arg-type]
+    "no actions": (lambda env: env.step(None), ActionError, "actions are None"),  # type: ignore[arg-type]
+    "two seeds": (lambda env: env.reset(seed=[1, 2]), ValueError, "one integer"),  # type: ignore[arg-type]
+    "space of no agent": (lambda env: env.observation_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "actions of no agent": (lambda env: env.action_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "no render mode": (lambda env: env.render(), ValueError, "render_mode: rgb_array, ansi, human"),
+    "another scenario": (lambda env: env.set_state(short("ffa_3").get_state()), StateError, "another scenario"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_changes_nothing(name: str) -> None:
+    call, error, message = REFUSED[name]
+    env, reference = short(seed=6), short(seed=6)
+    for each in (env, reference):
+        each.reset()
+        each.step(act(each, 0))
+    before, agents = digest(env.base_env.worlds), list(env.agents)
+    with pytest.raises(error, match=message) as raised:
+        call(env)
+    assert type(raised.value) is error
+    assert (digest(env.base_env.worlds), env.agents) == (before, agents)
+    assert same(env.step(act(env, 1)), reference.step(act(reference, 1)))
+
+
+@pytest.mark.parametrize("form", [{}, {"actions": "joint", "observations": "flat"}], ids=["dict", "flat"])
+@pytest.mark.parametrize("dead", ["end", "keep"])
+def test_masks_are_where_classic_games_have_them(dead: str, form: dict[str, Any]) -> None:
+    """In observations that are otherwise the same, of every agent that is reported, and not in infos."""
+    plain = short("teams_3", dead=dead, action_masks=True, **form)
+    env = short("teams_3", dead=dead, action_masks="observation", **form)
+    expected, infos = plain.reset(seed=3)
+    found, more = env.reset(seed=3)
+    for i, agent in enumerate(plain.possible_agents):
+        plain.action_space(agent).seed(i)
+    for tick in range(scaled(60, least=10)):
+        assert list(found) == list(expected)
+        for agent, seen in found.items():
+            assert env.observation_space(agent).contains(seen)
+            assert same(seen["observation"], expected[agent])
+            assert same(infos[agent], more[agent] | {"action_mask": seen["action_mask"]})
+            assert "action_mask" not in more[agent]
+        if not env.agents:
+            break
+        if tick == 5:
+            assert same(env.set_state(env.get_state()), found)
+            env = copy.deepcopy(env)
+        actions = {agent: plain.action_space(agent).sample() for agent in env.agents}
+        expected, *_, infos = plain.step(actions)
+        found, *_, more = env.step(actions)
+
+
+def test_calls_out_of_order() -> None:
+    env = short(render_mode="ansi")
+    assert (env.agents, env.num_agents, env.max_num_agents) == ([], 0, 4)
+    for call in (lambda: env.step({}), env.state, env.action_masks, env.render):
+        with pytest.raises(NotResetError, match=r"reset\(\)"):
+            call()
+    env.reset()
+    list(play(env))
+    with pytest.raises(NotResetError, match=r"episode is over.*reset\(\)"):
+        env.step(dict.fromkeys(env.possible_agents, 0))
+    assert env.state_space.contains(env.state())  # the end can be looked at
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"dead": None}, ValueError, "dead = None: allowed are 'end', 'keep'"),
+        ({"action_masks": "infos"}, ValueError, "action_masks = 'infos': allowed are 'observation', True and False"),
+        ({"action_masks": "observation", "actions": "continuous"}, ValueError, "there are no action masks"),
+        ({"max_cycles": 0}, ValueError, "max_cycles = 0: an integer >= 1"),
+        ({"max_cycles": 2.5}, ValueError, "max_cycles = 2.5: an integer >= 1"),
+        ({"max_cycles": 5, "ending_limit": 5}, ValueError, "the same number"),
+        ({"max_episode_steps": 5, "ending_limit": 5}, ValueError, "the same number"),
+        ({"max_cycles": 5, "max_episode_steps": 5}, ValueError, "the same number"),
+        ({"scenario": None, "melee_damage": 3}, ScenarioError, "None: a Scenario or the name of one"),
+        ({"n_agents": 0}, NumberError, "agents.count = 0"),
+    ],
+)
+def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], message: str) -> None:
+    for make in (outlast.parallel_env, outlast.aec_env):
+        with pytest.raises(error, match=message):
+            make(**options)
+
+
+@pytest.mark.parametrize("wrong", [[5, 1, 1, 0, 0, 0], [0.5] * 6, [1, 1], None])
+def test_a_refused_action_leaves_the_turn_with_its_agent(wrong: Any) -> None:
+    """Not with the last agent of the tick, whose turn could then never be taken."""
+    env = outlast.aec_env("ffa_3", seed=0, n_agents=3)
+    env.reset()
+    for turn, agent in enumerate(env.possible_agents):
+        with pytest.raises(ActionError, match=f"of {agent}"):
+            env.step(wrong)
+        assert (env.agent_selection, env.unwrapped.base_env.worlds[Clock].tick[0, 0]) == (agent, 0), turn
+        env.step(IDLE)
+    assert env.unwrapped.base_env.worlds[Clock].tick[0, 0] == 1
+
+
+BUSY: dict[str, Any] = {  # items change hands all the time, and all agents observe everything
+    "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
+    "boxes_toughness": 1, "boxes_owned": False, "max_cycles": 200,
+}  # fmt: skip
+
+
+def blocks(state: Any, features: int, heals: int, boxes: int) -> list[Any]:
+    """agents, zone, objects and items, as rows."""
+    sizes = [4 * (1 + features), 6, boxes * 7, (boxes + heals) * 4]
+    assert state.shape == (sum(sizes),)
+    widths = [1 + features, 6, 7, 4]
+    return [part.reshape(-1, k) for part, k in zip(np.split(state, np.cumsum(sizes)[:-1]), widths, strict=True)]
+
+
+@pytest.mark.parametrize(("name", "features"), [("ffa_3", 8), ("teams_3", 9)])
+def test_the_state_is_what_an_omniscient_observer_sees(name: str, features: int) -> None:
+    env = outlast.parallel_env(name, **BUSY)
+    seen = env.reset(seed=1)[0]["agent_0"]
+    carried = broken = 0
+    worlds = env.base_env.worlds
+    for tick in range(scaled(100, least=20)):
+        state = env.state()
+        assert state.dtype == np.float32
+        agents, zone, objects, items = blocks(state, features, 15, 8)
+        assert np.array_equal(agents[0], [1, *seen["own"]])
+        assert np.array_equal(agents[1:, 1:], seen["others"])
+        assert np.array_equal(agents[1:, 0], seen["others_mask"])
+        assert np.array_equal(zone[0], seen["zone"])
+        width, height, place = seen["boxes"][:, 2], seen["boxes"][:, 5], seen["boxes"][:, 8:]
+        expected = [seen["boxes_mask"], *place.T, width, height]
+        assert np.array_equal(objects[:, :6], np.column_stack(expected))
+        hits = worlds[Health].points[0, worlds.layout.rows(Box)]
+        assert np.array_equal(objects[:, 6], hits * seen["boxes_mask"])
+        shown = np.concatenate([seen["box_items"][:, 8:], seen["heals"]])
+        mask = np.concatenate([seen["box_items_mask"], seen["heals_mask"]])
+        assert np.array_equal(items[:, :3], np.column_stack([mask, shown]))
+        first = worlds.span("box_item").start
+        bags = [{row - first for row in bag[bag >= 0]} for bag in worlds[Bag].items[0, worlds.span("agent")]]
+        assert [set(np.flatnonzero(items[:, 3] == 1 + i)) for i in range(4)] == bags
+        carried, broken = max(carried, (items[:, 3] > 0).sum()), max(broken, (objects[:, 0] == 0).sum())
+        seen = env.step(act(env, tick))[0]["agent_0"]
+    assert carried > 1
+    assert broken > 0
+
+
+def test_the_dead_are_not_alive_in_the_state() -> None:
+    env = short("ffa_3", dead="keep", seed=2)
+    env.reset()
+    dead = 0
+    for _, (*_, infos) in play(env):
+        rows = env.state()[: 4 * 9].reshape(4, 9)
+        assert rows[:, 0].tolist() == [info["alive"] for info in infos.values()]
+        assert not rows[rows[:, 0] == 0, 2:].any()
+        dead += (rows[:, 0] == 0).sum()
+    assert dead
+
+
+def test_the_state_of_a_bare_scenario() -> None:
+    """Without zone and items there are agents only."""
+    bare = outlast.variant("ffa_1").without(SafeZone, Heals, Pickup, GiveLast, Inventory, "death_drop")
+    overview = GlobalState(Worlds(bare.modules, 1))
+    assert overview.space.shape == (2 * 9,)
+    assert overview.space.contains(overview())
+
+
+def test_the_state_has_walls_and_numbers() -> None:
+    """Of the episode; walls that do not stand, and agents that are absent, are rows of 0."""
+    env = short(ALL, dead="keep", seed=0)
+    for _ in range(4):
+        env.reset()
+        worlds, state = env.base_env.worlds, env.state()
+        numbers = ("agents_count", "boxes_count", "heals_count")
+        assert state[-3:].tolist() == [env.base_env.numbers()[name][0] for name in numbers]
+        rows = worlds.layout.rows(Wall)
+        walls = state[-3 - 6 * len(rows) : -3].reshape(-1, 6)
+        stand = worlds[Entity].alive[0, rows] != 0
+        body, shape = worlds[Body], worlds[Shape]
+        columns = [body.x, body.y, body.angle, shape.half_width, shape.half_height]
+        assert np.array_equal(walls[stand, 1:], np.stack([column[0, rows] for column in columns], 1)[stand])
+        assert walls[:, 0].tolist() == stand.tolist()
+        assert stand.sum() > 0
+        assert not walls[~stand].any()
+        agents = state[: 4 * (1 + worlds[SelfView].own.shape[-1])].reshape(4, -1)
+        assert not agents[~present(worlds, 0)].any()
+        assert env.state_space.contains(state)
+
+
+@both
+@pytest.mark.parametrize("name", ["ffa_3", MAZE, ROLES])
+def test_going_on_from_a_saved_state(name: str, dead: str) -> None:
+    """In another environment, after a death; the state of one world of a batch will do as well."""
+    env, other = short(name, dead=dead, seed=2), short(name, dead=dead, seed=77)
+    _, infos = env.reset()
+    while not env.agents or all(info["alive"] for info in infos.values()):
+        *_, infos = env.step(act(env, 0)) if env.agents else env.reset()
+    state, agents = env.get_state(), list(env.agents)
+    assert len(agents) == 4 if dead == "keep" else 0 < len(agents) < 4
+    expected = list(play(env))
+    observations = other.set_state(state)
+    assert list(observations) == other.agents == agents
+    assert same(list(play(other)), expected)
+    ended = env.get_state()
+    env.reset()
+    assert env.set_state(ended) == {}
+    assert env.agents == []
+    batch = outlast.make_vec(env.base_env.scenario, 3, seed=4)
+    batch.reset()
+    other.set_state(batch.get_state(2))
+    own = batch.observe()["own"][2, 0]
+    assert np.array_equal(other.state()[1 : 1 + len(own)], own)
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
+def test_the_states_of_many_worlds_are_those_of_each(name: str) -> None:
+    env = make_vec(name, 5, seed=1, copy=False)
+    env.reset()
+    overview = GlobalState(env.worlds)
+    for _ in range(120):
+        env.step(env.action_space.sample())
+    states = overview(slice(None))
+    assert states.dtype == np.float32
+    assert states.shape == (5, *overview.space.shape)
+    assert all(np.array_equal(states[w], overview(w)) for w in range(5))
+    assert np.array_equal(states[1:3], overview(slice(1, 3)))
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", "teams_3+steering"])
+def test_scaled_states_are_about_minus_1_to_1(name: str) -> None:
+    """But for the numbers of agents and teams, as in observations."""
+    env = make_vec(name, 5, seed=1, copy=False)
+    overview, found = GlobalState(env.worlds), []
+    assert overview.scale.shape == overview.space.shape
+    env.reset()
+    for _ in range(200):
+        env.step(env.action_space.sample())
+        found.append(np.abs(overview(slice(None)) / overview.scale))
+    most = np.max(found, axis=(0, 1))
+    assert (most > 0.1).mean() > 0.5
+    assert most.max() < 6
+    assert (most > 2.5).mean() < 0.05

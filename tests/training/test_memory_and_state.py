@@ -1,6 +1,5 @@
-"""Policies with a memory: the same step by step and in chunks, from checkpoints, in play and against each other."""
+"""Policies with a memory, and critics that learn from the state of the whole world."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,34 +7,30 @@ import gymnasium
 import numpy as np
 import pytest
 
-from outlast import make_vec, variant
-from outlast.envs.cli import main as cli
+from outlast import load_policy, make_vec, variant
+from outlast.components import Body
 from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.training.base.config import CHUNK, TrainingConfig
-from outlast.training.base.errors import TrainingError
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast import load_policy  # noqa: E402
-from outlast.training.arena.evaluation import Evaluation  # noqa: E402
-from outlast.training.arena.players import contenders  # noqa: E402
-from outlast.training.base.hyperparameters import Hyperparameters  # noqa: E402
-from outlast.training.base.observation_layout import ObservationLayout  # noqa: E402
-from outlast.training.base.presets import PRESETS, preset  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.policies.packer import Packer  # noqa: E402
-from outlast.training.policies.policy import ActorCritic  # noqa: E402
-from outlast.training.policies.rows import Rows, concatenated  # noqa: E402
-from outlast.training.ppo.learner import Learner  # noqa: E402
-from outlast.training.ppo.minibatches import Chunks, normalised  # noqa: E402
-from outlast.training.ppo.rollout import Rollout  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.ppo.world_slice import NOBODY  # noqa: E402
-from outlast.training.runs.resume import capture  # noqa: E402
-from outlast.training.runs.run import TrainingRun  # noqa: E402
-from tests.training.test_run import points  # noqa: E402
+import torch
+
+from outlast.training.base.config import CHUNK, TrainingConfig
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.hyperparameters import Hyperparameters
+from outlast.training.base.observation_layout import ObservationLayout
+from outlast.training.base.presets import PRESETS, preset
+from outlast.training.policies import checkpoint
+from outlast.training.policies.packer import Packer
+from outlast.training.policies.policy import ActorCritic
+from outlast.training.policies.rows import Observed, Rows, concatenated
+from outlast.training.ppo.learner import Learner
+from outlast.training.ppo.minibatches import Chunks, normalised
+from outlast.training.ppo.rollout import Rollout
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.ppo.world_slice import NOBODY
+from outlast.training.runs.resume import capture
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -73,9 +68,6 @@ def saved(path: Path, **changes: Any) -> Path:
     return path
 
 
-# ---- the network
-
-
 @pytest.mark.parametrize("chosen", [name for name in PRESETS if not PRESETS[name].egocentric])  # has no fields here
 def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
     own, rng = policy(chosen), np.random.default_rng(1)
@@ -95,6 +87,8 @@ def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
     assert torch.allclose(logs, torch.cat([found for found, _ in apart], 2), atol=1e-6)
     assert torch.allclose(values, torch.cat([value for _, value in apart]), atol=1e-6)
     assert torch.allclose(last, memory, atol=1e-6)
+    with pytest.raises(ValueError, match="needs `memory` and `begins`"):
+        own(seen)
 
 
 def test_gradients_flow_back_through_steps_but_not_across_the_beginning_of_an_episode() -> None:
@@ -110,20 +104,6 @@ def test_gradients_flow_back_through_steps_but_not_across_the_beginning_of_an_ep
     assert moved[:, [0, 2, 3, 4]].all()
     assert moved[:, 1].tolist() == [False] * 6 + [True] * (CHUNK - 6)
     assert (start.grad.abs().sum(1) > 0).tolist() == [True, False, False, True, True]
-
-
-def test_a_policy_without_a_memory_is_as_before() -> None:
-    """Its weights have the same names, and the same random numbers make them."""
-    own = policy(memory=0)
-    assert own.recurrent is None
-    assert not [name for name in own.state_dict() if "recurrent" in name or "overview" in name]
-    seen = Packer(LAYOUT, leaky=False, egocentric=False)(observed(np.random.default_rng(1), AGENTS))
-    assert own(seen)[2] is None
-    with pytest.raises(ValueError, match="needs `memory` and `begins`"):
-        policy()(seen)
-
-
-# ---- learning
 
 
 def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rollout:
@@ -161,20 +141,6 @@ def test_what_only_a_memory_can_know_is_learned(memory: int, learned: bool) -> N
     assert np.mean(share[:5]) < 0.5
 
 
-def test_samples_that_are_masked_change_nothing() -> None:
-    """But what was seen there is remembered."""
-    weights = []
-    for noise in (0.0, 100.0):
-        own = policy()
-        made, other = rollout(own, np.random.default_rng(1)), np.random.default_rng(2)
-        made.advantages[:-1] += noise * other.normal(size=made.advantages[:-1].shape).astype(np.float32)
-        made.learner[:, 3] = NOBODY
-        made.advantages[:, 3] += noise
-        Learner(own, Hyperparameters(batch_size=8, n_epochs=1), torch.Generator().manual_seed(0)).update(made)
-        weights.append(torch.cat([weight.flatten() for weight in own.parameters()]))
-    assert torch.equal(*weights)
-
-
 @pytest.mark.parametrize("dead", ["keep", "drop"])
 def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
     """Until it is updated, the policy says of chunks what it said when it played: across ends, and with opponents."""
@@ -204,25 +170,6 @@ def test_rollouts_that_are_no_whole_chunks_are_refused() -> None:
         config(memory=-1)
 
 
-# ---- runs and checkpoints
-
-
-def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
-    each = 4 * 32 * 2
-    given = {"opponents": {"self": 1.0, "past": 1.0}, "snapshots": 1, "every": each, "settings": {"anneal_lr": False}}
-    TrainingRun(config(steps=4 * each, **given), tmp_path / "whole").train()
-    TrainingRun(config(steps=2 * each, **given), tmp_path / "parts").train()
-    TrainingRun(config(steps=4 * each, **given), tmp_path / "parts", resume=True).train()
-    assert points(tmp_path / "whole") == points(tmp_path / "parts")
-    last = CHECKPOINT.format(4 * each)
-    one, other = (checkpoint.read_checkpoint(tmp_path / name / last) for name in ("whole", "parts"))
-    assert one.keys() == other.keys()
-    one, other = (checkpoint.policies_in(files)[0] for files in (one, other))
-    assert all(torch.equal(one[key], other[key]) for key in one)
-    with pytest.raises(TrainingError, match="memory = 8, not 0"):
-        TrainingRun(config(steps=4 * each, **given, memory=0), tmp_path / "parts", resume=True)
-
-
 @pytest.mark.nightly
 def test_a_start_by_imitation_and_one_with_saved_weights(tmp_path: Path) -> None:
     """Whoever of teacher and learner has a memory."""
@@ -238,19 +185,6 @@ def test_a_start_by_imitation_and_one_with_saved_weights(tmp_path: Path) -> None
     for changes in ({"memory": 0}, {"critic": "state"}):
         with pytest.raises(TrainingError, match="of preset 'fast' with memory 8 and state 0, those to be trained"):
             Trainer(config(warm_start=path, **changes)).take_weights()
-
-
-def test_a_checkpoint_of_another_width_is_refused(tmp_path: Path) -> None:
-    path = saved(tmp_path / "a.zip")
-    for memory, words in ((9, "does not hold|is torch"), (4096, "too small for"), (0, "does not hold")):
-        files = checkpoint.read_checkpoint(path)
-        header = json.loads(files["run.json"]) | {"memory": memory}
-        checkpoint.write_checkpoint(tmp_path / "b.zip", files | {"run.json": json.dumps(header).encode()})
-        with pytest.raises(TrainingError, match=words):
-            load_policy(tmp_path / "b.zip")
-
-
-# ---- play
 
 
 @pytest.mark.parametrize("policies", ["shared", "side"])
@@ -317,29 +251,71 @@ def test_it_plays_as_an_opponent(tmp_path: Path) -> None:
         assert (trainer.lane.opponent > 0).any()
 
 
-def test_an_evaluation_is_the_same_alone_and_in_a_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the likeliest actions, as those that are drawn depend on the batch."""
-    monkeypatch.setattr(ActorCritic, "choose", lambda self, logs, generator: logs.argmax(0).T)
-    texts = [str(saved(tmp_path / name, memory=memory)) for name, memory in (("a.zip", WIDTH), ("b.zip", 0))]
-    results = []
-    for worlds in (1, 3):
-        evaluation = Evaluation(SHORT, contenders(texts), episodes=4 * worlds, worlds=worlds)
-        results.append([pairing.results.figures for pairing in evaluation.play()])
-        evaluation.close()
-    for one, other in zip(*results, strict=True):
-        assert one.keys() == other.keys()
-        assert all(np.array_equal(one[name][0], other[name][0]) for name in one)
-        assert one["length"].std() > 0
+WORLDS, TICKS, MEMBERS = 3, 32, 4
+TEAMS = variant("teams_2").replace(ending_limit=20)
 
 
-def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "run"
-    words = "train ffa_2 --memory 8 --critic state --worlds 4 --rollout 64 --steps 256 --every 128 --quiet --threads 1"
-    assert cli.main([*words.split(), "--out", str(out)]) == 0
-    plan = json.loads((out / "run.json").read_text())["plan"]
-    assert (plan["memory"], plan["critic"]) == (8, "state")
-    path = out / CHECKPOINT.format(256)
-    assert cli.main(["rollout", "ffa_2", "--policy", str(path), "--worlds", "2", "--steps", "20", "--quiet"]) == 0
-    assert cli.main(["rollout", "ffa_2", "--policy", "random", "--others", str(path), "--steps", "20", "--quiet"]) == 0
-    assert cli.main(["train", "ffa_2", "--memory", "8", "--rollout", "2560", "--out", str(tmp_path / "no")]) != 0
-    assert "--rollout 4096" in capsys.readouterr().err
+def stated(chosen: str = "fast", **changes: Any) -> Trainer:
+    given = {"worlds": WORLDS, "rollout": WORLDS * TICKS, "critic": "state"}
+    given |= {"settings": {"n_epochs": 1, "batch_size": 64, "target_kl": 0.0}}
+    return Trainer(TrainingConfig(TEAMS, chosen, **(given | changes)))
+
+
+def seen_by(trainer: Trainer) -> Observed:
+    return trainer.lane._seen(trainer.env.observe())
+
+
+def test_agents_of_a_world_get_the_same_state() -> None:
+    trainer = stated()
+    rollout = trainer.collect()
+    states = rollout.seen.state.view(TICKS, WORLDS, MEMBERS, -1)
+    assert (states == states[:, :, :1]).all()
+    assert (states[:, 0] != states[:, 1]).any()
+    assert (states[0] != states[-1]).any()
+    assert states.shape[3] == trainer.state
+    part = torch.tensor([5, 0, 5])
+    assert torch.equal(rollout.seen.select(part).state, rollout.seen.state[part])
+
+
+@pytest.mark.parametrize(("chosen", "memory"), [("fast", 0), ("fast", 8), ("original", 0), ("paper", 8)])
+def test_values_depend_on_what_an_agent_cannot_see_and_actions_do_not(chosen: str, memory: int) -> None:
+    trainer, agents = stated(chosen, memory=memory), WORLDS * MEMBERS
+    given = (torch.zeros(agents, memory), torch.ones(agents, dtype=torch.bool)) if memory else ()
+    policy, found = trainer.policies[0], []
+    for moved in (0.0, 1.0):
+        trainer.env.worlds[Body].x[1, trainer.env.worlds.span("heal").start] += moved  # what is seen_by stays
+        with torch.no_grad():
+            found.append((*policy(seen_by(trainer), *given)[:2], policy.logs(seen_by(trainer), *given)[0]))
+    (logs, values, alone), (other_logs, other_values, other_alone) = found
+    assert torch.equal(logs, other_logs)
+    assert torch.equal(alone, other_alone)
+    assert torch.allclose(alone, logs, atol=1e-6)
+    differ = (values != other_values).view(WORLDS, MEMBERS)
+    assert differ[1].all()
+    assert not differ[[0, 2]].any()
+
+
+def test_the_critic_learns_from_the_state_and_the_policy_does_not() -> None:
+    trainer = stated()
+    policy = trainer.policies[0]
+    before = {name: weight.clone() for name, weight in policy.state_dict().items()}
+    trainer.update(trainer.collect())
+    assert any(not torch.equal(before[name], policy.state_dict()[name]) for name in before if "overview" in name)
+    logs, values, _ = policy(seen_by(trainer))
+    assert torch.autograd.grad(values.sum(), policy.overview.weight, retain_graph=True)[0].abs().sum() > 0
+    assert torch.autograd.grad(logs.sum(), policy.overview.weight, allow_unused=True) == (None,)
+
+
+def test_a_policy_is_saved_goes_on_and_plays_without_the_state(tmp_path: Path) -> None:
+    trainer, path = stated(), tmp_path / "a.zip"
+    trainer.update(trainer.collect())
+    files = capture(trainer, trainer.config.header())
+    checkpoint.write_checkpoint(path, files)
+    env = make_vec("teams_2", 2, seed=0)
+    act, (observations, _) = told(load_policy(path), env), env.reset()
+    assert act(observations).shape == (2, MEMBERS, 6)
+    opposed = stated(opponents={str(path): 1.0, "past": 1.0}, snapshots=1)
+    for _ in range(3):
+        opposed.update(opposed.collect())
+    assert {opposed.opponents.all[k].kind for k in opposed.lane.opponent} == {str(path), "past"}
+    stated(opponents={str(path): 1.0}, critic="own").collect()
