@@ -1,6 +1,8 @@
 """What holds for all environments of many worlds, whichever library they are made for: spaces, seeds, pictures."""
 
+import copy
 import inspect
+import pickle
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -19,8 +21,10 @@ from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
-from outlast.envs.errors import NotResetError
+from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from outlast.envs.rendering.rgb import draw, text
 from tests.conftest import COMPILED, digest, scaled
+from tests.helpers.covering import covering
 from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
 
 WORLDS = 64
@@ -53,36 +57,74 @@ def base(env: Any) -> Any:
     return getattr(env, "base_env", env)
 
 
-# ---- worlds as they are
-
-
 @pytest.mark.parametrize("name", ALL)
-def test_worlds_that_have_not_begun_show_nothing(name: str) -> None:
+def test_nothing_goes_before_reset_or_after_close(name: str) -> None:
     env = make(name)
-    for call in (env.state, env.action_masks):
-        with pytest.raises(NotResetError, match=rf"{call.__name__}\(\) before reset\(\).*reset them"):
+    steps = [] if name == "SurvivalMultiAgentEnv" else [lambda: env.step(actions(env))]  # which says how it ended
+    for call in (env.state, env.action_masks, *steps):
+        with pytest.raises(NotResetError, match=r"before reset\(\)|reset them|reset\(\)"):
             call()
     env.reset()
     shape = (base(env).num_worlds, *base(env).state_space.shape)
     assert env.state().shape == (shape[1:] if name in LONE else shape)
     assert len(env.action_masks())
     env.close()
+    env.close()
+    for call in (env.reset, env.action_masks, *steps):
+        with pytest.raises(ClosedError):
+            call()
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "make_puffer"])  # which writes into its arrays
+def test_what_is_handed_out_stays_as_it_is(name: str) -> None:
+    env = make(name)
+    results = [env.reset(), *(env.step(actions(env)) for _ in range(3))]
+    for k, result in enumerate(results):
+        for array in arrays(result):
+            assert array.flags.writeable
+            assert not any(np.shares_memory(array, other) for older in results[:k] for other in arrays(older))
+
+
+def arrays(result: Any) -> list[Any]:
+    """All arrays in what an environment returned."""
+    if isinstance(result, (dict, tuple, list)):
+        return [array for part in (result.values() if isinstance(result, dict) else result) for array in arrays(part)]
+    return [result] if isinstance(result, np.ndarray) and result.ndim and result.dtype != object else []
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_adapter_goes_on_from_a_state(name: str) -> None:
-    env = make(name, n_agents=2)
-    env.reset()
+    """Also in another environment."""
+    env, other = make(name, n_agents=2), make(name, n_agents=2)
+    for each in (env, other):
+        each.reset()
     saved, before = env.get_state(), digest(base(env).worlds)
-    for _ in range(2):
-        env.step(actions(env))
-        assert digest(base(env).worlds) != before
-        env.set_state(saved)
-        assert digest(base(env).worlds) == before
-    env.close()
+    found = []
+    for each in (env, env, other):
+        each.set_state(saved)
+        assert digest(base(each).worlds) == before
+        found.append([each.step(actions(each)), digest(base(each).worlds)])
+        assert found[-1][1] != before
+    for result, after in found[1:]:
+        assert after == found[0][1]
+        if name != "make_puffer":
+            assert all(map(np.array_equal, arrays(result), arrays(found[0][0])))
 
 
-# ---- what clients of a library read
+@pytest.mark.parametrize("name", ["gymnasium.make", "parallel_env", "aec_env"])
+def test_copies_go_on_and_pickles_begin_anew(name: str) -> None:
+    env = make(name)
+    env.reset(seed=4)
+    env.step(actions(env))
+    base(env).set_numbers(motors_ahead=1.0)
+    other, anew = copy.deepcopy(env), pickle.loads(pickle.dumps(env))
+    assert base(other).numbers() == base(env).numbers()
+    for _ in range(3):
+        one, two = (arrays(each.step(actions(each))) for each in (env, other))
+        assert all(map(np.array_equal, one, two))
+    with pytest.raises(NotResetError):
+        anew.state()
+    assert all(map(np.array_equal, arrays(anew.reset(seed=4)), arrays(env.reset(seed=4))))
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -129,9 +171,6 @@ def test_infos_have_present_where_the_number_of_agents_varies(name: str, game: s
     env.close()
 
 
-# ---- keywords
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_numbers_are_keywords_of_every_factory(name: str) -> None:
     env = make(name, melee_damage=20)
@@ -144,6 +183,54 @@ def test_numbers_are_keywords_of_every_factory(name: str) -> None:
         make(name, melee_damage=-1)
     with pytest.raises(ScenarioError, match="no variant 'ffa_9'"):
         make(name, "ffa_9")
+
+
+WRONG: dict[str, tuple[Any, tuple[str, ...]]] = {
+    "threads": (0, BATCHED),
+    "worlds": (0, BATCHED),
+    "autoreset_mode": ("never", ("make_vec", "make_agents", "gymnasium.make_vec")),
+    "seed": (-1, ("make_vec", "make_agents", "make_sb3", "make_puffer", "parallel_env", "aec_env")),
+    "render_mode": ("svg", ALL),
+    "dead": ("bury", tuple(name for name in ALL if name != "make_vec")),
+}
+
+
+@pytest.mark.parametrize(("option", "name"), [(option, name) for option, (_, own) in WRONG.items() for name in own])
+@pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that is missing
+def test_options_that_cannot_be_are_refused(option: str, name: str) -> None:
+    with pytest.raises(ValueError, match=f"{option} = |num_{'' if option == 'worlds' else option}"):
+        make(name, **{option: WRONG[option][0]})
+
+
+@pytest.mark.parametrize(("name", "seed"), covering(ALL, [-1, True, 1.5, "7", 2**64]))
+def test_seeds_that_are_none_are_refused(name: str, seed: Any) -> None:
+    env = make(name)
+    with pytest.raises((ValueError, gymnasium.error.Error)):
+        env.seed(seed) if name == "make_sb3" else env.reset(seed=seed)
+
+
+BAD: dict[str, tuple[Any, str]] = {
+    "one too few": (lambda noop: noop[..., :-1], "shape"),
+    "one too deep": (lambda noop: noop[None], "shape"),
+    "floats": (lambda noop: noop * 0.5, "float64: integers"),
+    "truth": (lambda noop: noop > 0, "bool: integers"),
+    "too high": (lambda noop: noop + 3, r"action 0 \(ahead\) of .* is 4: 0 to 2"),
+    "wraps around": (lambda noop: noop.astype(int) + 255, r"action 0 \(ahead\) of .* is 256: 0 to 2"),
+    "below zero": (lambda noop: noop.astype(int) - 3, r"action 0 \(ahead\) of .* is -2"),
+    "text": (lambda noop: "attack", r"shape \(\)"),
+}
+
+
+@pytest.mark.parametrize(("name", "what"), covering(ALL, BAD))
+def test_actions_that_cannot_be_change_nothing(name: str, what: str) -> None:
+    env, (change, words) = make(name), BAD[what]
+    env.reset()
+    before, good = digest(base(env).worlds), actions(env)
+    bad = {agent: change(own) for agent, own in good.items()} if isinstance(good, dict) else change(good)
+    with pytest.raises(ActionError, match=words):
+        env.step(bad)
+    assert digest(base(env).worlds) == before
+    env.step(good)
 
 
 def actions(env: Any) -> Any:
@@ -195,9 +282,6 @@ def test_where_all_agents_end_together_the_dead_are_kept(name: str) -> None:
         make(name, dead="end")
 
 
-# ---- which agents are alive
-
-
 def reported(name: str, env: Any, info: Any) -> list[bool]:
     """What info has of the agents of all worlds, in order."""
     if name == "make_puffer":
@@ -238,9 +322,6 @@ def test_info_has_the_living_after_every_call(name: str, game: str) -> None:
     assert dead > 0 or not COMPILED
 
 
-# ---- spaces
-
-
 def sample(space: Any) -> bytes:
     drawn = space.sample()
     return b"".join(np.asarray(part).tobytes() for part in (drawn.values() if isinstance(drawn, dict) else [drawn]))
@@ -259,9 +340,6 @@ def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: st
         getattr(env, of).seed(7)
         assert [sample(getattr(env, of)) for _ in range(SAMPLES)] == first
     env.close()
-
-
-# ---- seeds
 
 
 def starts(env: Any) -> list[bytes]:
@@ -303,8 +381,6 @@ def test_a_world_of_a_seed_is_the_same_in_every_adapter_and_no_two_seeds_share_o
             assert not {*zero} & {*one}
 
 
-# ---- pictures
-
 PAGE = (Path(__file__).parents[2] / "docs" / "libraries.md").read_text(encoding="utf-8")
 RENDERS = {  # adapter -> what the page says of it: modes, and what render() returns
     adapter: (re.findall(r'"(\w+)"', modes), returns)
@@ -326,6 +402,8 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
             make(adapter, render_mode=mode)
         return
     env = make(adapter, render_mode=mode)
+    with pytest.raises(NotResetError):
+        env.render()
     env.reset()
     frames = env.render()
     if mode == "human":
@@ -335,8 +413,9 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
         frames = frames[0]
     if mode == "rgb_array":
         assert (frames.dtype, frames.ndim, frames.shape[2]) == (np.uint8, 3, 3)
+        assert "tile" in returns or np.array_equal(frames, draw(base(env).worlds, 0))
     elif mode == "ansi":
-        assert isinstance(frames, str)
+        assert frames == text(base(env).worlds, 0)
     env.close()
 
 

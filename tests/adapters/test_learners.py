@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import outlast
 from outlast import variant
@@ -47,13 +47,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "other counts, roles and a maze": (ALL, {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),
     "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
-DAILY = (
-    "the last of three",
-    "in the middle, to the end",
-    "a mixture with a function",
-    "other counts, roles and a maze",
-    "none moves, and time is short",
-)
+DAILY = ("the last of three", "in the middle, to the end", "a mixture with a function")
+DAILY += ("other counts, roles and a maze", "none moves, and time is short")
 alike = partial(same, typed=False)  # Gymnasium makes Python's numbers 64 bits wide
 
 
@@ -165,19 +160,6 @@ def test_both_modes_of_make_vec() -> None:
         slow.close()
 
 
-@pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize("name", ["ffa_3", ALL])
-def test_processes_of_gymnasium(name: str) -> None:
-    env = SurvivalLearnerVectorEnv(2, short(name))
-    oracle = AsyncVectorEnv([single(name)] * 2)
-    assert equal(env.reset(seed=SEED)[0], oracle.reset(seed=SEED)[0])
-    for tick in range(5):
-        results = [each.step(drawn(env, tick)) for each in (env, oracle)]
-        assert all(alike(*pair) for pair in zip(*results, strict=True))
-    oracle.close()
-
-
 def test_views_and_copies_show_the_same() -> None:
     kept, fast = (SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), learner=1, copy=copy) for copy in (True, False))
     before = kept.reset(seed=SEED)[0], fast.reset(seed=SEED)[0]
@@ -189,20 +171,6 @@ def test_views_and_copies_show_the_same() -> None:
         assert np.shares_memory(after[1][key], fast.base_env.observe()[key])
         assert not np.shares_memory(after[0][key], before[0][key])
         assert not after[1][key].flags.writeable
-
-
-def test_worlds_keep_their_pictures_apart() -> None:
-    env = SurvivalLearnerVectorEnv(2, short("ffa_3"), render_mode="ansi")
-    alone = SurvivalEnv(short("ffa_3"), render_mode="ansi")
-    env.reset(seed=SEED)
-    alone.reset(seed=SEED + 1)
-    frames = env.render()
-    assert frames is not None
-    assert len(frames) == 2
-    assert frames[1] == alone.render() != frames[0]
-
-
-# ---- others
 
 
 @pytest.mark.skipif(not COMPILED, reason="statistics need draws by the thousand")
@@ -287,12 +255,3 @@ def test_what_others_must_not_do(name: str) -> None:
     with pytest.raises(ActionError, match=message):
         env.step(drawn(env, 0))
     assert digest(env.base_env.worlds) == before
-
-
-@pytest.mark.parametrize(
-    "options", [{"num_envs": 0}, {"max_episode_steps": 0}, {"threads": 0}, {"autoreset_mode": "never"}]
-)
-def test_batches_that_cannot_be(options: dict[str, Any]) -> None:
-    (name,) = options
-    with pytest.raises(ValueError, match=f"{name} = "):
-        SurvivalLearnerVectorEnv(**({"num_envs": 2} | options))

@@ -14,7 +14,7 @@ from gymnasium.spaces import unflatten
 
 import outlast
 from outlast.ecs import Entity
-from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from outlast.envs.errors import ActionError
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
@@ -195,58 +195,14 @@ def test_it_writes_into_what_it_is_given() -> None:
 @needs_puffer
 def test_a_refused_call_changes_nothing() -> None:
     env = make(seed=SEED)
-    with pytest.raises(NotResetError):
-        env.step(drawn(env, 0))
     env.reset()
-    before = copies(env)
-    bad = drawn(env, 0).astype(np.int64)
+    before, bad = copies(env), drawn(env, 0).astype(np.int64)
     bad[3, 1] = 3
-    wrong = ((bad, r"action 1 \(left\) of sub-environment 3 is 3"), (bad[1:], "shape"), (bad * 0.5, "integers"))
-    for actions, message in wrong:
-        with pytest.raises(ActionError, match=message):
-            env.step(actions)
+    with pytest.raises(ActionError, match=r"action 1 \(left\) of sub-environment 3 is 3"):
+        env.step(bad)
     assert alike(copies(env), before)
-    env.close()
-    env.close()
-    drawn_one = make(worlds=2, seed=SEED, render_mode="rgb_array")
-    drawn_one.reset()
-    drawn_one.close()
-    for call in (env.reset, env.action_masks, drawn_one.render):
-        with pytest.raises(ClosedError):
-            call()
-
-
-@needs_puffer
-def test_going_on_from_a_saved_state() -> None:
-    env, other = make(worlds=3, seed=SEED), make(worlds=3, seed=SEED + 1)
-    for each in (env, other):
-        each.reset()
-    for tick in range(20):
-        env.step(drawn(env, tick))
-        other.step(drawn(env, tick + 1))
-    seen, state = env.observations.copy(), env.get_state()
-    env.step(drawn(env, 20))
-    for each in (env, other):
-        assert np.array_equal(each.set_state(state), seen)
-        assert np.array_equal(each.observations, seen)
-        assert not any(array.any() for array in (each.rewards, each.terminals, each.truncations))
-        assert np.array_equal(each.masks, each.base_env.worlds[Entity].alive[:, :4].ravel() != 0)
-    assert all(np.array_equal(a, b) for a, b in zip(env.step(drawn(env, 20)), other.step(drawn(env, 20)), strict=True))
-
-
-@needs_puffer
-def test_pictures() -> None:
-    env, other = (make(seed=SEED, render_mode=mode) for mode in ("rgb_array", "ansi"))
-    for each in (env, other):
-        with pytest.raises(NotResetError, match="render"):
-            each.render()
-        each.reset()
-    assert (env.render().dtype, env.render().ndim) == (np.uint8, 3)
-    assert isinstance(other.render(), str)
     with pytest.raises(ValueError, match="render_mode"):
-        make().render()
-    with pytest.raises(ValueError, match="render_mode = 'human'"):
-        make(render_mode="human")
+        env.render()
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "puffer_ppo.py"

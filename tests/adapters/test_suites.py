@@ -5,7 +5,6 @@ TorchRL's and RLlib's are in test_torchrl.py and test_rllib.py.
 
 import contextlib
 import importlib
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,22 @@ from gymnasium.utils.env_checker import check_env
 
 import outlast
 from tests.conftest import few_by_day, scaled
-from tests.helpers.execution_modes import ALL, short
+from tests.helpers.covering import covering
+from tests.helpers.execution_modes import ALL, HUNT, short
 
-FORMS = [
-    dict(zip(("actions", "observations", "scaled"), form, strict=True))
-    for form in itertools.product(("multi", "joint", "continuous"), ("dict", "flat"), (False, True))
-]
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the suites: about dicts of rows, bounds and unused arguments
-forms = pytest.mark.parametrize("form", FORMS, ids=lambda form: "-".join(map(str, form.values())))
-dead_too = pytest.mark.parametrize("dead", ["end", "keep"])
+GAMES, DEAD = ["teams_3", "ffa_1", HUNT, ALL], ["end", "keep"]
+
+
+def forms(*more: list[str]) -> list[Any]:
+    """Forms of actions and observations, with more options; by day so many that each pair of options is there."""
+    every = covering(("multi", "joint", "continuous"), ("dict", "flat"), (False, True), *more)
+    values = [(dict(zip(("actions", "observations", "scaled"), each.values)), *each.values[3:]) for each in every]
+    return [pytest.param(*own, marks=each.marks) for own, each in zip(values, every, strict=True)]
+
+
+forms_of_games = pytest.mark.parametrize(("form", "name"), forms(GAMES))
+dead_too = pytest.mark.parametrize(("form", "dead", "name"), forms(DEAD, GAMES))
 games = pytest.mark.parametrize("name", few_by_day(["teams_3", ALL], ["teams_3"]))
 CYCLES, SEED = scaled(100, least=10), 4
 
@@ -33,22 +39,17 @@ def one(name: str, **options: Any) -> gymnasium.Env[Any, Any]:
     return gymnasium.make("outlast/Teams3-v1", scenario=short(name), disable_env_checker=True, **options)
 
 
-@forms
 @dead_too
-@games
 def test_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
     check_env(one(name, dead=dead, others="scripted", **form).unwrapped, skip_render_check=True)
 
 
-@forms
 @dead_too
-@games
 def test_vectors_of_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
     """make_vec by the entry point of a batch agrees with its single spaces, and with that of copies of one."""
     options = {"scenario": short(name), "dead": dead, **form}
-    with contextlib.closing(
-        gymnasium.make_vec("outlast/Teams3-v1", 3, vectorization_mode="vector_entry_point", **options)
-    ) as batch:
+    options["vectorization_mode"] = "vector_entry_point"
+    with contextlib.closing(gymnasium.make_vec("outlast/Teams3-v1", 3, **options)) as batch:
         copies = gymnasium.vector.SyncVectorEnv([lambda: one(name, dead=dead, **form)] * 3)
         assert batch.single_action_space == copies.single_action_space
         assert batch.single_observation_space == copies.single_observation_space
@@ -63,9 +64,7 @@ def test_vectors_of_gymnasium(name: str, dead: str, form: dict[str, Any]) -> Non
         copies.close()
 
 
-@forms
 @dead_too
-@games
 def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
     pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
     from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
@@ -83,8 +82,7 @@ def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
     api_test(outlast.aec_env(short(name), dead=dead, **form), CYCLES)
 
 
-@forms
-@games
+@forms_of_games
 def test_supersuit(name: str, form: dict[str, Any]) -> None:
     """Its vectors, which refuse agents that leave."""
     pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
@@ -92,9 +90,8 @@ def test_supersuit(name: str, form: dict[str, Any]) -> None:
     agents = supersuit.pettingzoo_env_to_vec_env_v1(outlast.parallel_env(short(name), dead="keep", **form))
     env = supersuit.concat_vec_envs_v1(agents, 2, num_cpus=0, base_class="gymnasium")
     seen = env.reset(seed=SEED)[0]
-    many, drawn = (
-        gymnasium.vector.utils.batch_space(space, env.num_envs) for space in (env.observation_space, env.action_space)
-    )
+    spaces = env.observation_space, env.action_space
+    many, drawn = (gymnasium.vector.utils.batch_space(space, env.num_envs) for space in spaces)
     drawn.seed(SEED)
     for _ in range(CYCLES):
         assert many.contains(seen)
@@ -103,9 +100,7 @@ def test_supersuit(name: str, form: dict[str, Any]) -> None:
     env.close()
 
 
-@forms
 @dead_too
-@games
 def test_stable_baselines(name: str, dead: str, form: dict[str, Any]) -> None:
     pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
     from stable_baselines3.common import env_checker
@@ -113,8 +108,7 @@ def test_stable_baselines(name: str, dead: str, form: dict[str, Any]) -> None:
     env_checker.check_env(one(name, dead=dead, **form).unwrapped)
 
 
-@forms
-@games
+@forms_of_games
 def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_thread: None) -> None:
     pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
     from stable_baselines3 import PPO
@@ -127,8 +121,7 @@ def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_threa
     env.close()
 
 
-@forms
-@dead_too
+@pytest.mark.parametrize(("form", "dead"), forms(DEAD))
 def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A dataset that its collector makes, from an environment that the dataset recovers."""
     minari = pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
