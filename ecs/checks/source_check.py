@@ -83,7 +83,8 @@ def _wrong_path(code: Any) -> tuple[int, str] | None:
             return blocks[label].loc.line, ENDLESS
     gives = {label: {each.target.name for each in block.find_insts(ir.Assign)} for label, block in blocks.items()}
     everything = frozenset().union(*gives.values())
-    known, rounds = dict.fromkeys(blocks, everything), {label for label in loops if _has_a_round(code, label)}
+    known = dict.fromkeys(blocks, everything)  # what has a value at the start of each block, whatever way led there
+    rounds = {label for label in loops if _has_a_round(code, label)}
     ends = dict.fromkeys(rounds, everything)  # what has a value behind the last round of such a loop
 
     def behind(label: int, following: int) -> frozenset[str]:
