@@ -6,7 +6,7 @@ from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
 from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, BoxView
 from .contact import Driven, Filter, Material, Touch, Touching
 from .heal import Heal, HealsUsed, HealView
-from .health import Death, Died, Guard, Health, Hit
+from .health import DamageType, Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
 from .joint import Rope, RopeBroken, Weld, WeldBroken
 from .lidar import LidarView, Rays
@@ -35,6 +35,7 @@ __all__ = [
     "Care",
     "Condition",
     "Cover",
+    "DamageType",
     "Death",
     "Died",
     "Drive",

@@ -6,11 +6,24 @@ from itertools import pairwise
 
 import numpy as np
 
-from outlast.ecs import Array, Component, Field, MemoryLayout, Observation, Singleton, column, exists, kernel
+from outlast.ecs import (
+    Array,
+    Component,
+    Field,
+    MemoryLayout,
+    Observation,
+    Singleton,
+    column,
+    exists,
+    index_unit,
+    kernel,
+)
 from outlast.ecs.declarations.roles import NEVER
 
 from .body import PLACE, SPEED, SPIN
 from .health import full_health
+
+index_unit("side", "sides")
 
 
 class Side(Component):

@@ -1,13 +1,18 @@
 """Hit points, who can take them away, and who did so last."""
 
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
-from outlast.ecs import Array, Component, Event, Layout, column, emit, kernel
+from outlast.ecs import Array, Component, Event, Label, Layout, column, emit, index_unit, kernel
 
 MOST = 1_000_000  # hit points: the largest value that a number of a mechanic can have
 LARGEST = 2**31 - 1  # hit points: the largest value that a column can hold
+
+DamageType: TypeAlias = Annotated[int, Label("damage_type")]
+"""A parameter of systems: the number of the mechanic's `damage_type`. Deaths are counted by damage type."""
+
+index_unit("damage type", "damage_types")
 
 
 class Guard(Component):

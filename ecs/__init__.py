@@ -16,7 +16,7 @@ From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.Memo
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 
-from .declarations.access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Service, Write
+from .declarations.access import Add, Bitset, Label, Offset, Random, Read, RowIndex, Rows, Scratch, Service, Write
 from .declarations.archetype import Archetype
 from .declarations.component import (
     Action,
@@ -30,6 +30,7 @@ from .declarations.component import (
     Singleton,
     Statistic,
     column,
+    index_unit,
 )
 from .declarations.distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .declarations.event import Event, emit
@@ -77,7 +78,6 @@ __all__ = [
     "Column",
     "Component",
     "Coupled",
-    "DamageType",
     "DeclarationError",
     "Distribution",
     "EngineError",
@@ -86,6 +86,7 @@ __all__ = [
     "Event",
     "Field",
     "Fields",
+    "Label",
     "Layout",
     "MemoryLayout",
     "Module",
@@ -121,6 +122,7 @@ __all__ = [
     "emit",
     "exists",
     "free",
+    "index_unit",
     "integers",
     "kernel",
     "log_uniform",

@@ -6,14 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from outlast.components import Attack, Body, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
+from outlast.components import Attack, Body, DamageType, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
 from outlast.components.health import MOST, hurt, immune
 from outlast.components.limits import FAR, TICKS
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
     Clock,
-    DamageType,
     Entity,
     Module,
     Read,

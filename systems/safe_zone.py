@@ -6,14 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from outlast.components import Body, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
+from outlast.components import Body, DamageType, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
 from outlast.components.health import MOST, hurt
 from outlast.components.limits import TICKS
 from outlast.components.zone import outside
 from outlast.ecs import (
     Array,
     Clock,
-    DamageType,
     Entity,
     Layout,
     Module,

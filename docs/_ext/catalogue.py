@@ -226,7 +226,7 @@ def _published(base: type[Component], there: Worlds, name: str) -> str:
     columns = [pair for component in owned for pair in ((component, own) for own in component.columns)]
     for key, component, own, column in (found[pair] for pair in columns if pair in found):
         if column.dims == ("damage_types",):  # reported under a key for each damage type
-            key = ", ".join(f"{key}_{damage}" for damage in there.layout.damage_types)
+            key = ", ".join(f"{key}_{damage}" for damage in there.layout.labels["damage_type"])
         shape = "" if column.dims == ("damage_types",) else " × ".join(map(str, column.dims))
         sizes = " × ".join(map(str, column.shape(there.dims))) if shape else ""
         bounds = "" if math.isinf(column.low) or math.isinf(column.high) else f"{column.low:g} to {column.high:g}"

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Attack, Body, Guard, Health, Hit, Phase, Seconds, SelfView, Shape, Side
+from outlast.components import Attack, Body, DamageType, Guard, Health, Hit, Phase, Seconds, SelfView, Shape, Side
 from outlast.components.body import half_room
 from outlast.components.health import hurt
 from outlast.ecs import (
@@ -12,7 +12,6 @@ from outlast.ecs import (
     Array,
     Clock,
     Component,
-    DamageType,
     Entity,
     Field,
     Module,

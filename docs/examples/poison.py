@@ -4,7 +4,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Bag, Body, Guard, Health, Hit, Item, ObservationMasks, Phase, Shape, Side, Spawned
+from outlast.components import (
+    Bag,
+    Body,
+    DamageType,
+    Guard,
+    Health,
+    Hit,
+    Item,
+    ObservationMasks,
+    Phase,
+    Shape,
+    Side,
+    Spawned,
+)
 from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
 from outlast.components.inventory import held
@@ -15,7 +28,6 @@ from outlast.ecs import (
     Array,
     Clock,
     Component,
-    DamageType,
     Entity,
     Module,
     Observation,

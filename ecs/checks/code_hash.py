@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..declarations.access import Parameter
+from ..declarations.access import Label, Parameter
 from ..declarations.component import Component
 from ..declarations.declared import declare
 from ..declarations.fields import Field
@@ -52,7 +52,7 @@ def _describe_module(module: Module) -> Iterator[str]:
         yield _describe_prefab(singleton)
         components.add(type(singleton))
     dims = {dim: size if isinstance(size, str) else int(size) for dim, size in declared.dims.items()}
-    yield f"{sorted(dims.items())} {module.damage_type}"
+    yield f"{sorted(dims.items())} {' '.join(getattr(module, label, '') for label in sorted(Label.kinds))}"
     yield from (f"fields {key} {_describe_fields(added)}" for key, added in sorted(module.fields().items()))
     functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
     for system in sorted(module.systems(), key=lambda system: system.label):

@@ -238,13 +238,13 @@ class Generator:
                 return f"({', '.join(key)}, np.uint64({stream_number(system.stream)}))"
             case "scratch":
                 return self._scratch(module, parameter.name)
-            case "damage_type":
-                if not module.damage_type:
+            case "label":
+                if not (own := getattr(module, parameter.label, "")):
                     raise DeclarationError(
-                        f"{system.label} has the DamageType parameter '{parameter.name}', but {module.name} has no "
-                        f'damage_type: set one in the class, as in damage_type = "{module.name}"'
+                        f"{system.label} takes the {parameter.label} of {module.name}, which has "
+                        f'none: set one in the class, as in {parameter.label} = "{module.name}"'
                     )
-                return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
+                return self._number(self.layout.labels[parameter.label].index(own), parameter.name)
             case "service":
                 return self._service(module, system, parameter)
             case "offset":

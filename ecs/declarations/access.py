@@ -13,7 +13,6 @@ Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j 
 RowIndex[A, B]  the inverse of Rows[A, B], int32 by row: the row's index in Rows[A, B], -1 if it is not there
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         memory of this thread, from the module's scratch()
-DamageType      the number of the module's damage_type
 Offset          the first column of an observation's field, which the parameter's name says, KEY_FIELD: own_stamina is
                 for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets say that
                 the system touches only these fields; systems that touch different fields may run in any order
@@ -21,6 +20,7 @@ int float bool  the module's number of the same name, or another module's by its
 tuple[float..]  the same for several numbers, as a read-only float32 array
 ... | None      one of the first six, or None in a scenario that lacks the component. What `if table is not None:`
                 guards is then no part of the machine code, so what a scenario does without costs it nothing
+Label           the number of the module's label of a kind, as Annotated[int, Label("damage_type")]: see there
 Service         what is made of other parameters, as Annotated[..., Service(function)]: see there
 =============== =====================================================================================
 """
@@ -29,7 +29,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import NoneType, UnionType
-from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, TypeVarTuple, Union, get_args, get_origin, get_type_hints
 
 from ..kernels.errors import DeclarationError
 from ..kernels.jit import kernel
@@ -44,7 +44,6 @@ Write = Annotated[C, "write"]
 Add = Annotated[C, "add"]
 Random = Annotated[Any, "random"]
 Scratch = Annotated[Any, "scratch"]
-DamageType = Annotated[int, "damage_type"]
 Offset = Annotated[int, "offset"]
 
 
@@ -69,7 +68,7 @@ class RowIndex(Rows[*Parts]):
 
 
 SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
-ANNOTATED = ("read", "write", "add", "random", "scratch", "damage_type", "offset")
+ANNOTATED = ("read", "write", "add", "random", "scratch", "offset")
 PARTS = ("read", *SELECTIONS.values(), "number", "numbers")  # kinds of the parameters that services are made of
 
 
@@ -87,11 +86,30 @@ class Parameter:
     type: type = object  # the type of a number: int, float, bool or tuple
     optional: bool = False  # whether the kernel takes None where the scenario lacks the component
     service: "Service | None" = None
+    label: str = ""  # the class attribute of a Label
 
     def with_parts(self) -> tuple["Parameter", ...]:
         """Return the parameter and, if it is a service, those that the service is made of."""
         parts = self.service.parameters if self.service else ()
         return self, *(replace(each, name=f"{self.name}.{each.name}") if each.components else each for each in parts)
+
+
+@dataclass(frozen=True)
+class Label:
+    """A kind of names that mechanics have, which systems get as numbers: Kind = Annotated[int, Label("damage_type")].
+
+    The number of a mechanic's label is its index among those of all mechanics of a scenario in alphabetical order, see
+    Layout.labels. How many there are is the dimension of the plural, "damage_types".
+
+    Args:
+        attribute: The class attribute of mechanics that holds it; a mechanic may lack it.
+    """
+
+    attribute: str
+    kinds: ClassVar[dict[str, str]] = {}  # of all labels: the dimension by attribute
+
+    def __post_init__(self) -> None:
+        self.kinds[self.attribute] = f"{self.attribute}s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +183,8 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     inner, kind = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
     if isinstance(kind, Service):
         return Parameter(name, "service", service=kind)
+    if isinstance(kind, Label):
+        return Parameter(name, "label", label=kind.attribute)
     if kind in ANNOTATED:
         if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
             raise DeclarationError(
@@ -207,6 +227,6 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
         "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
-        "DamageType, Offset, int, float, bool, tuple, Annotated[..., Service(...)], and one that names components or "
+        "Offset, int, float, bool, tuple, Annotated[...] with a Label or a Service, and one that names components or "
         "None, as in Read[C] | None"
     )

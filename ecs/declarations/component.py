@@ -33,7 +33,7 @@ from ..kernels.jit import Array
 from .fields import Field
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # float types that kernels cannot compute with
-INDICES = {"entity": "rows", "side": "sides", "damage type": "damage_types"}  # units of indices: the dimension of each
+INDICES = {"entity": "rows"}  # units of indices: the dimension of each; see index_unit
 RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # attributes of Component
 
 
@@ -105,11 +105,16 @@ def column(
         key: Name under which environments publish it (default: the attribute's name).
         fields: For an Observation: what its last dimension holds. Its length is that of these fields and of those that
             other mechanics add. If the rows are copies of another observation's, the key of that one.
-        unit: What it measures, such as "m". With "entity" (a row), "side" or "damage type" (a number), -1 means none,
-            and rows or numbers that do not exist are refused like integers below `low`.
+        unit: What it measures, such as "m". With "entity" (a row), or another unit of `index_unit`, -1 means none, and
+            rows that do not exist are refused like integers below `low`.
         below: The dimension that it is an index of, from 0 or `low`, such as "boxes"; or a sum, such as "slots + 1".
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit, below)
+
+
+def index_unit(unit: str, dimension: str) -> None:
+    """Let columns of a unit, such as "side", hold indices of a dimension, or -1 for none."""
+    INDICES[unit] = dimension
 
 
 def as_stored(label: str, column: Column, value: Any) -> Any:

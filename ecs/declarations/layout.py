@@ -26,6 +26,10 @@ class Layout(Protocol):
         """Sizes by name of the dimension."""
 
     @property
+    def labels(self) -> Mapping[str, list[str]]:
+        """Labels of mechanics by their kind, in alphabetical order, see declarations.access.Label."""
+
+    @property
     def singletons(self) -> Mapping[type[Component], Singleton]:
         """The per-world components of all mechanics, with their first values."""
 

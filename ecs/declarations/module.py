@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import annotated, check_random, is_outside
 from ..kernels.jit import kernel
-from .access import parameters
+from .access import Label, parameters
 from .archetype import Archetype
 from .component import Component, Singleton, snake_case
 from .fields import Field
@@ -51,7 +51,6 @@ class Module:
     Attributes:
         name: Unique in a scenario. By default the class's name in snake case.
         stream: Prefix of its random streams. By default the stream of the mechanic that it extends, or its name.
-        damage_type: Name of the damage that it does, if it does any; deaths are counted by damage type.
         draws_level: Whether what it draws at resets makes every episode a level of its own, as a maze does. Worlds can
             then be given keys of random numbers (see Worlds.give_keys).
         registered: The systems of this class, without those of its bases.
@@ -63,7 +62,6 @@ class Module:
 
     name: ClassVar[str] = ""
     stream: ClassVar[str] = ""
-    damage_type: ClassVar[str] = ""
     draws_level: ClassVar[bool] = False
     registered: ClassVar[list[System]] = []
 
@@ -92,7 +90,7 @@ class Module:
     @classmethod
     def _check_constants(cls, numbers: list[str]) -> None:
         """Raise DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
-        known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls)}
+        known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls), *Label.kinds}
         for name, value in vars(cls).items():
             if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
                 kind, hint = type(value).__name__, did_you_mean(name, numbers, after=" A") or "a"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..declarations.access import SELECTIONS, Parameter
+from ..declarations.access import SELECTIONS, Label, Parameter
 from ..declarations.archetype import merge
 from ..declarations.component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from ..declarations.declared import declare, one_of_each
@@ -62,7 +62,7 @@ class MemoryLayout:
         archetypes: Archetypes by name, in the order of rows.
         spans: Ranges of rows by name of the archetype.
         dims: Sizes by name of the dimension.
-        damage_types: The damage types of the modules, in alphabetical order.
+        labels: The labels of the modules by their kind, in alphabetical order, see declarations.access.Label.
         fields: Fields by key of the observation and by name, in order of their columns; only keys that declare fields.
         events: The events, in the order of `event_type`, the memory that they take in a world.
         varied: The numbers that differ from world to world, by name.
@@ -100,8 +100,9 @@ class MemoryLayout:
             self.spans[name] = range(start, start + archetype.count)
             start += archetype.count
         self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
-        self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
-        self.dims["damage_types"] = len(self.damage_types)
+        named = {kind: {getattr(module, kind, "") for module in self.modules} - {""} for kind in Label.kinds}
+        self.labels = {kind: sorted(labels) for kind, labels in named.items()}
+        self.dims |= {dim: len(self.labels[kind]) for kind, dim in Label.kinds.items()}
         given, sizes = {*self.dims}, dimension_sizes(self.declared, self.dims)
         self.dims |= sizes
         self.roles = roles

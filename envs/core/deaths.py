@@ -16,7 +16,7 @@ def log(worlds: Worlds, first_world: int = 0) -> None:
     if not LOGGER.isEnabledFor(LEVEL):
         return
     # "no damage" is last, as its number is -1
-    causes = [*worlds.layout.damage_types, "no damage"]
+    causes = [*worlds.layout.labels["damage_type"], "no damage"]
     for death in worlds.entries(Death):
         if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
             continue

@@ -14,6 +14,7 @@ from outlast.ecs import (
     DeclarationError,
     Event,
     Field,
+    Label,
     MemoryLayout,
     Observation,
     Signal,
@@ -28,7 +29,6 @@ from outlast.ecs.memory.numbers import NumbersView
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
-DAMAGE_TYPES = ("damage_types",)  # dims of a statistic with an entry per damage type
 LARGEST = 8  # bytes of a number
 TAKEN = (
     *("world", "episode", "against", "own_side", "result"),  # columns of tables that say which episode a row is about
@@ -256,7 +256,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
     They include the numbers that vary, except words.
 
-    A column with an entry per damage type becomes one key for each: "deaths_zone".
+    A column with an entry per label of a kind, such as damage types, becomes one key for each: "deaths_zone".
     """
     found, rows = _statistic_places(worlds), where.nonzero()[0]
     table = np.zeros((len(where), len(found.words)), found.memory.dtype)  # one for all: each call of numpy costs
@@ -291,11 +291,11 @@ def _statistic_places(worlds: Worlds) -> StatisticPlaces:
     words += words[:1] * (-len(words) % (LARGEST // word))  # so that rows can be viewed as any type
     dims, places = dict[str, Dims](), dict[str, tuple[int, int | slice]]()
     for key, of, values in found:
-        k, start = dtypes.index(values.dtype), starts[key]
-        if of and of != DAMAGE_TYPES:
+        k, start, names = dtypes.index(values.dtype), starts[key], _reported(worlds, key, of)
+        if of and names == [key]:
             dims[key], places[key] = of, (k, slice(start, start + values.shape[1]))
         else:
-            for place, name in enumerate(_reported(worlds, key, of), start):
+            for place, name in enumerate(names, start):
                 dims[name], places[name] = (), (k, place)
     memory = worlds.block.view(f"u{word}")
     STATISTICS[worlds] = made = StatisticPlaces(dims, places, dtypes, memory, np.array(words, np.intp))
@@ -303,5 +303,6 @@ def _statistic_places(worlds: Worlds) -> StatisticPlaces:
 
 
 def _reported(worlds: Worlds, key: str, dims: Dims) -> list[str]:
-    """Return the names under which a statistic is reported: its key, or one per damage type ("deaths_zone")."""
-    return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if dims == DAMAGE_TYPES else [key]
+    """Return the names under which a statistic is reported: its key, or one per label of a kind ("deaths_zone")."""
+    labels = {(dim,): worlds.layout.labels[kind] for kind, dim in Label.kinds.items()}
+    return [f"{key}_{label}" for label in labels[dims]] if dims in labels else [key]

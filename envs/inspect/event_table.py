@@ -111,5 +111,5 @@ def _same(value: object, rows: Array) -> Array:
 @functools.lru_cache(maxsize=16)
 def _words(layout: MemoryLayout) -> dict[str, Array]:
     """Return the names of what columns of these units refer to, by number, and at the end "" for -1, which is none."""
-    names = {"entity": layout.entity_names, "damage type": layout.damage_types}
+    names = {"entity": layout.entity_names, "damage type": layout.labels["damage_type"]}
     return {unit: np.array([*each, ""], object) for unit, each in names.items()}

@@ -71,7 +71,7 @@ def _break(bodies: Bodies, event: Any) -> PageEvent:
 
 
 def _death(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
-    cause = scene.worlds.layout.damage_types[event.damage_type] if event.damage_type >= 0 else ""
+    cause = scene.worlds.layout.labels["damage_type"][event.damage_type] if event.damage_type >= 0 else ""
     kind = "kill" if event.side >= 0 and event.side != scene[Side].side[event.agent] else "death"
     agent, by = bodies.agent_number(event.agent), bodies.agent_number(event.by)
     return PageEvent(kind, agent=agent, by=by, side=event.side, cause=cause)

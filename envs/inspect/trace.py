@@ -124,7 +124,7 @@ def describe(worlds: Worlds, w: int) -> Json:
         "zone": Zone in scene,
         "cone": _cone(scene, None),
         "rays": worlds.dims["rays"] if systems.Lidar in scene else 0,
-        "damage_types": list(worlds.layout.damage_types),
+        "damage_types": list(worlds.layout.labels["damage_type"]),
         "actions": [
             {"name": key, "low": int(column.low), "high": int(column.high)}
             for key, _, _, column in published(worlds, Action)

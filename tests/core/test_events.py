@@ -148,7 +148,7 @@ def test_a_death_in_the_zone_is_nobodys() -> None:
     game.wound(1, 1)
     game.step()
     hit = game.env.events()["hit"]
-    zone = game.env.worlds.layout.damage_types.index("zone")
+    zone = game.env.worlds.layout.labels["damage_type"].index("zone")
     assert hit[["agent", "target", "amount", "damage_type", "side"]].tolist() == [(-1, 1, 1, zone, -1)]
     game.step()
     assert game.env.events()["death"][["agent", "by", "damage_type", "side"]].tolist() == [(1, -1, zone, -1)]

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from outlast.components import DamageType
 from outlast.ecs import (
     Action,
     Add,
     Archetype,
     Clock,
     Component,
-    DamageType,
     DeclarationError,
     Entity,
     Module,
@@ -558,7 +558,7 @@ def test_a_damage_type_that_the_module_does_not_name_is_refused() -> None:
     @Burns.system(Phase.MOVE)
     def burn(energy: Write[Energy], kind: DamageType) -> None: ...
 
-    words = r"burns\.burn has the DamageType parameter 'kind', .* damage_type = \"burns\""
+    words = r"burns\.burn takes the damage_type of burns, .* damage_type = \"burns\""
     with pytest.raises(DeclarationError, match=words):
         Worlds([*toy_game.GAME, Burns()], 1)
 
@@ -569,7 +569,7 @@ def test_kernels_get_what_they_declare() -> None:
     assert worlds.layout.rows(Energy).tolist() == [2, 3, 4]
     assert worlds.layout.rows(Place).tolist() == [0, 1, 2, 3, 4]
     assert worlds.layout.rows(Place, Mark).tolist() == []
-    assert worlds.layout.damage_types == ["cold", "hunger"]
+    assert worlds.layout.labels["damage_type"] == ["cold", "hunger"]
     run(worlds, toy_game.STEP)
     assert (worlds[Wind].damage_type == 0).all()
     assert (worlds[Wind].felt[:, 0, 1] == 1).all()

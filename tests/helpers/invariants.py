@@ -189,7 +189,7 @@ class InvariantChecker:
         worlds, episode = self.env.worlds, self.env.worlds[Episode]
         assert (episode.length == worlds[Clock].tick).all()
         assert (episode.deaths.sum(1) == (~alive).sum(1)).all()
-        assert (episode.kills.sum(1) <= episode.deaths[:, worlds.layout.damage_types.index("melee")]).all()
+        assert (episode.kills.sum(1) <= episode.deaths[:, worlds.layout.labels["damage_type"].index("melee")]).all()
         assert ((episode.first_death[:, 0] > 0) == (~alive).any(1)).all()
         assert (episode.first_death <= episode.length).all()
         if BoxesPlaced in worlds:

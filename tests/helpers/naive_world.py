@@ -128,7 +128,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
         entities,
         int(clock["tick"][0]),
         env.scenario.numbers(),
-        tables.layout.damage_types,
+        tables.layout.labels["damage_type"],
         [tuple(centre) for centre in zone.pop("centres")],
         [value[0] for value in zone.values()],
         _deaths(env, w),

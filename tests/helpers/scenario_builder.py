@@ -101,7 +101,7 @@ class ScenarioBuilder:
     def death(self, agent: int) -> tuple[str, int]:
         """What killed an agent, and which side did."""
         death = self.column(Died)
-        return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
+        return self.env.worlds.layout.labels["damage_type"][death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:
         """The mask of a key that an agent observes."""

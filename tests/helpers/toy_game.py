@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast import ecs
+from outlast.components import DamageType
 from outlast.ecs import (
     RESET,
     SKIP,
@@ -17,7 +18,6 @@ from outlast.ecs import (
     Array,
     Clock,
     Component,
-    DamageType,
     Entity,
     Module,
     Observation,

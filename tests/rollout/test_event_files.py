@@ -38,7 +38,7 @@ def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> N
         for w, name, row in sorted(found, key=lambda each: each[0]):
             who, whom = (names[row[role]] for role in roles.get(name, ("agent", "item")))
             amount = str(row["amount"]) if name == "hit" else ""
-            why = layout.damage_types[row["damage_type"]] if name in ("hit", "death") else ""
+            why = layout.labels["damage_type"][row["damage_type"]] if name in ("hit", "death") else ""
             more = f"side={row['side']}" if name in ("hit", "death") and row["side"] >= 0 else ""
             times = [str(row[time]) for time in ("episode", "tick")]
             expected.append([str(w), *times, name, who, whom, amount, why, more])

@@ -213,7 +213,7 @@ class AgentMetrics:
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
         self.base_env, self.behaviour = base_env, BehaviourMetrics(base_env)
         self.agents, self.sides = base_env.worlds.span("agent"), side(base_env.worlds)
-        names = [f"deaths_{cause}" for cause in base_env.worlds.layout.damage_types]
+        names = [f"deaths_{cause}" for cause in base_env.worlds.layout.labels["damage_type"]]
         names += ["heals_given"] * (self.behaviour.heals is not None)
         self.totals = {name: np.zeros((base_env.num_worlds, base_env.num_agents)) for name in names}
         self.rates: dict[str, Array] = {}
@@ -233,7 +233,7 @@ class AgentMetrics:
         """Count who died and who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
         deaths = deaths[_among(deaths["agent"], self.agents)]
-        for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
+        for k, name in enumerate(self.base_env.worlds.layout.labels["damage_type"] if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1
         if self.behaviour.heals is not None:

@@ -90,7 +90,8 @@ class FeedStrip(Strip):
 def _cause_of_death(scene: Scene, e: int) -> str:
     source = scene[Died].source[e]
     if source < 0:
-        return f"died of {scene.worlds.layout.damage_types[scene[Died].damage_type[e]]}"
+        cause: str = scene.worlds.layout.labels["damage_type"][scene[Died].damage_type[e]]
+        return f"died of {cause}"
     return f"killed by {printable(scene.side_name(source)) if scene[Sides].teams[0] else source}"
 
 

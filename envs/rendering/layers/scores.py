@@ -170,7 +170,7 @@ def _parts(layout: MemoryLayout, teams: bool, units: float) -> tuple[dict[str, f
     def has(component: type) -> bool:
         return component in layout.components
 
-    fights = has(Episode) and bool(layout.damage_types)
+    fights = has(Episode) and bool(layout.labels["damage_type"])
     wanted = [("disc", DISC, True), ("points", POINTS, has(Health)), ("bar", BAR, has(Health))]
     wanted += [("kills", KILLS, fights and not teams), ("return", RETURN, has(Episode) and not fights)]
     wanted += [("bag", min(MOST, layout.dims.get("slots", 0)) * ITEM, has(Bag))]
