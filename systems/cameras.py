@@ -16,7 +16,7 @@ from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load, to_bits, trai
 
 from .geometry.aabb import AABBs, aabbs_hit_by_ray
 from .geometry.blocks import first_row, without_row
-from .geometry.bodies import Bodies, all_aabbs, crowded, in_box
+from .geometry.bodies import FEW, Bodies, all_aabbs, in_box, refresh
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
 
@@ -77,7 +77,7 @@ def see(
         return
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     items_hide = -np.int32(items_occlude)  # all bits, or none
-    if crowded(bodies):
+    if refresh(bodies) > FEW:
         see_in_crowd(
             sight, body, shape, entities, agents, solids, bodies, lists[0], listed, fov, depth, cone, items_hide
         )
@@ -174,7 +174,7 @@ def list_near(bodies: Any, listed: Array, body: Array, me: int, depth: Real, hal
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
     count = 0
-    for k in range(in_box(bodies, bodies.living, x + low_x, x + high_x, y + low_y, y + high_y)):
+    for k in range(in_box(bodies, bodies.members, x + low_x, x + high_x, y + low_y, y + high_y)):
         e = bodies.rows[k]
         list_row(listed, bodies, count, e)
         count += e != me
@@ -184,9 +184,9 @@ def list_near(bodies: Any, listed: Array, body: Array, me: int, depth: Real, hal
 @kernel
 def list_row(listed: Array, bodies: Any, k: int, e: int) -> None:
     """Enter row `e` and its AABB as entry `k` of a list, so that sixteen entries lie side by side."""
+    xs, ys, half_x, half_y = all_aabbs(bodies)
     bodies.rows[k] = e
-    for column in range(4):
-        listed[column, k] = bodies.aabbs[column, e]
+    listed[0, k], listed[1, k], listed[2, k], listed[3, k] = xs[e], ys[e], half_x[e], half_y[e]
 
 
 @kernel

@@ -27,7 +27,7 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.bodies import Bodies, near
+from .geometry.bodies import Bodies, discs_near
 
 ANY = 1  # index into the choices of GiveLast.nearest
 
@@ -105,7 +105,7 @@ def choose(
         if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
         closest, far = np.float32(np.inf), of(reach, me)
-        for k in range(near(bodies, bodies.living, body.x[me], body.y[me], far)):
+        for k in range(discs_near(bodies, bodies.members, body.x[me], body.y[me], far)):
             e = bodies.rows[k]
             if e == me or (nearest != ANY and not may_take(side, sides, index, me, e)):
                 continue

@@ -29,7 +29,7 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.bodies import Bodies, on_ray
+from .geometry.bodies import Bodies, on_ray, refresh
 from .geometry.rays import raycast_entity
 
 WALLS, SOLIDS, BODIES = range(3)  # indices into TARGETS
@@ -94,6 +94,7 @@ def measure_distances(
     targets: int,
 ) -> None:
     """Cast each ray from the centre of its agent against all other targets, at their places after the tick."""
+    refresh(bodies)
     for b in range(ends.size):  # walls are the solids that did not get a cell of the spawn grid
         members = bodies.living[b] if targets == BODIES else solids[b]
         ends[b] = members & ~spawned[b] if targets == WALLS else members

@@ -74,7 +74,7 @@ from .box2d.connect import gather_joints, mark_joined, number_marked, read_force
 from .box2d.report import report_nothing, report_touches
 from .box2d.transfer import describe, gather, own, scatter
 from .geometry.blocks import alive_bits, first_row
-from .geometry.bodies import Bodies, all_aabbs, near
+from .geometry.bodies import Bodies, for_moving, refresh
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 
@@ -190,9 +190,8 @@ def broad_phase(
     most = ZERO
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
-    for k in range(bodies.count[0]):
-        b = bodies.lines[k]
-        pending = dynamic(bodies, solid, solids, b)
+    for b in range(solids.size):
+        pending = dynamic(entities, solid, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
@@ -203,17 +202,22 @@ def broad_phase(
             if entities.alive[e] and not solid.dynamic[e]:
                 solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
                 most = max(most, solid.max_travel[e])
-    for k in range(bodies.count[0]):
-        b = bodies.lines[k]
-        pending = dynamic(bodies, solid, solids, b)
+    refresh(bodies)  # not earlier: the processor stores the distances meanwhile
+    for b in range(solids.size):
+        pending = dynamic(entities, solid, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            far = solid.max_travel[e] + outer_radius(shape, e) + most
-            for n in range(near(bodies, solids, body.x[e], body.y[e], far)):
-                o = bodies.rows[n]
-                if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
-                    solid.may_collide[e], solid.may_collide[o] = 1, 1
+            far = solid.max_travel[e] + outer_radius(shape, e)
+            pair = solid, body, shape, e
+            for_moving(bodies, solids, body.x[e], body.y[e], far, solid.max_travel, most, mark_pair, pair)
+
+
+@kernel
+def mark_pair(solid: Array, body: Array, shape: Array, e: int, o: int) -> None:
+    """Mark two bodies if they may touch."""
+    if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
+        solid.may_collide[e], solid.may_collide[o] = 1, 1
 
 
 @kernel
@@ -224,9 +228,9 @@ def sweep(body: Array, push: Array, solid: Array, shape: Array, e: int, substeps
 
 
 @kernel
-def dynamic(bodies: Any, solid: Array, solids: Array, b: int) -> int:
+def dynamic(entities: Array, solid: Array, solids: Array, b: int) -> int:
     """Return the living bodies of block `b` that can be pushed."""
-    return int(bodies.living[b] & solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)))
+    return int(alive_bits(entities, solids, b) & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)))
 
 
 def box2d_settings(
@@ -288,7 +292,6 @@ def collider(solve: Any) -> Any:
         settings: Annotated[Settings, Service(box2d_settings)],
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
-        aabbs, substeps = all_aabbs(bodies), settings.substeps
         mark_joined(welds, solid, entities, solids, welders)
         mark_joined(ropes, solid, entities, solids, tied)
         result = SOLVED
@@ -296,7 +299,7 @@ def collider(solve: Any) -> Any:
             if everything:
                 for e in range(solid.may_collide.size):
                     solid.may_collide[e] = entities.alive[e]
-            count = gather(batch, aabbs, body, shape, push, solid, entities, solids, driven, substeps)
+            count = gather(batch, bodies, push, solid, entities, solids, driven, settings.substeps)
             if count == 0:
                 if touching is not None:
                     report_nothing(touching)

@@ -21,7 +21,7 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.bodies import Bodies, near
+from .geometry.bodies import Bodies, discs_near
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def pick_up(
         if not entities.alive[e]:
             continue
         x, y, far = body.x[e], body.y[e], of(reach, e)
-        for n in range(near(bodies, items, x, y, far)):
+        for n in range(discs_near(bodies, items, x, y, far)):
             row = bodies.rows[n]
             dx, dy, most = body.x[row] - x, body.y[row] - y, shape.radius[row] * np.float32(touch) + far
             if entities.alive[row] and dx * dx + dy * dy <= most * most and push(bag, item, e, row):

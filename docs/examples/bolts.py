@@ -107,7 +107,7 @@ def fly(
         way = min(speed * seconds, bolt.left[e])
         x, y, dx, dy = bolt.x[e], bolt.y[e], way * bolt.cosine[e], way * bolt.sine[e]
         first, target = NO_HIT, -1
-        for k in range(on_ray(bodies, bodies.living, x, y, dx, dy)):
+        for k in range(on_ray(bodies, bodies.members, x, y, dx, dy)):
             o = bodies.rows[k]
             at = raycast_entity(body, shape, x, y, dx, dy, o)
             if o != e and at < first:

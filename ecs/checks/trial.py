@@ -99,7 +99,7 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
     tables, generator = Tables(layout, 1), np.random.default_rng(0)
     tables[Clock].seed[:] = 1
     units = [unit for segment in segments(layout, systems, python=True) for unit in segment.units]
-    memory = ServiceMemory(layout.dims, 1)
+    memory = ServiceMemory()
     blocks = [ArgumentBlock(unit.arguments, tables, memory, compiled=False) for unit in units]
     functions = [(unit, unit.function(), block) for unit, block in zip(units, blocks, strict=True)]
     left = [MOST_LINES]

@@ -17,7 +17,7 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from llvmlite import ir
@@ -63,7 +63,7 @@ class ArgumentLayout:
         return self._add(self.numbers, (name, value), 1)
 
     def add_service(self, service: Service, arrays: int) -> int:
-        """The memory of a service, a number of arrays; kernels get the part that belongs to one world."""
+        """The memory of a service, a number of arrays: memory of the thread."""
         return self._add(self.services, service, arrays * ARRAY_SLOTS)
 
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
@@ -73,29 +73,17 @@ class ArgumentLayout:
         return slot
 
 
-class ServiceMemory(dict[Service, dict[str, Array]]):
-    """The arrays of services by service, for worlds that a thread takes through a tick together: made when asked for.
-
-    Those that the worlds share have no axis for the worlds.
-    """
-
-    def __init__(self, dims: Mapping[str, int], worlds: int) -> None:
-        super().__init__()
-        self._dims, self._worlds = dims, worlds
-
-    def __missing__(self, service: Service) -> dict[str, Array]:
-        assert service.memory is not None
-        one = service.memory(self._dims)._asdict()
-        self[service] = {name: one[name] if name in service.shared else _many(one[name], self._worlds) for name in one}
-        return self[service]
+ServiceMemory: TypeAlias = dict[Service, dict[str, np.ndarray[Any, Any]]]
+"""The arrays of services by service, which the units of a thread share; they are made when first asked for."""
 
 
-def _many(array: Array, worlds: int) -> Array:
-    """The same array for a number of worlds, each at the start of a cache line."""
-    stride = -(-array.nbytes // ALIGN) * ALIGN
-    lines = aligned((1 + worlds) * stride)[: worlds * stride].reshape(worlds, stride)
-    lines[:, : array.nbytes] = np.frombuffer(array.tobytes(), np.uint8)
-    return np.ndarray((worlds, *array.shape), array.dtype, lines, strides=(stride, *array.strides))
+def _arrays(service: Service, dims: Mapping[str, int]) -> dict[str, Array]:
+    """Make the arrays of a service, each at the start of a cache line, and with one behind it, for kernels.simd."""
+    found = service.arrays(service.memory(dims)) if service.memory else {}
+    for name, array in found.items():
+        found[name] = aligned(array.nbytes + ALIGN)[: array.nbytes].view(array.dtype).reshape(array.shape)
+        found[name][...] = array
+    return found
 
 
 def aligned(size: int) -> Array:
@@ -119,8 +107,10 @@ class ArgumentBlock:
         for slot, (find, axes) in layout.arrays.items():
             self._describe(slot, find(worlds), axes)
         for slot, service in layout.services.items():
-            for k, (name, array) in enumerate(memory[service].items()):
-                self._describe(slot + k * ARRAY_SLOTS, array, int(name not in service.shared))
+            if service not in memory:
+                memory[service] = _arrays(service, worlds.dims)
+            for k, array in enumerate(memory[service].values()):
+                self._describe(slot + k * ARRAY_SLOTS, array, 0)
         self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
         for slot, array in self.scratch.items() if compiled else ():
             self._describe(slot, array, 0)

@@ -5,18 +5,13 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from ..declarations.access import Service
 from ..declarations.component import Action, Component, Entity, Observation, Signal
 from ..declarations.phase import When
 from ..declarations.system import System
-from ..kernels.jit import compiled
-from ..memory.clock import RESET, STEP
 from ..memory.draw import published_rows
 from ..memory.layout import MemoryLayout
 from ..memory.numbers import NumbersView
 from .tick import Generator, Unit
-
-MODES = {When.RESET: 1 << RESET, When.STEP: 1 << STEP, When.ALWAYS: 1 << RESET | 1 << STEP}  # bitsets
 
 
 @dataclass(frozen=True)
@@ -45,9 +40,6 @@ def segments(
     def new(as_python: bool = python, outside: bool = False) -> Generator:
         return Generator(layout, python=as_python, outside=outside, specialize=specialize, tables=tables)
 
-    as_python = {s.label for s in systems if python or not s.compiled or s.label in interpret}
-    aside = {s.label for s in systems if split or (compiled() and not python and s.label in as_python)}
-    anew = stale_services(systems, aside)
     some_absent = any(number.kinds for number in layout.varied.values())
     signals = [*_written_outside(layout, systems, Signal)]
     units = [new().clock(), *([new().draw()] if layout.keyed else []), *([new().assign()] if layout.roles else [])]
@@ -56,8 +48,8 @@ def segments(
     for system in systems:
         first = [signal for signal, writer in signals if writer is system]
         units += [new().zero(first, When.ALWAYS)] if first else []
-        making = new(system.label in as_python, system.outside)
-        units.append(making.system(modules[system.module], system, anew[system.label]))
+        making = new(python or not system.compiled or system.label in interpret, system.outside)
+        units.append(making.system(modules[system.module], system))
         if system.outside:
             units += [new().check_range(system, *found) for found in _ranges(layout, system)]
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
@@ -70,30 +62,6 @@ def segments(
     if split:
         return [Segment((unit,), unit.compiled) for unit in units]
     return [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
-
-
-def stale_services(systems: Sequence[System], aside: Collection[str]) -> dict[str, dict[Service, int]]:
-    """Return by label of a system in which modes each of its services is to be made anew: a bitset, as in MODES.
-
-    It is kept in the modes in which an earlier system of the tick has had it, and no system since then writes what it
-    is made of. So what happens between ticks (a reset, a state that is set, a table that is written) needs no care.
-
-    aside: labels of systems with a segment of their own, which does not share memory with others.
-    """
-    fresh, found = dict[Service, int](), dict[str, dict[Service, int]]()
-    for system in systems:
-        modes = MODES[system.phase.when]
-        if system.label in aside:
-            fresh.clear()
-        services = [p.service for p in system.parameters if p.service]
-        found[system.label] = {service: modes & ~fresh.get(service, 0) for service in services}
-        fresh |= {service: fresh.get(service, 0) | modes for service in services}
-        for service in fresh:
-            if any(system.touches(part, "write", "add") for each in service.parameters for part in each.components):
-                fresh[service] &= ~modes
-        if system.label in aside:
-            fresh.clear()
-    return found
 
 
 def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:

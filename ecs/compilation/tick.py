@@ -15,13 +15,13 @@ import functools
 import itertools
 import linecache
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..declarations.access import Parameter, Service
+from ..declarations.access import Parameter
 from ..declarations.component import Clock, Component, Entity, Singleton
 from ..declarations.fields import offset
 from ..declarations.module import Module
@@ -47,6 +47,7 @@ from ..memory.layout import MemoryLayout
 from ..memory.numbers import GIVEN_WORDS, AgentNumbers, AgentRoles, Given, Number, NumbersView, Varied
 from ..memory.tables import Tables
 from .arguments import (
+    ARRAY_SLOTS,
     BLOCK,
     COUNT,
     EVENTS,
@@ -189,9 +190,8 @@ class Generator:
         needed = f": {low} to {high} is needed"
         return self._unit(label, check_range, system.phase.when, [values, rows, *ends], needed=needed)
 
-    def system(self, module: Module, system: System, stale: Mapping[Service, int]) -> Unit:
-        """The unit of a system. stale: in which modes its services are to be made anew, see segments.stale_services."""
-        self._stale = stale
+    def system(self, module: Module, system: System) -> Unit:
+        """The unit of a system."""
         arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
         return self._unit(system.label, system.kernel, system.phase.when, arguments, system)
 
@@ -266,7 +266,7 @@ class Generator:
         return self._number(value, parameter.name, full)
 
     def _service(self, module: Module, system: System, parameter: Parameter) -> str:
-        """What a service makes of its parts: a value, or memory that is filled in the modes in which it is stale."""
+        """What a service makes of its parts: a value, or memory of the thread that it fills."""
         service: Any = parameter.service
         parts = [self._argument(module, system, part) for part in service.parameters]
         make = self._unique(f"make_{service.function.__name__}", service)
@@ -277,15 +277,15 @@ class Generator:
             self.inside[f"{name} = {make}({', '.join(parts)})"] = None
             return name
         memory = service.memory(self.layout.dims)
-        kind, forms = f"memory_{parameter.name}", memory._asdict().items()
-        table: Any = type(memory)  # hashable, as classes are, but mypy says no
-        views = tuple(View(a.dtype, a.ndim, True, shape=a.shape if self.specialize else None) for _, a in forms)
-        self.names[kind] = table_view(table, views, not self.compiled)
-        slot = self._slot(kind, self.arguments.add_service(service, len(views)))
-        types = ", ".join(f"{field} {view.name}" for (field, _), view in zip(forms, views, strict=True))
-        stale = self._number(self._stale[service], f"stale_{parameter.name}")
-        self.inside[f"{name} = {kind}(arguments, {slot}, w - first)  # {types}"] = None
-        self.inside[f"if {stale} >> mode[w] & 1: {make}({', '.join([name, *parts])})"] = None
+        kind, fields = f"memory_{parameter.name}", dict(zip((p.name for p in service.parameters), parts, strict=True))
+        arrays = service.arrays(memory)
+        slot = self._slot(kind, self.arguments.add_service(service, len(arrays)))
+        for k, (field, array) in enumerate(arrays.items()):
+            view = self._view(View(array.dtype, array.ndim, True, shape=array.shape if self.specialize else None))
+            fields[field] = f"{view}(arguments, {slot} + {k * ARRAY_SLOTS}, 0)"
+        self.names[kind] = type(memory)
+        self.inside[f"{name} = {kind}({', '.join(fields[field] for field in memory._fields)})"] = None
+        self.inside[f"{make}({', '.join([name, *parts])})"] = None
         return name
 
     def _number(self, value: int | float, parameter: str, full: str = "") -> str:

@@ -31,8 +31,10 @@ from dataclasses import dataclass, field, replace
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, TypeVarTuple, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from ..kernels.errors import DeclarationError
-from ..kernels.jit import kernel
+from ..kernels.jit import Array, kernel
 from .component import Clock, Component, Singleton
 from .event import Event
 
@@ -118,21 +120,20 @@ class Service:
 
     Without `memory`, the system gets what `function` returns.
 
-    With `memory`, it gets a named tuple of arrays, which is the first argument of `function` and is filled by it. This
-    lasts for one tick: in each world, `function` runs ahead of the first system of a tick that takes the service, and
-    again ahead of the next one that takes it after a system that writes, or adds to, one of the components that it
-    reads. So the memory is no part of a world's state.
+    With `memory`, it gets a named tuple of arrays, which is the first argument of `function` and is filled by it ahead
+    of each system that takes the service, in each world. It is memory of the thread, which stays in its fastest cache,
+    and no part of a world's state. A field of the tuple that is called like a parameter of `function` is that
+    parameter: then `function` may only note that nothing is filled, and leave the rest to who asks first.
 
     Args:
         function: A function that kernels can call. Its parameters, behind the named tuple, are annotated like those of
             systems: Read, Rows, Bitset, RowIndex, and numbers.
-        memory: From sizes by name of the dimension, the named tuple for one world. Numbers do not enter into it.
-        shared: Fields of the tuple that all worlds of a thread share. Their content is lost between systems.
+        memory: From sizes by name of the dimension, the named tuple, with None in place of parameters. Numbers do not
+            enter into it.
     """
 
     function: Callable[..., Any]
     memory: Callable[[Mapping[str, int]], Any] | None = None
-    shared: tuple[str, ...] = ()
     kernel: Callable[..., Any] = field(init=False)
     parameters: tuple[Parameter, ...] = field(init=False)
 
@@ -148,6 +149,18 @@ class Service:
         object.__setattr__(self, "function", function)
         object.__setattr__(self, "kernel", kernel(function))
         object.__setattr__(self, "parameters", found)
+
+    def arrays(self, memory: Any) -> dict[str, Array]:
+        """Return the fields of the memory that are no parameters. DeclarationError if one is neither."""
+        named = {each.name for each in self.parameters}
+        found = {name: value for name, value in memory._asdict().items() if name not in named}
+        for name, value in found.items():
+            if not isinstance(value, np.ndarray):
+                raise DeclarationError(
+                    f"{self.function.__module__}.{self.function.__qualname__}: the field '{name}' of its memory is "
+                    f"{type(value).__name__}: an array is needed, or the name of a parameter"
+                )
+        return found
 
 
 def parameters(function: Callable[..., Any], skip: int = 0) -> tuple[Parameter, ...]:

@@ -137,7 +137,7 @@ class CompiledExecution:
 
     def _frame(self, worlds: Tables) -> Any:
         """The frame of a thread."""
-        memory = ServiceMemory(worlds.dims, min(_together(worlds), worlds.count))
+        memory = ServiceMemory()
         blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
         frame = aligned(8 * (TABLE + 2 * len(blocks))).view(np.int64)
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
@@ -182,7 +182,7 @@ class PythonExecution:
     def __init__(self, segment: Segment, worlds: Tables) -> None:
         self._count = worlds.count
         self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
-        memory = ServiceMemory(worlds.dims, worlds.count)
+        memory = ServiceMemory()
         self.blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=False) for unit in segment.units]
 
     def __call__(self) -> None:

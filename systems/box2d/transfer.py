@@ -8,8 +8,8 @@ from outlast.components.contact import ALL
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
-from ..geometry.aabb import AABBs
 from ..geometry.blocks import alive_bits, first_row
+from ..geometry.bodies import all_aabbs, refresh
 from ..geometry.broad_phase import clearance
 from .batch import (
     ANGLE,
@@ -52,9 +52,7 @@ def marked(solid: Array, entities: Array, solids: Array, b: int) -> int:
 @kernel
 def gather(
     batch: Array,
-    aabbs: AABBs,
-    body: Array,
-    shape: Array,
+    bodies: Any,
     push: Array,
     solid: Array,
     entities: Array,
@@ -68,6 +66,8 @@ def gather(
         some |= marked(solid, entities, solids, b)
     if some == 0:
         return 0
+    refresh(bodies)
+    aabbs, body, shape = all_aabbs(bodies), bodies.body, bodies.shape
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
         while pending:

@@ -1,4 +1,4 @@
-"""An index of bodies: which living bodies are near a place, in a rectangle, or on a ray. Systems share it.
+"""An index of bodies: which living bodies are near a place, in a rectangle, or on a ray.
 
     def burn(health: Write[Health], bodies: Bodies, agents: Bitset[Side], ...) -> None:
         for k in range(near(bodies, agents, x, y, reach)):
@@ -9,7 +9,9 @@ sixteen rows at a time, or, if there are many bodies, 64: then the sides of all 
 grid of 255 steps along each axis, so that each is a byte, and a rectangle is compared with 64 rows in four
 instructions.
 
-The index has bodies as they were when the system began; of what the system itself moves or removes, it knows nothing.
+The first query of a system fills the index of a world, in memory of the thread: to fill it in each system that asks
+is faster than to keep one for every world, out of the fastest cache. A system that has nothing to ask pays nothing.
+Whether a later query finds what the system itself has moved or removed since is open.
 """
 
 from collections.abc import Mapping
@@ -27,12 +29,12 @@ from outlast.ecs.kernels.simd import (
     SIMD_WIDTH,
     load,
     overlap,
-    store,
     store_bytes,
+    to_bits,
     trailing_zeros,
 )
 
-from .aabb import AABBs, aabbs_hit_by_ray, aabbs_in_box, aabbs_near_point, compute_aabbs
+from .aabb import ALONG_X, ALONG_Y, AABBs, aabbs_hit_by_ray, aabbs_in_box, aabbs_near_point, compute_aabbs
 from .blocks import alive_bits, append_rows, first_row
 
 FEW = 8  # if there are no more blocks than this, testing each is faster
@@ -40,21 +42,26 @@ LOW_X, HIGH_X, LOW_Y, HIGH_Y = range(4)  # lines of `sides`
 START, STEPS = 0, 1  # of each axis in `scale`: where the first step begins, and how many steps a metre has
 X, Y = 0, 1  # axes
 EVERY = (1 << SIMD_WIDTH) - 1  # all rows of a block
+STALE = -1  # in place of the number of blocks
 ZERO, ONE, LAST = np.float32(0), np.float32(1), np.float32(LARGEST)
 PART = np.float32(1e-6)  # of coordinates: more than float32 loses
 
 
 class Index(NamedTuple):
-    """The memory of the index; kernels may read the first four fields, and `rows` after a query."""
+    """The index; kernels may read the first four fields after `refresh`, and `rows` after a query."""
 
-    aabbs: Array  # float32 (4, rows): centre x and y, half extent along x and y, of all rows; metres
+    half_extents: Array  # float32 (2, rows): of the AABBs of all rows, along x and y; metres
     living: Array  # int32 (blocks,): bitsets of the living bodies
     lines: Array  # int32 (blocks,): numbers of the blocks in which bodies live
-    count: Array  # int32 (1,): how many there are
+    count: Array  # int32 (1,): how many there are; STALE until they are listed
     sides: Array  # uint8 (4, rows), line by line as `lines` has them, not as the tables do
     scale: Array  # float32 (axes, 2): of `sides`
     words: Array  # int64 (2, words): bitsets of near rows, and where in `sides` each begins
     rows: Array  # int32 (rows,): what the last query has found
+    body: Any  # the tables that it is made of, and the rows that are bodies
+    shape: Any
+    entities: Any
+    members: Any
 
 
 def make_index(dims: Mapping[str, int]) -> Index:
@@ -62,36 +69,44 @@ def make_index(dims: Mapping[str, int]) -> Index:
     blocks, words = dims["blocks"], -(-dims["blocks"] * SIMD_WIDTH // BYTES)
     many = words if blocks > FEW else 0
     return Index(
-        aabbs=np.zeros((4, SIMD_WIDTH * blocks), np.float32),
+        half_extents=np.zeros((2, SIMD_WIDTH * blocks), np.float32),
         living=np.zeros(blocks, np.int32),
         lines=np.zeros(blocks, np.int32),
-        count=np.zeros(1, np.int32),
+        count=np.full(1, STALE, np.int32),
         sides=np.zeros((4, BYTES * many), np.uint8),
         scale=np.ones((2, 2), np.float32),
         words=np.zeros((2, many + 1), np.int64),
         rows=np.zeros(SIMD_WIDTH * blocks, np.int32),
+        body=None,
+        shape=None,
+        entities=None,
+        members=None,
     )
 
 
-def fill_index(index: Any, body: Read[Body], shape: Read[Shape], entities: Read[Entity], bodies: Bitset[Shape]) -> None:
-    """Fill the index of a world."""
-    aabbs = index.aabbs
-    compute_aabbs(aabbs[2:], body, shape)
-    for start in range(0, aabbs.shape[1], SIMD_WIDTH):
-        store(aabbs[X], start, load(body.x, start))
-        store(aabbs[Y], start, load(body.y, start))
-    count = 0
-    for b in range(bodies.size):  # without a branch, which would be mispredicted about every other time
-        bits = alive_bits(entities, bodies, b)
-        index.living[b], index.lines[count] = bits, b
-        count += bits != 0
-    index.count[0] = count
-    if count > FEW:
-        round_sides(index)
+def expire(index: Any, body: Read[Body], shape: Read[Shape], entities: Read[Entity], members: Bitset[Shape]) -> None:
+    """Let the next query of a world fill its index."""
+    index.count[0] = STALE
 
 
-Bodies: TypeAlias = Annotated[Any, Service(fill_index, make_index, shared=("words", "rows"))]
-"""A parameter of systems: the index of all living bodies that have a Shape, as they are when the system begins."""
+Bodies: TypeAlias = Annotated[Any, Service(expire, make_index)]
+"""A parameter of systems: the index of all living bodies that have a Shape, an Index."""
+
+
+@kernel
+def refresh(index: Index) -> int:
+    """Fill the index of a world unless that is done; return in how many blocks bodies live."""
+    if index.count[0] == STALE:
+        compute_aabbs(index.half_extents, index.body, index.shape)
+        count = 0
+        for b in range(index.living.size):  # without a branch, which would be mispredicted about every other time
+            bits = alive_bits(index.entities, index.members, b)
+            index.living[b], index.lines[count] = bits, b
+            count += bits != 0
+        index.count[0] = count
+        if count > FEW:
+            round_sides(index)
+    return int(index.count[0])
 
 
 @kernel
@@ -99,6 +114,46 @@ def near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
     """List the living `members`, a bitset by block, whose AABB is within `distance` of a point along both axes."""
     box = x - distance, x + distance, y - distance, y + distance
     return list_rows(index, members, box, aabbs_near_point, (x, y, distance))
+
+
+@kernel
+def for_moving(
+    index: Index, members: Array, x: Real, y: Real, distance: Real, travel: Array, longest: Real, act: Any, given: Any
+) -> None:
+    """Call `act(*given, e)` for the rows that `near` lists if bodies may move first.
+
+    travel: how far each may, float32 by row, at most `longest`; metres.
+    """
+    if refresh(index) > FEW:
+        for k in range(near(index, members, x, y, distance + longest)):
+            act(*given, index.rows[k])
+        return
+    aabbs = all_aabbs(index)
+    for b in range(members.size):
+        here = index.living[b] & members[b]
+        if here:
+            here &= aabbs_near_point(aabbs, b, x, y, load(travel, SIMD_WIDTH * b) + distance)
+            while here:
+                act(*given, first_row(b, here))
+                here &= here - 1
+
+
+@kernel
+def discs_near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
+    """List the living `members`, discs, that come within `distance` of a point.
+
+    In a small room, it does not fill the index: few queries cost less than that.
+    """
+    if members.size > FEW:
+        return near(index, members, x, y, distance)
+    body, shape, found = index.body, index.shape, 0
+    for b in range(members.size):
+        if members[b]:
+            dx, dy = load(body.x, SIMD_WIDTH * b) - x, load(body.y, SIMD_WIDTH * b) - y
+            most = load(shape.radius, SIMD_WIDTH * b) + distance
+            within = alive_bits(index.entities, members, b) & to_bits(dx * dx + dy * dy <= most * most)
+            found = append_rows(index.rows, found, b, within)
+    return found
 
 
 @kernel
@@ -117,23 +172,18 @@ def on_ray(index: Index, members: Array, x: Real, y: Real, dx: Real, dy: Real) -
 
 @kernel
 def all_aabbs(index: Index) -> AABBs:
-    """Return the AABBs of all rows."""
-    return index.aabbs[0], index.aabbs[1], index.aabbs[2], index.aabbs[3]
-
-
-@kernel
-def crowded(index: Index) -> bool:
-    """Return whether there are so many bodies that a query is faster than a test of all."""
-    return bool(index.count[0] > FEW)
+    """Return the AABBs of all rows, after `refresh`."""
+    return index.body.x, index.body.y, index.half_extents[ALONG_X], index.half_extents[ALONG_Y]
 
 
 @kernel
 def list_rows(index: Index, members: Array, box: Any, test: Any, numbers: Any) -> int:
     """List the members for which `test(aabbs, block, *numbers)` holds; in a crowd, those in the rectangle `box`."""
-    if crowded(index):
+    count = refresh(index)
+    if count > FEW:  # there are so many bodies that a query is faster than a test of all
         return query(index, members, box[0], box[1], box[2], box[3])
     aabbs, found = all_aabbs(index), 0
-    for k in range(index.count[0]):
+    for k in range(count):
         b = index.lines[k]
         found = append_rows(index.rows, found, b, index.living[b] & members[b] & test(aabbs, b, *numbers))
     return found

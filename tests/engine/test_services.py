@@ -1,4 +1,4 @@
-"""Services: what systems get that is made of other parameters, and when its memory is filled anew."""
+"""Services: what systems get that is made of other parameters."""
 
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, NamedTuple
@@ -26,7 +26,6 @@ from outlast.ecs import (
     Write,
     column,
 )
-from outlast.ecs.compilation.segments import stale_services
 from tests.helpers.toy_game import GAME, Food, Phase, Place, Toy, Walkers, make, run, system_of, walked
 
 TICKS = 12
@@ -47,7 +46,7 @@ def add_up(memory: Any, place: Read[Place], rows: Rows[Place]) -> None:
         memory.total[0] += place.x[e]
 
 
-Total = Annotated[Any, Service(add_up, make_sum, shared=("places",))]
+Total = Annotated[Any, Service(add_up, make_sum)]
 
 
 class Shown(Singleton):
@@ -108,23 +107,6 @@ def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
         np.testing.assert_allclose(shown.seen[modes == RESET, 3], shown.there[modes == RESET, 3])
         np.testing.assert_array_equal(shown.seen[modes == SKIP], before[modes == SKIP])
     assert worlds[Shown].seen.any(0).all()
-
-
-def test_memory_is_filled_once_until_something_is_written() -> None:
-    order = Worlds([*GAME, Looks()], 1).schedule.systems
-    step, reset = 1 << STEP, 1 << RESET
-    label = {system.label: system for system in order if system.module == "looks"}
-    stale = {name: [*modes.values()] for name, modes in stale_services(order, ()).items() if name in label}
-    assert stale == {
-        "looks.look_0": [step],
-        "looks.look_1": [0],  # nothing is written in between
-        "looks.look_2": [0],
-        "looks.shift": [],
-        "looks.look_3": [step | reset],
-    }
-    two = [label[name] for name in ("looks.look_2", "looks.look_3")]
-    assert [[*modes.values()] for modes in stale_services(two, ()).values()] == [[step], [reset]]
-    assert [[*modes.values()] for modes in stale_services(two, {"looks.look_2"}).values()] == [[step], [step | reset]]
 
 
 def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
@@ -192,7 +174,7 @@ def test_what_services_cannot_be_made_of_is_refused() -> None:
     def takes(one: Annotated[Real, Service(lambda: np.float32(1))], total: Annotated[Any, 3]) -> None: ...
 
     with pytest.raises(
-        DeclarationError, match=r"parameter 'total' is annotated .*; allowed are .*, tuple, Annotated\[\.\.\., Service"
+        DeclarationError, match=r"parameter 'total' is annotated .*; allowed are .*, tuple, Annotated\[\.\.\.\] with "
     ):
         system_of(takes)
 

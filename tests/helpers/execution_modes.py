@@ -219,7 +219,7 @@ def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
     if stand_ins:
         chosen = [dataclasses.replace(s, kernel=Traced(s, worlds.layout, names)) if s.compiled else s for s in chosen]
     units = [unit for each in segments(worlds.layout, chosen, python=True) for unit in each.units]
-    memory = ServiceMemory(worlds.layout.dims, 1)
+    memory = ServiceMemory()
     runs = [(unit.function(), ArgumentBlock(unit.arguments, tables, memory, compiled=False)) for unit in units]
     rng, found = np.random.default_rng(SEED), list[str]()
     for tick in range(ticks):

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -60,13 +60,9 @@ class Push(NamedTuple):
     y: np.ndarray
 
 
-FILL = get_args(bodies.Bodies)[1].kernel  # of the service
-
-
 @kernel
-def _ask(index: Any, body: Any, shape: Any, entities: Any, with_shape: Any, members: Any, ray: Any, found: Any) -> None:
+def _ask(index: Any, members: Any, ray: Any, found: Any) -> None:
     """found: int32 (3, 1 + rows): how many rows `ray` may hit, are near its start, are in its rectangle; the rows."""
-    FILL(index, body, shape, entities, with_shape)
     x, y, dx, dy, distance = ray[0], ray[1], ray[2], ray[3], ray[4]
     for query in range(3):
         if query == 0:
@@ -83,12 +79,18 @@ def _ask(index: Any, body: Any, shape: Any, entities: Any, with_shape: Any, memb
 @kernel
 def _gaps(index: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any) -> None:
     """out: f4 (1 + rows, rows): clearances of all, then gaps of each from each."""
-    FILL(index, body, shape, entities, members)
-    aabbs = index.aabbs[0], index.aabbs[1], index.aabbs[2], index.aabbs[3]
+    bodies.refresh(index)
+    aabbs = index.body.x, index.body.y, index.half_extents[0], index.half_extents[1]
     for e in range(out.shape[1]):
         out[0, e] = broad_phase.clearance(aabbs, body, shape, solid, entities, members, most, e)
         for o in range(out.shape[1]):
             out[1 + e, o] = broad_phase.gap(body, shape, e, o)
+
+
+def index_of(body: Any, shape: Any, entities: Any, members: np.ndarray) -> bodies.Index:
+    """The index of these bodies, which the first query fills."""
+    index = bodies.make_index({"blocks": members.size})
+    return index._replace(body=body, shape=shape, entities=entities, members=members)
 
 
 def _column(values: Any) -> np.ndarray:
@@ -173,15 +175,15 @@ def test_queries_list_all_that_is_hit_or_near(
     body, shape, entities = random_bodies(seed, grid, rows)
     body = body._replace(x=_column(body.x + F4(away)))
     entities.alive[SIMD_WIDTH * blocks :] = 0
-    index = bodies.make_index({"blocks": MANY})
-    for memory in index:
+    with_shape, members = [e for e in range(rows) if e % 11], [e for e in range(rows) if e % spread]
+    index = index_of(body, shape, entities, to_bits(with_shape, MANY))
+    for memory in index[:-4]:
         memory[:] = 1  # what is left from another world
+    index.count[0] = bodies.STALE
     given_ray, found = np.array(ray, F4), np.zeros((3, 1 + rows), np.int32)
     given_ray[0] += F4(away)
-    with_shape, members = [e for e in range(rows) if e % 11], [e for e in range(rows) if e % spread]
-    bits = to_bits(with_shape, MANY), to_bits(members, MANY)
     with np.errstate(over="ignore"):  # the last of 64 rows is the sign of a bitset
-        _ask(index, body, shape, entities, *bits, given_ray, found)
+        _ask(index, to_bits(members, MANY), given_ray, found)
     living = [e for e in with_shape if entities.alive[e]]
     assert index.living.tolist() == to_bits(living, MANY).tolist()
     assert index.lines[: index.count[0]].tolist() == sorted({e // SIMD_WIDTH for e in living})
@@ -215,8 +217,9 @@ def ends(start: float, length: float) -> tuple[float, float]:
 
 def rectangles(index: bodies.Index, rows: int) -> np.ndarray:
     """AABBs of all rows, (axis, low or high, row)."""
-    aabbs = index.aabbs[:, :rows].astype(float)
-    return np.stack([aabbs[:2] - aabbs[2:], aabbs[:2] + aabbs[2:]], 1)
+    centres = np.stack([index.body.x, index.body.y]).astype(float)
+    halves = index.half_extents[:, :rows].astype(float)
+    return np.stack([centres - halves, centres + halves], 1)
 
 
 def overlaps(sides: np.ndarray, x: tuple[float, float], y: tuple[float, float], slack: Any) -> np.ndarray:
@@ -238,12 +241,13 @@ def near_steps(sides: np.ndarray, index: bodies.Index, x: tuple[float, float], y
 def test_arrays_that_kernels_return_are_counted() -> None:
     """A function that hands out a view of an array without counting it has it freed while it is in use."""
     body, shape, entities = random_bodies(0, grid=False)
-    index, ray = bodies.make_index({"blocks": BLOCKS}), np.zeros(5, F4)
-    found, members = np.zeros((3, 1 + ROWS), np.int32), to_bits([0, 1])
-    arrays = [*body, *shape, *entities, *index, found, members]
+    found, members, ray = np.zeros((3, 1 + ROWS), np.int32), to_bits([0, 1]), np.zeros(5, F4)
+    index = index_of(body, shape, entities, members)
+    arrays = [*body, *shape, *entities, *index[:-4], found, members]
     before = [sys.getrefcount(array) for array in arrays]
     for _ in range(9):
-        _ask(index, body, shape, entities, members, members, ray, found)
+        index.count[0] = bodies.STALE
+        _ask(index, members, ray, found)
     assert [sys.getrefcount(array) for array in arrays] == before
 
 
@@ -256,7 +260,8 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.may_collide
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
-    index, members = bodies.make_index({"blocks": BLOCKS}), to_bits([*range(ROWS)])
+    members = to_bits([*range(ROWS)])
+    index = index_of(body, shape, entities, members)
     _gaps(index, body, shape, solid._replace(may_collide=near[:ROWS]), entities, members, most, out)
     for e in range(0, ROWS, 5):
         centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]

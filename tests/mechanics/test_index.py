@@ -55,7 +55,7 @@ def _ask(n: int) -> Any:
                 elif query == 1:
                     count = in_box(bodies, shaped, x - FAR, x + FAR, y - FAR, y + FAR)
                 else:
-                    count = on_ray(bodies, bodies.living, x, y, dx, dy)
+                    count = on_ray(bodies, bodies.members, x, y, dx, dy)
                 checked.found[n] += count
                 at = 0
                 for e in everything:
