@@ -11,11 +11,16 @@ checks       whether systems do what they declare, and the hash that tells games
 running      a batch of worlds: ticks, threads, tables that callers see
 ============ ====================================================================================================
 
+What other layers and users' mechanics need is here, or in modules whose names are all theirs to import: those of
+`kernels` (`random`, `simd`, `jit`, `errors` ...), `declarations.{component, distributions, event, fields, roles}`,
+`memory.{given, numbers}` and `checks.code_hash`. The others are the engine's own.
+
 From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.MemoryLayout` of them, a
 `compilation.schedule.Schedule` of their systems, tries users' systems out (`checks.trial`), writes the tick
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 
+from .compilation.cache import CompiledUnits
 from .declarations.access import Add, Bitset, Label, Offset, Random, Read, RowIndex, Rows, Scratch, Service, Write
 from .declarations.archetype import Archetype
 from .declarations.component import (
@@ -54,12 +59,13 @@ from .kernels.errors import (
 )
 from .kernels.jit import Array, Real, kernel
 from .memory.clock import RESET, SKIP, STEP
+from .memory.column_places import Place
 from .memory.draw import exists
 from .memory.entity_view import EntityView
 from .memory.layout import MemoryLayout
 from .memory.numbers import AgentRoles
 from .running.step import Observer, Stepper
-from .running.worlds import Worlds
+from .running.worlds import Worlds, checked_worlds
 
 __all__ = [
     "INDEX",
@@ -76,6 +82,7 @@ __all__ = [
     "CapacityError",
     "Clock",
     "Column",
+    "CompiledUnits",
     "Component",
     "Coupled",
     "DeclarationError",
@@ -95,6 +102,7 @@ __all__ = [
     "Observer",
     "Offset",
     "PhaseBase",
+    "Place",
     "Random",
     "RangeError",
     "Read",
@@ -115,6 +123,7 @@ __all__ = [
     "Worlds",
     "WorldsView",
     "Write",
+    "checked_worlds",
     "choice",
     "column",
     "columns_of",

@@ -71,7 +71,7 @@ class Agents(Module):
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=ref("density"))
         parts = (Body(), Shape(radius=ref("radius")), solid, Push(), Spawned(), Side(), Guard(), Died())
-        return [Archetype("agent", (*parts, Health(points=ref("health"))), ref("count"), order=10)]
+        return [Archetype("agent", (*parts, Health(points=ref("health"))), ref("count"), order=10, roles=True)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [SelfView(), OthersView(), Sight(), ObservationMasks()]

@@ -27,6 +27,7 @@ class Archetype:
         alive: Whether they are in the world right after a reset. All modules that add entities of the kind must agree.
         order: Position of its rows: kinds are sorted by this number, those without one come last, and ties go by name.
             All modules that set it for a kind must give the same number.
+        roles: Whether its entities are the agents that can have roles, see declarations.roles; for one kind only.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Archetype:
     count: int = 0
     alive: bool = True
     order: int | None = None
+    roles: bool = False
 
     def __post_init__(self) -> None:
         count: Any = self.count
@@ -92,9 +94,12 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             before.count + part.count,
             False not in said,
             next(iter(orders), None),
+            before.roles or part.roles,
         )
     for name, kind in merged.items():
         merged[name] = replace(kind, parts=_with_required(kind.parts))
+    if len(agents := [name for name, kind in merged.items() if kind.roles]) > 1:
+        raise DeclarationError(f"{' and '.join(agents)} are both the agents that can have roles: let one kind say so")
     places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
     return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
 

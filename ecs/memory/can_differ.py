@@ -19,7 +19,7 @@ from ..declarations.numbers import is_read, owners, rule_of
 from ..declarations.system import System
 from ..kernels.errors import NumberError, meant
 from .layout import MemoryLayout
-from .numbers import AGENT, Number, encode
+from .numbers import Number, encode
 
 Patch = tuple[int, int, int]  # a word, and the place in the state and the size in bytes of the prefab value that it is
 
@@ -102,7 +102,7 @@ def fixed_by(layout: MemoryLayout, k: int, field: str) -> str:
 def _misfit(layout: MemoryLayout, number: Number, prefab: PrefabNumber) -> str:
     """Why a prefab value cannot be a number that differs, in words; "" if it can."""
     what, held = f"{prefab.component.__name__}.{prefab.column}", prefab.component.columns[prefab.column]
-    if number.by_role and prefab.kind != AGENT:
+    if number.by_role and not (prefab.kind and layout.archetypes[prefab.kind].roles):
         return f"{what}{f' of {prefab.kind!r}' * bool(prefab.kind)} is the number, and only agents have roles"
     if number.kind is tuple:
         return f"{what} is the number, and a tuple can only be given to systems"

@@ -13,7 +13,7 @@ from ..kernels.jit import Array, kernel
 from ..kernels.random import integer, stream_number, words
 from .can_differ import patches
 from .layout import MemoryLayout
-from .numbers import AGENT, GIVEN, ONCE, WORD, Number, encode
+from .numbers import GIVEN, ONCE, WORD, Number, encode
 
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
@@ -67,7 +67,7 @@ def plan(layout: MemoryLayout, by_role: bool) -> Plan:
                 ends[n, r] = drawn.values
     prefix = "role" if by_role else "vary"
     return Plan(
-        rows=np.array(layout.spans[AGENT] if by_role else [0], np.int32),
+        rows=np.array(layout.agents if by_role else [0], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
         spans=np.array([(number.start, number.width) for number in numbers], np.int32).reshape(-1, 2),
         streams=np.array([stream_number(f"{prefix} {number.name}") for number in numbers], np.uint64),

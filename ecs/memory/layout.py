@@ -30,7 +30,6 @@ from ..kernels.simd import SIMD_WIDTH
 from .column_places import ALIGN, Place, place_columns
 from .dimensions import check_indices, check_owners, dimension_sizes
 from .numbers import (
-    AGENT,
     AGENT_WORDS,
     GIVEN_WORDS,
     KEYS,
@@ -191,6 +190,11 @@ class MemoryLayout:
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
+    @property
+    def agents(self) -> range:
+        """The rows of the agents that can have roles."""
+        return next((self.spans[name] for name, kind in self.archetypes.items() if kind.roles), range(0))
+
     def groups(self, agents: int | None = None) -> tuple[int, ...]:
         """Return the sizes of the groups, such as teams, that a module splits agents (None: all) into; () if none."""
         return _groups(self.modules, self.dims.get("agents", 0) if agents is None else agents)
@@ -267,10 +271,11 @@ class MemoryLayout:
 
     def _place_roles(self, roles: Roles) -> dict[str, Number]:
         """Find the numbers that differ by role, and add their dimensions. NumberError if roles do not fit."""
-        if not (rows := self.spans.get(AGENT, range(0))):
-            raise NumberError("roles: this scenario has no agents to have them; add Agents")
+        if not self.agents:
+            makers = self.modules[0].providers(lambda module: any(kind.roles for kind in module.archetypes()))
+            raise NumberError(f"roles: this scenario has no agents to have them; add {makers}")
         if not self.fewer:  # else, those that do not fit find nobody
-            roles.of_agents(len(rows))
+            roles.of_agents(len(self.agents))
         found = place_by_role(self.modules, roles, self.dims["rows"])
         roles.check_apart(self.varied)
         self.dims[ROLES] = len(roles.roles)

@@ -39,7 +39,6 @@ from ..kernels.jit import Array
 
 EXACT = 2**24  # float32 has all integers up to this one
 CORNERS = 64  # the most combinations of extreme values; beyond, only all lowest, all highest, and each one by itself
-AGENT = "agent"  # the archetype that has roles
 WORDS, GIVEN_WORDS, ROLES, AGENT_WORDS = "varied words", "given words", "roles", "role words"  # dimensions
 GIVEN = np.uint64(32)  # this bit of a word of Given says that a value is given
 ONCE = np.uint64(33)  # this bit says that it is for one episode only

@@ -12,7 +12,7 @@ from ..kernels.errors import DeclarationError
 from .can_differ import patches
 from .column_places import ALIGN
 from .layout import MemoryLayout
-from .numbers import AGENT, AgentNumbers, Number, Varied
+from .numbers import AgentNumbers, Number, Varied
 
 
 class Tables:
@@ -66,7 +66,7 @@ class Tables:
 
     def agent_values(self, number: Number) -> np.ndarray[Any, Any]:
         """Return a number that differs by role, of each agent, (worlds, agents): a copy."""
-        rows = self.layout.spans[AGENT]
+        rows = self.layout.agents
         words = self[AgentNumbers].words[:, number.start + rows.start : number.start + rows.stop]
         found: np.ndarray[Any, Any] = words.copy().view(number.dtype)
         return found

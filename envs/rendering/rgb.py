@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
-from outlast.ecs import Component, Entity, Worlds
+from outlast.ecs import Component, Entity, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
-from outlast.ecs.running.worlds import checked_worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
 from .layers import LAYERS, Layer, Scene

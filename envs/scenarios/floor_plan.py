@@ -10,10 +10,9 @@ from typing import Any
 
 from outlast.components import Body, Floor, Shape, Wall
 from outlast.components.limits import FAR
-from outlast.ecs import Entity, Module, Worlds
+from outlast.ecs import Entity, Module, Worlds, checked_worlds
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.kernels.integers import is_whole
-from outlast.ecs.running.worlds import checked_worlds
 from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Side, Sight
-from outlast.ecs import Component, Entity, MemoryLayout, Singleton
+from outlast.ecs import Component, Entity, MemoryLayout, Place, Singleton
 from outlast.ecs.declarations.event import COUNT, EventMemory, table
-from outlast.ecs.memory.column_places import Place
 from outlast.ecs.memory.given import misfits, wrongly_given
 from outlast.ecs.memory.numbers import Given, Varied
 

@@ -11,7 +11,7 @@ import outlast
 from outlast import systems
 from outlast.components import Body, Phase, Shape, Side
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Rows, Singleton, Write, column
-from outlast.systems.geometry.bodies import FEW, Bodies, in_box, near, on_ray
+from outlast.systems.geometry.bodies import FEW, Bodies, in_box, near, on_ray, refresh
 from outlast.systems.geometry.rays import NO_HIT, raycast_entity
 from tests.conftest import scaled
 
@@ -45,7 +45,7 @@ def _ask(n: int) -> Any:
         shaped: Bitset[Shape],
         bodies: Bodies,
     ) -> None:
-        checked.lines[n] = max(checked.lines[n], bodies.count[0])
+        checked.lines[n] = max(checked.lines[n], refresh(bodies))
         for i in range(agents.size):
             x, y = body.x[agents[i]], body.y[agents[i]]
             dx, dy = FAR * body.cosine[agents[i]], FAR * body.sine[agents[i]]

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from outlast.ecs.compilation.cache import CompiledUnits
+from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
 
 Array = np.ndarray[Any, Any]

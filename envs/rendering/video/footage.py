@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End
-from outlast.ecs import Clock, Worlds
+from outlast.ecs import Clock, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
-from outlast.ecs.running.worlds import checked_worlds
 
 from ...errors import FilmError
 from ..canvas import LARGEST, SMALLEST, Canvas, Image
