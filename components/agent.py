@@ -42,7 +42,7 @@ def present(entities: Array, agents: Array) -> int:
 
 
 class Sides(Singleton):
-    """Whether agents play in teams."""
+    """A mark of worlds in which agents play in teams."""
 
     teams: Array = column("u1")  # 1: sides are teams, 0: every agent for itself
 

@@ -4,7 +4,7 @@ from outlast.ecs import Array, Singleton, Statistic, column
 
 
 class Track(Singleton):
-    """What an agent's descriptors are computed from, updated in every tick. Written by behaviour."""
+    """The basis of an agent's descriptors, updated in every tick. Written by behaviour."""
 
     x: Array = column("f4", "agents")  # metres, at the end of the last tick
     y: Array = column("f4", "agents")
@@ -23,7 +23,7 @@ class Condition(Singleton):
 
 
 class Travelled(Statistic):
-    """How long each agent lived, how far it went, and where it was."""
+    """The life of each agent: how long it was, how far it went, and where it was."""
 
     ticks_alive: Array = column("i4", "agents")  # ticks at whose end it was alive
     distance_travelled: Array = column("f8", "agents")  # metres
@@ -31,7 +31,7 @@ class Travelled(Statistic):
 
 
 class Encounters(Statistic):
-    """How near each agent was to others, over the ticks at the end of which it was alive."""
+    """The nearness of each agent to others, over the ticks at the end of which it was alive."""
 
     enemy_distance: Array = column("f8", "agents")  # mean metres to the nearest living enemy; 0: there was never any
     mate_distance: Array = column("f8", "agents")  # mean metres to the nearest living agent of its side, likewise
@@ -39,7 +39,7 @@ class Encounters(Statistic):
 
 
 class Exposure(Statistic):
-    """How long each agent was outside the safe zone."""
+    """The time of each agent outside the safe zone."""
 
     outside_zone: Array = column("f8", "agents", low=0, high=1)  # share of ticks
 
@@ -53,13 +53,13 @@ class Aggression(Statistic):
 
 
 class Care(Statistic):
-    """What each agent did with heals."""
+    """The use of heals by each agent."""
 
     heals_in_need: Array = column("i4", "agents")  # heals used with few hit points left
     heals_given: Array = column("i4", "agents")  # heals given to others
 
 
 class Cover(Statistic):
-    """How each agent used boxes as cover."""
+    """The use of boxes as cover by each agent."""
 
     boxes_between: Array = column("i4", "agents")  # boxes set up between it and the nearest enemy

@@ -40,7 +40,7 @@ class BoxItemView(Observation):
 
 
 class BoxesPlaced(Statistic):
-    """How many boxes all agents have set up from items in this episode."""
+    """The number of boxes that all agents have set up from items in this episode."""
 
     boxes_placed: Array = column("i4")
 

@@ -10,7 +10,7 @@ ALL = 0xFFFF  # a mask of all sixteen layers
 
 
 class Filter(Component):
-    """Which solids a solid touches: two touch if the layer of each is among what the other hits.
+    """A filter of what a solid touches: two touch if the layer of each is among what the other hits.
 
     A solid without this component is in layer 1 and hits all. What a solid does not hit, it passes through, but nothing
     leaves the room. One in layer 0, or that hits 0, touches nothing.
@@ -23,7 +23,7 @@ class Filter(Component):
 
 
 class Material(Component):
-    """How a solid rubs, bounces and slows down. -1, and for a solid without this component: as numbers of physics say.
+    """The material of a solid. For -1, and for a solid without this component, numbers of physics hold.
 
     Of two that touch, the friction is the geometric mean, and the restitution the larger one.
     """
@@ -56,7 +56,7 @@ class Touch(Event, capacity="touches", who="solid", whom="other"):
 
 
 class Touching(Singleton):
-    """Which solids touched in the last tick, in order of rows. Written by physics."""
+    """The solids that touched in the last tick, in order of rows. Written by physics."""
 
     count: Array = column("i4")
     solid: Array = column("i4", "touches", unit="entity")

@@ -26,6 +26,6 @@ class HealView(Observation):
 
 
 class HealsUsed(Statistic):
-    """How many heals all agents have used in this episode."""
+    """The number of heals that all agents have used in this episode."""
 
     heals_used: Array = column("i4")

@@ -35,7 +35,7 @@ class Health(Component):
 
 
 class Died(Component):
-    """How an agent died, kept until the end of the episode. Systems that act on a death read the event `Death`."""
+    """The cause of an agent's death, kept until the episode ends. Systems that act on deaths read the event `Death`."""
 
     now: Array = column("u1")  # 1 in the tick of death
     damage_type: Array = column("i4", fill=-1, unit="damage type")

@@ -9,7 +9,7 @@ from .body import Solid
 
 
 class Weld(Component):
-    """What a solid is welded to: both move as one body, and do not touch each other. Made by `hold`.
+    """A weld to another solid: both move as one body, and do not touch each other. Made by `hold`.
 
     Physics ends a weld to something that is dead, to what is no solid, and to itself; and that of the dead.
     """
@@ -26,7 +26,7 @@ class Weld(Component):
 
 
 class Rope(Component):
-    """What a solid is tied to, which may be a certain distance away, but not farther. Made by `tie`; it ends as a weld.
+    """A rope to another solid, which may be a certain distance away, but not farther. Made by `tie`; it ends as a weld.
 
     A rod keeps the distance; with hertz, like a spring. Both ends touch each other as ever.
     """

@@ -31,6 +31,6 @@ class Respawned(Event, capacity=Return, who="agent"):
 
 
 class Respawns(Statistic):
-    """How often agents came back in this episode."""
+    """The number of times that agents came back in this episode."""
 
     respawns: Array = column("i4")

@@ -12,7 +12,7 @@ class Score(Singleton):
 
 
 class Outcome(Statistic):
-    """How far each side has come, in games that are not won by living longest: the side with the highest number wins.
+    """The score of each side, in games that are not won by living longest: the side with the highest number wins.
 
     A mechanic of the game declares and writes it. Games without it are won by the side that lives longest.
     """
@@ -27,7 +27,7 @@ class Reward(Signal):
 
 
 class End(Signal):
-    """Whether the episode ended in this tick: by its own rule, or by the time limit."""
+    """The end of the episode in this tick: by its own rule, or by the time limit."""
 
     terminated: Array = column("b1")
     truncated: Array = column("b1")

@@ -17,7 +17,7 @@ class Sight(Singleton):
 
 
 class ObservationMasks(Singleton, packed=False):
-    """Which rows of the observations to write: one bit per entity, one row per observer.
+    """The rows of the observations to write: one bit per entity, one row per observer.
 
     Kept alongside the observations, which outlive an episode: only rows that are filled, or were filled in the tick
     before, are written again. All others are zero and stay so.

@@ -28,7 +28,7 @@ class Before(Singleton):
 
 
 class Unplaced(Singleton):
-    """How many bodies found no free place in the room at reset; if there are any, the environment raises an error."""
+    """The number of bodies without a free place in the room at reset; if there are any, environments raise an error."""
 
     bodies: Array = column("i4")  # how many there are
 

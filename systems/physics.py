@@ -124,7 +124,7 @@ class Physics(Module):
         return [Fault()]
 
     def native(self) -> bool:
-        """Whether the native backend is used; IncompatibleBox2D if it is requested but not possible."""
+        """Return whether the native backend is used; IncompatibleBox2D if it is requested but not possible."""
         if self.backend == "native":
             native.verify()
             if not compiled():

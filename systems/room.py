@@ -78,7 +78,7 @@ class Room(Module):
         return self.width or self.size, self.height or self.size
 
     def is_square(self) -> bool:
-        """Whether a single number gives its size."""
+        """Return whether a single number gives its size."""
         return self.width == self.height == 0
 
 

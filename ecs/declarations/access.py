@@ -116,7 +116,7 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """What the engine makes for a system out of other parameters: Seconds = Annotated[Real, Service(length)].
+    """A parameter that the engine makes out of other parameters: Seconds = Annotated[Real, Service(length)].
 
     Without `memory`, the system gets what `function` returns.
 

@@ -289,7 +289,7 @@ class Singleton(Component):
 
 
 class Action(Singleton, packed=False):
-    """What the learner sets: integer columns, with `low` and `high` as the range of each."""
+    """An input that the learner sets: integer columns, with `low` and `high` as the range of each."""
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)
@@ -312,7 +312,7 @@ class Action(Singleton, packed=False):
 
 
 class Observation(Singleton, packed=False):
-    """What the learner sees, in buffers that environments return; the column's key is the observation's key.
+    """An output that the learner sees, in buffers that environments return; the column's key is the observation's key.
 
     Columns are float32, like the spaces of observations. `fields` declares what the numbers of a row are.
     """
@@ -328,7 +328,7 @@ class Observation(Singleton, packed=False):
 
 
 class Signal(Singleton, packed=False):
-    """What the learner gets besides the observation: reward, terminated, truncated.
+    """A result that the learner gets besides the observation: reward, terminated, truncated.
 
     A signal that only a user's systems write is set to 0 in every tick before the first of them runs, so that they may
     add to it.
@@ -336,7 +336,7 @@ class Signal(Singleton, packed=False):
 
 
 class Statistic(Singleton):
-    """What is counted over one episode: zero at reset, reported when the episode ends."""
+    """A count over one episode: zero at reset, reported when the episode ends."""
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         super().__init_subclass__(order, packed)

@@ -43,7 +43,7 @@ class PrefabNumber:
 
 @dataclass(frozen=True)
 class Declared:
-    """What a mechanic declares, with values in place of references.
+    """The declarations of a mechanic, with values in place of references.
 
     Attributes:
         module: The mechanic.

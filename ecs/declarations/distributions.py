@@ -17,7 +17,7 @@ LARGEST = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, repr=False)
 class Distribution:
-    """What a number is drawn from; made by `uniform`, `log_uniform`, `integers`, `choice` or `free`.
+    """A distribution from which a number is drawn; made by `uniform`, `log_uniform`, `integers`, `choice` or `free`.
 
     Attributes:
         kind: UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE or FREE.
@@ -32,7 +32,7 @@ class Distribution:
         return f"{NAMES[self.kind]}({', '.join(map(repr, self.values))})"
 
     def __contains__(self, value: Any) -> bool:
-        """Whether `value` could be drawn."""
+        """Return whether `value` could be drawn."""
         if self.kind == CHOICE:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
             return any(_same(given, each) for each in self.values)
@@ -192,7 +192,7 @@ def in_python(value: Any) -> Any:
 
 
 def _same(given: Any, value: Any) -> bool:
-    """Whether `given` is `value`, or both are the same float32, in which worlds keep floats."""
+    """Return whether `given` is `value`, or both are the same float32, in which worlds keep floats."""
     if isinstance(value, tuple):
         return isinstance(given, tuple) and len(given) == len(value) and all(map(_same, given, value))
     if isinstance(given, bool) or isinstance(value, (bool, str)):
@@ -201,6 +201,6 @@ def _same(given: Any, value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether `value` is a number, and finite also as a float32."""
+    """Return whether `value` is a number, and finite also as a float32."""
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     return real and bool(abs(value) <= LARGEST)

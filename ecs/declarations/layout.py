@@ -43,7 +43,7 @@ class Layout(Protocol):
 
     @property
     def fewer(self) -> bool:
-        """Whether numbers have values as in a world, whose counts may be smaller than what other worlds have."""
+        """Return whether numbers have values as in a world, whose counts may be smaller than what other worlds have."""
 
     def rows(self, *components: type[Component]) -> Array:
         """Return the rows, int32, of all entities whose archetype has every one of `components`."""
@@ -73,13 +73,13 @@ class WorldsView(Protocol):
 
     @property
     def count(self) -> int:
-        """How many worlds."""
+        """Return how many worlds."""
 
     def __getitem__(self, component: type[Component]) -> Any:
         """Return the table of a component, with columns (worlds, ...)."""
 
     def __contains__(self, component: type[Component]) -> bool:
-        """Whether there are such tables."""
+        """Return whether there are such tables."""
 
     def number(self, name: str) -> Any:
         """Return the value of a number in this episode; (worlds, ...) if they differ, (worlds, agents) if agents do."""

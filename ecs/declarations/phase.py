@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 
 class When(Enum):
-    """Which worlds go through a phase: those being reset, those being stepped, or both."""
+    """The worlds that go through a phase: those being reset, those being stepped, or both."""
 
     RESET = "reset"
     STEP = "step"

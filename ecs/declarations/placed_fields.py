@@ -89,7 +89,7 @@ def _in_order(layout: Layout, key: str, entries: list[tuple[int, str, Field]]) -
 
 
 def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Column]], known: set[str]) -> str:
-    """Why a module cannot add fields to a key."""
+    """Return why a module cannot add fields to a key."""
     if key not in observations:
         hint = did_you_mean(key, sorted(known)) or f"known are {', '.join(sorted(known))}"
         return f"{module} adds fields to the observation '{key}', which no mechanic declares; {hint}"

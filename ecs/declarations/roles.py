@@ -117,7 +117,7 @@ class Roles:
 
     @property
     def random(self) -> bool:
-        """Whether each episode draws its roles, or numbers of a role."""
+        """Return whether each episode draws its roles, or numbers of a role."""
         values = [value for each in self.roles for _, value in each.numbers]
         return self.drawn != NEVER or any(isinstance(value, Distribution) for value in values)
 

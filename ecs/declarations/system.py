@@ -42,7 +42,7 @@ class System:
 
     @property
     def outside(self) -> bool:
-        """Whether its function is from outside this package: part of a user's mechanic."""
+        """Return whether its function is from outside this package: part of a user's mechanic."""
         return is_outside(self.function)
 
     def among(self, brings: Callable[[Parameter], bool]) -> "System":
@@ -59,7 +59,7 @@ class System:
         return tuple(each for parameter in self.parameters for each in parameter.with_parts())
 
     def touches(self, component: type[Component], *kinds: str) -> bool:
-        """Whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
+        """Return whether it has a parameter of one of these kinds ("read", "write", "add") for the component."""
         return any(component in p.components and p.kind in kinds for p in self.access)
 
     def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
@@ -107,7 +107,7 @@ class System:
 
 
 def components(label: str, given: Any) -> tuple[type[Component], ...]:
-    """What was given as `needs`, as a tuple. DeclarationError if a part of it is no component."""
+    """Return what was given as `needs`, as a tuple. DeclarationError if a part of it is no component."""
     needed = given if isinstance(given, tuple) else (given,)
     for each in needed:
         if not isinstance(each, type) or not issubclass(each, Component):
@@ -119,7 +119,7 @@ def components(label: str, given: Any) -> tuple[type[Component], ...]:
 
 
 def redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
-    """Whether both functions come from one definition, run twice. Functions within functions never count as such."""
+    """Return whether both functions come from one definition, run twice. Those within functions never count as such."""
     same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
     return same and "<locals>" not in new.__qualname__
 
@@ -140,7 +140,7 @@ def check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], sa
 
 
 def neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
-    """What was given as `after` or `before`, as a tuple. DeclarationError if a part is neither text nor component."""
+    """Return what was given as `after` or `before`, as a tuple. DeclarationError unless it is texts and components."""
     neighbours = given if isinstance(given, tuple) else (given,)
     for each in neighbours:
         if not isinstance(each, str) and not (isinstance(each, type) and issubclass(each, Component)):

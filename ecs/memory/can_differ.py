@@ -65,7 +65,7 @@ def _patches(layout: MemoryLayout, number: Number) -> list[Patch]:
 
 
 def _fixed(layout: MemoryLayout, number: Number) -> str:
-    """Why a number cannot differ in this way, as it counts something or sizes rows, in words; "" if it does not."""
+    """Return why a number that counts something or sizes rows cannot differ in this way, in words; "" if it can."""
     declared = layout.declared[number.module]
     if number.by_role and (counted := declared.kinds.get(number.field)):
         return f"it counts the entities {counted[0]!r}"
@@ -86,7 +86,7 @@ def _field_sizes(module: Module) -> tuple[tuple[str, str, int | str], ...]:
 
 
 def fixed_by(layout: MemoryLayout, k: int, field: str) -> str:
-    """Why a number of the mechanic `k` is fixed when worlds are made, in words; "" if it is not."""
+    """Return why a number of the mechanic `k` is fixed when worlds are made, in words; "" if it is not."""
     declared, module = layout.declared[k], layout.modules[k]
     kind = type(module).__name__
     if method := declared.reads.get(field):
@@ -100,7 +100,7 @@ def fixed_by(layout: MemoryLayout, k: int, field: str) -> str:
 
 
 def _misfit(layout: MemoryLayout, number: Number, prefab: PrefabNumber) -> str:
-    """Why a prefab value cannot be a number that differs, in words; "" if it can."""
+    """Return why a prefab value cannot be a number that differs, in words; "" if it can."""
     what, held = f"{prefab.component.__name__}.{prefab.column}", prefab.component.columns[prefab.column]
     if number.by_role and not (prefab.kind and layout.archetypes[prefab.kind].roles):
         return f"{what}{f' of {prefab.kind!r}' * bool(prefab.kind)} is the number, and only agents have roles"
@@ -145,7 +145,7 @@ def changed_modules(
 
 
 def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, int | float]:
-    """By full name, the numbers of `others` that differ from those of `modules`, as kernels get them."""
+    """Return, by full name, the numbers of `others` that differ from those of `modules`, as kernels get them."""
     return {
         f"{other.name}_{item.name}": other.value(item.name)
         for module, other in zip(modules, others, strict=True)
@@ -156,7 +156,7 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
 
 
 def _reasons(layout: MemoryLayout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
-    """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
+    """Yield why worlds of `layout` cannot go on with `other` as module `k`, from which it differs in one number."""
     module, declared = layout.modules[k], layout.declared[k]
     full = f"{module.name}_{number}"
     if full in layout.per_agent:

@@ -106,7 +106,7 @@ def _check_size(module: Module, dim: str, size: Any) -> None:
 
 
 def _has_a_mechanic(module: Module, dim: str) -> bool:
-    """Whether an imported mechanic has the dimension. module: any module; it finds the imported ones."""
+    """Return whether an imported mechanic has the dimension. module: any module; it finds the imported ones."""
     return bool(module.providing(lambda other: dim in other.dims()))
 
 

@@ -252,7 +252,7 @@ def draw_of_agents(
 
 @kernel
 def exists(entities: Any, e: int) -> bool:
-    """Whether row `e` is an entity of this episode, alive or not. False if a varied count leaves it out."""
+    """Return whether row `e` is an entity of this episode, alive or not. False if a varied count leaves it out."""
     return bool(entities.identity[e] != ABSENT)
 
 

@@ -46,7 +46,7 @@ def given_words(number: Number, layout: MemoryLayout, values: Any, count: int) -
 
 
 def has_one_each(values: Any) -> bool:
-    """Whether these are values for several worlds, one each; a tuple is a single value."""
+    """Return whether these are values for several worlds, one each; a tuple is a single value."""
     return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
 
 
@@ -56,7 +56,7 @@ def check_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) 
 
 
 def _is_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) -> bool:
-    """Whether the mechanic takes this value of a free number."""
+    """Return whether the mechanic takes this value of a free number."""
     try:
         check_taken(number, layout, value)
     except NumberError:
@@ -65,7 +65,7 @@ def _is_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) ->
 
 
 def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
-    """Which worlds have words that could not have been drawn: bool (worlds,).
+    """Return which worlds have words that could not have been drawn: bool (worlds,).
 
     Args:
         number: The number.
@@ -87,7 +87,7 @@ def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
 
 
 def wrongly_given(layout: MemoryLayout, words: Array) -> str:
-    """What is wrong with words of Given from a file, which kernels would use as indices unchecked; "" if nothing is.
+    """Return what is wrong with words of Given from a file, which kernels use as unchecked indices; "" if nothing is.
 
     Args:
         layout: A layout with varied numbers.

@@ -186,7 +186,7 @@ class MemoryLayout:
 
     @property
     def keyed(self) -> bool:
-        """Whether each episode is a level, as numbers, walls or roles are drawn, so keys can be given; see Given."""
+        """Return whether episodes are levels, as numbers, walls or roles are drawn, so keys can be given; see Given."""
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
@@ -318,7 +318,7 @@ class MemoryLayout:
         return [(component, name) for component in kinds for name in component.columns]
 
     def _observations(self) -> dict[str, tuple[str, Column]]:
-        """By key of every observation, the name of the mechanic that brings it, and its column."""
+        """Return, by key of every observation, the name of the mechanic that brings it, and its column."""
         brought = [(each.module.name, singleton) for each in self.declared for singleton in each.singletons]
         return {
             column.key or name: (module, column)

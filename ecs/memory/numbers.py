@@ -78,7 +78,7 @@ class AgentNumbers(Singleton):
 
 
 class NumbersView(Observation):
-    """What agents observe of varied numbers: the same for every agent that exists in the episode, dead or alive."""
+    """The observation of varied numbers: the same for every agent that exists in the episode, dead or alive."""
 
     numbers: Array = column("f4", "agents", "numbers fields")
 
@@ -114,7 +114,7 @@ class Number:
 
     @property
     def distribution(self) -> Distribution:
-        """What worlds draw it from."""
+        """Return what worlds draw it from."""
         return self.distributions[0]
 
     @property

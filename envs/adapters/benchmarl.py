@@ -61,11 +61,11 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return partial(make_torchrl, self.scenario or self.name.lower(), num_envs, **options)
 
     def supports_continuous_actions(self) -> bool:
-        """Whether the task has actions="continuous"."""
+        """Return whether the task has actions="continuous"."""
         return bool(self.config.get("actions") == "continuous")
 
     def supports_discrete_actions(self) -> bool:
-        """Whether actions are discrete: joint ones, unless they are continuous."""
+        """Return whether actions are discrete: joint ones, unless they are continuous."""
         return not self.supports_continuous_actions()
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:

@@ -46,7 +46,7 @@ def run(options: argparse.Namespace, commands: Any) -> int:
 
 
 def values(action: argparse.Action) -> tuple[list[str], bool]:
-    """What an argument or the value of an option can be: words, and whether a file, too."""
+    """Return what an argument or the value of an option can be: words, and whether a file, too."""
     if action.choices is not None:
         return [str(choice) for choice in action.choices], False
     if action.dest == "variant":
@@ -82,7 +82,7 @@ def bash(commands: Any) -> str:
 
 
 def takes_value(action: argparse.Action) -> bool:
-    """Whether a value must follow an option."""
+    """Return whether a value must follow an option."""
     return action.nargs not in (0, "?")
 
 

@@ -93,7 +93,7 @@ def add_scenario(command: Parser, several: bool = False) -> None:
 
 
 def add_changes(command: Parser) -> None:
-    """What changes a game."""
+    """Return what changes a game."""
     command = command.group(GAME)
     text = "change a number of the game, such as n_agents=10 or safe_zone_radii=8,4; `outlast numbers VARIANT` lists "
     text += "them (can be repeated)"
@@ -351,7 +351,7 @@ def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespa
 
 
 def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, str]:
-    """What is before and behind the sign of an option. Raises ScenarioError."""
+    """Return what is before and behind the sign of an option. Raises ScenarioError."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
         kind = "VALUE" if option == "--set" else "DRAWN"

@@ -238,7 +238,7 @@ def _shares(summary: Summary, seconds: float) -> str:
 
 
 def _as_json(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:
-    """What was asked for, by the options' names, then the summary's numbers."""
+    """Return what was asked for, by the options' names, then the summary's numbers."""
     import outlast  # here, as the package imports the environments
 
     names = ("policy", "others", "seed", "worlds", "episodes", "steps")

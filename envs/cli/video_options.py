@@ -49,7 +49,7 @@ def given(options: argparse.Namespace) -> list[str]:
 
 
 def looks(options: argparse.Namespace) -> Looks:
-    """How the film looks that the options ask for."""
+    """Return how the film looks that the options ask for."""
     return Looks(**{name: getattr(options, name) for name in DEFAULTS})
 
 

@@ -39,7 +39,7 @@ class CallGuard:
 
     @property
     def busy(self) -> bool:
-        """Whether the result of a call that has begun has not been fetched yet."""
+        """Return whether the result of a call that has begun has not been fetched yet."""
         return self.pending is not None
 
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:

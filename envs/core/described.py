@@ -53,7 +53,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def fields(self) -> Fields:
-        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns; a new mapping.
+        """Return what the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
 
         Keys that declare no fields, such as masks, are not in it. `columns` of a field is its slice of the row, and
         `ecs.columns_of` the index of several fields: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
@@ -72,7 +72,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def flat_size(self) -> int:
-        """How many numbers the observation of one agent has: the length of its row in a flat array."""
+        """Return how many numbers the observation of one agent has: the length of its row in a flat array."""
         return self._reader.flat_size
 
     @property
@@ -87,7 +87,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def action_sizes(self) -> Actions:
-        """How many values each action has, integers (actions,)."""
+        """Return how many values each action has, integers (actions,)."""
         return self._actions.sizes
 
     @property

@@ -67,7 +67,7 @@ class EpisodeTracker(Stepper):
 
     @property
     def masks(self) -> dict[str, Array]:
-        """What saved states hold besides the tables, bool (worlds,) each, by the names used there."""
+        """Return what saved states hold besides the tables, bool (worlds,) each, by the names used there."""
         return {"over": self.ended, "started": self.running}
 
     @contextlib.contextmanager

@@ -51,7 +51,7 @@ class Job:
 
     @property
     def finished(self) -> bool:
-        """Whether the call was made and has ended."""
+        """Return whether the call was made and has ended."""
         return not self._unfinished.locked()
 
 

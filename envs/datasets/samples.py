@@ -77,7 +77,7 @@ class Samples:
 
     @property
     def present(self) -> Array:
-        """Whether the episode has the agent, bool (n, agents)."""
+        """Return whether the episode has the agent, bool (n, agents)."""
         return self.columns.get("present", np.ones_like(self.columns["alive"]))
 
     @property

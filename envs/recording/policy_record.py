@@ -75,7 +75,7 @@ def policy_dtype(actions: Any, policy: Any) -> np.dtype[Any]:
 
 
 def is_policy(actions: Any, policy: Any) -> bool:
-    """Whether a header's entry for the policy is valid, given its valid actions."""
+    """Return whether a header's entry for the policy is valid, given its valid actions."""
     counts = [count for key, count in policy["entities"] if is_word(key) and type(count) is int and count >= 0]
     values = sum(size for _, _, size in actions)
     return len(counts) == len(policy["entities"]) and max(values, sum(counts)) <= MAX_ENTRIES

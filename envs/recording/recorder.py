@@ -80,12 +80,12 @@ class Recorder:
 
     @property
     def recording(self) -> bool:
-        """Whether the recording is still open."""
+        """Return whether the recording is still open."""
         return self._finalizer.alive
 
     @property
     def ticks(self) -> int:
-        """How many ticks have been recorded, including those that are not in the file yet."""
+        """Return how many ticks have been recorded, including those that are not in the file yet."""
         return self._file.ticks
 
     def __repr__(self) -> str:

@@ -33,7 +33,7 @@ class TickFormat:
 
     @property
     def key_size(self) -> int:
-        """How many numbers a row of TickRecord.keys has."""
+        """Return how many numbers a row of TickRecord.keys has."""
         return KEY_SIZE + self.given
 
     @property
@@ -43,7 +43,7 @@ class TickFormat:
 
     @property
     def max_bytes(self) -> int:
-        """How many bytes a tick record takes at most."""
+        """Return how many bytes a tick record takes at most."""
         each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
         return self.worlds * (1 + self.agents * each + 8 * self.key_size) + 2 * self.digest_size + 4
 
@@ -67,7 +67,7 @@ class TickRecord:
 
     @property
     def nbytes(self) -> int:
-        """How many bytes it takes before it is packed."""
+        """Return how many bytes it takes before it is packed."""
         thought = 0 if self.policy is None else self.policy.nbytes
         return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4 + thought
 

@@ -41,7 +41,7 @@ class Scene:
         return table
 
     def __contains__(self, kind: type[Component] | type[Module]) -> bool:
-        """Whether this scenario has the component, or the mechanic."""
+        """Return whether this scenario has the component, or the mechanic."""
         if issubclass(kind, Component):
             return kind in self.worlds
         return any(isinstance(module, kind) for module in self.worlds.layout.modules)

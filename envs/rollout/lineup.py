@@ -144,12 +144,12 @@ def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> 
 
 
 def is_own(name: str) -> bool:
-    """Whether it names a policy in a file or module of the user: "mygame.py:clever", "package.module:clever"."""
+    """Return whether it names a policy in a file or module of the user: "mygame.py:clever", "package.module:clever"."""
     return OWN.fullmatch(name) is not None and not is_saved(name)
 
 
 def is_foreign(policy: str | Policy) -> bool:
-    """Whether it is a user's function, which may keep observations, and return anything."""
+    """Return whether it is a user's function, which may keep observations, and return anything."""
     return callable(policy) or is_own(policy)
 
 

@@ -34,7 +34,7 @@ class Begins:
 
 
 def has_memory(policy: Policy) -> bool:
-    """Whether the policy has a method `reset`."""
+    """Return whether the policy has a method `reset`."""
     return callable(getattr(policy, "reset", None))
 
 

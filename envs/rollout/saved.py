@@ -26,7 +26,7 @@ def cameras_mode(scenario: Scenario) -> str | None:
 
 
 def is_saved(name: str) -> bool:
-    """Whether it names a saved policy: a model, or a file by its ending."""
+    """Return whether it names a saved policy: a model, or a file by its ending."""
     return name in models() or (name.endswith(ENDINGS) and name not in ENDINGS)
 
 

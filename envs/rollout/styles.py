@@ -43,7 +43,7 @@ class Target(NamedTuple):
 
     @property
     def seen(self) -> Any:
-        """Which agents see it, bool (...)."""
+        """Return which agents see it, bool (...)."""
         return np.isfinite(self.distance)
 
     def only(self, condition: Any) -> "Target":
@@ -108,7 +108,7 @@ class Seen:
 
     @property
     def mates(self) -> Any:
-        """Which of the others are team-mates in sight, 1 or 0, (..., others)."""
+        """Return which of the others are team-mates in sight, 1 or 0, (..., others)."""
         return self.observations["others_mask"] - self.enemies
 
     def of(self, key: str, *names: str) -> Any:
@@ -140,7 +140,7 @@ class Seen:
         return Target(place, np.take_along_axis(distance, index, -1)[..., 0])
 
     def holds(self, *keys: str) -> Any:
-        """Whether the last slot of the agent's bag holds that kind of item, "heal_slot" or "box_slot", bool (...)."""
+        """Return whether the last slot of the agent's bag holds that item, "heal_slot" or "box_slot", bool (...)."""
         held = [self.observations[f"{key}_mask"][..., 0] > 0 for key in keys if key in self.observations]
         return np.logical_or.reduce(held) if held else np.False_
 

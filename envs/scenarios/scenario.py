@@ -261,7 +261,7 @@ class Scenario:
 
     @property
     def is_named(self) -> bool:
-        """Whether it has a name of its own, rather than one that says how it differs from its origin."""
+        """Return whether it has a name of its own, rather than one that says how it differs from its origin."""
         return self.origin is None or self.name != titles(self.origin, self)[0]
 
     @property

@@ -52,7 +52,7 @@ class State:
         return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other is the same state of the same scenario, bit for bit."""
+        """Return whether the other is the same state of the same scenario, bit for bit."""
         if not isinstance(other, State):
             return NotImplemented
         return (self.scenario, _checksum(self.arrays)) == (other.scenario, _checksum(other.arrays))

@@ -64,7 +64,7 @@ def number_marked(spots: Array, solid: Array, entities: Array, solids: Array) ->
 
 @kernel
 def pulls(joints: Any, solid: Array, e: int) -> bool:
-    """Whether the joint of row `e` is there, and there is something that it can move."""
+    """Return whether the joint of row `e` is there, and there is something that it can move."""
     o = joints.other[e]
     return bool(o >= 0 and (solid.dynamic[e] or solid.dynamic[o]))
 

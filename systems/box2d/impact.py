@@ -32,7 +32,7 @@ def may_hit(workspace: int) -> bool:
 
 @noinline_kernel
 def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
-    """Whether the circle stays on the outer side of one of the static box's sides all along its path.
+    """Return whether the circle stays on the outer side of one of the static box's sides all along its path.
 
     Box2D stops a circle's centre at radius - 3.75 mm from the box; the whole radius leaves room for rounding.
     """

@@ -121,7 +121,7 @@ def _gather(workspace: int, seed: int, traits: Traits, joints: Joints) -> tuple[
 
 @noinline_kernel
 def _is_sensor(contact: int) -> int:
-    """Whether one of the two that touch pushes nothing."""
+    """Return whether one of the two that touch pushes nothing."""
     a, b = at.load_i8(contact + at.CONTACT_FIXTURE_A), at.load_i8(contact + at.CONTACT_FIXTURE_B)
     return int(at.load_u1(a + at.FIXTURE_SENSOR) | at.load_u1(b + at.FIXTURE_SENSOR))
 
@@ -208,7 +208,7 @@ def _iterate(workspace: int, iterations: int, bodies: int, contacts: int) -> Non
 
 @noinline_kernel
 def _changed(workspace: int, constraints: int, bodies: int, contacts: int) -> bool:
-    """Whether any velocity or impulse differs from what the last call saw, and remember them."""
+    """Return whether any velocity or impulse differs from what the last call saw, and remember them."""
     changed = np.int64(0)
     now, before = workspace + VELOCITIES, workspace + BEFORE
     for k in range(3 * bodies):

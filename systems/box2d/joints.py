@@ -31,7 +31,7 @@ _ZERO = np.float32(0)
 
 @noinline_kernel
 def sound(joints: NDArray[np.float32], joined: int, count: int) -> bool:
-    """Whether all numbers of joints are in bounds, none is NaN, and both bodies of each are in the batch."""
+    """Return whether all numbers of joints are in bounds, none is NaN, and both bodies of each are in the batch."""
     valid = joined <= MOST_JOINTS
     for k in range(joined if valid else 0):
         for column in range(JOINTS):

@@ -65,7 +65,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 def available() -> bool:
-    """Whether this process can use the native backend: kernels are compiled, the library is as expected."""
+    """Return whether this process can use the native backend: kernels are compiled, the library is as expected."""
     try:
         verify()
     except IncompatibleBox2D:
@@ -136,7 +136,7 @@ def solve(
 
 @noinline_kernel
 def _valid(batch: ContactBatch, count: int) -> bool:
-    """Whether all numbers are in bounds (not NaN either), no body is too small, and all that moves has a mass."""
+    """Return whether all numbers are in bounds, none is NaN, no body is too small, and all that moves has a mass."""
     if count > CAPACITY:
         return False
     valid = True
@@ -151,7 +151,7 @@ def _valid(batch: ContactBatch, count: int) -> bool:
 
 @noinline_kernel
 def _fair(traits: NDArray[np.float32], count: int) -> bool:
-    """Whether all traits are in bounds, and none is NaN."""
+    """Return whether all traits are in bounds, and none is NaN."""
     valid = True
     for k in range(count):
         for column in range(TRAITS):

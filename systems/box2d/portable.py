@@ -178,7 +178,7 @@ def _fair(traits: NDArray[np.float32]) -> bool:
 
 
 def _sound(joints: NDArray[np.float32], count: int) -> bool:
-    """Whether all numbers of joints are in bounds, none is NaN, and both bodies of each are in the batch."""
+    """Return whether all numbers of joints are in bounds, none is NaN, and both bodies of each are in the batch."""
     ends, springs = joints[:, FIRST : SECOND + 1], joints[:, HERTZ : RATIO + 1]
     bounded = (np.abs(joints) <= JOINT_LIMITS).all() and (ends >= 0).all() and (springs >= 0).all()
     apart = (ends < count).all() and (ends[:, 0] != ends[:, 1]).all()
@@ -249,6 +249,6 @@ def _push(body: Any, row: ContactBatch) -> None:
 
 
 def _outside(body: Any, row: ContactBatch) -> bool:
-    """Whether the body is further from its start than its MAX_TRAVEL, in float32 as in the native backend."""
+    """Return whether the body is further from its start than its MAX_TRAVEL, in float32 as in the native backend."""
     x, y = np.float32(body.position.x) - row[X], np.float32(body.position.y) - row[Y]
     return bool(row[DYNAMIC] == MOVED and x * x + y * y > row[MAX_TRAVEL] * row[MAX_TRAVEL])

@@ -36,7 +36,7 @@ def integer(item: Any, name: str, expected: int) -> Check:
 
 
 def readable(address: int, size: int) -> bool:
-    """Whether `size` bytes, at most 4096, can be read: if not, the operating system refuses to copy them."""
+    """Return whether `size` bytes, at most 4096, can be read: if not, the operating system refuses to copy them."""
     ends = os.pipe()
     try:
         return int(ctypes.CDLL(None).write(ends[1], ctypes.c_void_p(address), ctypes.c_size_t(size))) == size

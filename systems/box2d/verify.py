@@ -22,7 +22,7 @@ VERSION = "2.3.10"
 
 @functools.cache
 def _report() -> str:
-    """What is wrong with the installed Box2D; empty if nothing is."""
+    """Return what is wrong with the installed Box2D; empty if nothing is."""
     if np.dtype(np.intp).itemsize != 8:
         return "pointers are not 8 bytes"
     if not Box2D.__version__.startswith(VERSION):

@@ -18,14 +18,14 @@ ZERO = np.float32(0)
 
 @kernel
 def centre_inside(body: Array, shape: Array, e: int, o: int) -> bool:
-    """Whether the centre of body `e` is in rectangle `o`."""
+    """Return whether the centre of body `e` is in rectangle `o`."""
     x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], body.cosine[o], body.sine[o])
     return bool(abs(x) < shape.half_width[o] and abs(y) < shape.half_height[o])
 
 
 @kernel
 def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
-    """Whether the centre of body `e` came into rectangle `o`, or through it, in this tick."""
+    """Return whether the centre of body `e` came into rectangle `o`, or through it, in this tick."""
     if centre_inside(body, shape, e, o):
         return True
     x, y = before.x[e], before.y[e]

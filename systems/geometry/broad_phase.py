@@ -52,7 +52,7 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
 def clearance(
     aabbs: AABBs, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
 ) -> Real:
-    """How far body `e` may be pushed before it could touch a body that is not in the contact batch, at most `most`."""
+    """Return how far body `e` may be pushed, at most `most`, before it could touch a body outside of the batch."""
     free, radius = most, outer_radius(shape, e)
     for b in range(solids.size):
         pending = alive_bits(entities, solids, b) & ~to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b))

@@ -84,7 +84,7 @@ def is_free(tables: Any, e: int) -> bool:
 
 @kernel
 def in_area(body: Array, e: int, areas: Array, use: int) -> bool:
-    """Whether the centre of body `e` is in one of the areas for `use`."""
+    """Return whether the centre of body `e` is in one of the areas for `use`."""
     for n in range(areas.shape[0]):
         if is_for(areas, n, use):
             cosine, sine = np.cos(areas[n, ANGLE]), np.sin(areas[n, ANGLE])
@@ -96,7 +96,7 @@ def in_area(body: Array, e: int, areas: Array, use: int) -> bool:
 
 @kernel
 def is_for(areas: Array, n: int, use: int) -> bool:
-    """Whether area `n` is for `use`."""
+    """Return whether area `n` is for `use`."""
     return bool(areas[n, USE] == use and areas[n, WIDTH] > ZERO)
 
 
@@ -167,7 +167,7 @@ def fill_floor(area: Array, floor: Array) -> None:
 
 @kernel
 def has_area(areas: Array, use: int) -> bool:
-    """Whether there is an area for `use`."""
+    """Return whether there is an area for `use`."""
     for n in range(areas.shape[0]):
         if is_for(areas, n, use):
             return True
