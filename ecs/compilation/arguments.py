@@ -29,7 +29,7 @@ from ..declarations.access import Service
 from ..declarations.module import Module
 from ..kernels.array_types import CheckedColumn, ColumnType
 from ..memory.column_places import ALIGN
-from ..memory.tables import Tables
+from ..memory.tables import Tables, aligned
 
 MAX_DIMENSIONS = 4  # the most axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
@@ -81,16 +81,9 @@ def _arrays(service: Service, dims: Mapping[str, int]) -> dict[str, Array]:
     """Make the arrays of a service, each at the start of a cache line, and with one behind it, for kernels.simd."""
     found = service.arrays(service.memory(dims)) if service.memory else {}
     for name, array in found.items():
-        found[name] = aligned(array.nbytes + ALIGN)[: array.nbytes].view(array.dtype).reshape(array.shape)
+        found[name] = aligned(array.nbytes).view(array.dtype).reshape(array.shape)
         found[name][...] = array
     return found
-
-
-def aligned(size: int) -> Array:
-    """Zeros, uint8 (size,), that begin at a cache line."""
-    memory = np.zeros(size + ALIGN, np.uint8)
-    start = -memory.ctypes.data % ALIGN
-    return memory[start : start + size]
 
 
 class ArgumentBlock:

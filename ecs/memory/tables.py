@@ -31,7 +31,7 @@ class Tables:
 
     def __init__(self, layout: MemoryLayout, count: int) -> None:
         self.layout, self.count = layout, count
-        self.block = _aligned(count, layout.world_bytes)
+        self.block = aligned(count * layout.world_bytes).reshape(count, layout.world_bytes)
         self.block[:] = layout.initial_image
         self.mode = np.zeros(count, np.int8)
         counts = np.zeros((count, len(layout.events)), np.int32)
@@ -108,8 +108,8 @@ class Tables:
         return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
 
 
-def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
-    """Memory for the state of `count` worlds, aligned to cache lines; kernels.simd may read one line past the end."""
-    memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
+def aligned(size: int) -> np.ndarray[Any, Any]:
+    """Zeros, uint8 (size,), that begin at a cache line; kernels.simd may read one line past the end."""
+    memory = np.zeros(size + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
-    return memory[start : start + count * world_bytes].reshape(count, world_bytes)
+    return memory[start : start + size]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compilation.arguments import ArgumentBlock, ServiceMemory, aligned
+from ..compilation.arguments import ArgumentBlock, ServiceMemory
 from ..compilation.cache import CompiledUnits
 from ..compilation.compile_errors import of_numba
 from ..compilation.compiled_step import (
@@ -32,7 +32,7 @@ from ..declarations.component import Component
 from ..kernels.errors import EngineError
 from ..kernels.jit import compiled, interpreted
 from ..kernels.machine_code import exception_at
-from ..memory.tables import Tables
+from ..memory.tables import Tables, aligned
 from .compiled_game import CompiledGame
 from .team import SPREAD, TEAM, Team, shared
 

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from ..compilation.arguments import aligned
 from ..compilation.cache import CompiledUnits
 from ..compilation.compiled_step import EXCEPTION, FAILED, FIRST_WORLD, NONE, STEP_BLOCK
 from ..kernels.jit import external, has_symbol, kernel, loader, storer
 from ..kernels.machine_code import atomic_add, atomic_load, atomic_store, call_address
+from ..memory.tables import aligned
 
 LINE = 8  # words of a cache line: different threads write to different lines
 ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
