@@ -94,9 +94,3 @@ def test_a_seed_repeats_how_many_frames_are_skipped() -> None:
         step(skipping, np.ones((2, 6), int))
         ticks.append(skipping.unwrapped.base_env.worlds[Clock].tick[0, 0])
     assert ticks[0] == ticks[1]
-
-
-def test_rewards_are_clipped() -> None:
-    env = supersuit.clip_reward_v0(world("teams_3", rewards_alive=5.0), lower_bound=-1, upper_bound=2)
-    env.reset(seed=SEED)
-    assert set(env.step({agent: [1, 1, 1, 0, 0, 0] for agent in env.agents})[1].values()) == {2.0}

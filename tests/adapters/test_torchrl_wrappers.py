@@ -22,11 +22,7 @@ with warnings.catch_warnings():
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own, also about the version of PettingZoo
 SEED = 3
-SHORT: dict[str, Any] = {
-    "agents_health": 10,
-    "safe_zone_radii": (6.0,),
-    "safe_zone_stand": 1000,
-}  # agents outside soon die
+SHORT: dict[str, Any] = {"agents_health": 10, "safe_zone_radii": (6.0,), "safe_zone_stand": 1000}  # outside, they die
 LIMIT = scaled(60, least=15)
 FIXED = ("ffa_3", "teams_3", ROLES, MAZE)  # all episodes have all agents
 GAMES = pytest.mark.parametrize(
@@ -115,12 +111,11 @@ def shows(rows: Any, seen: dict[str, Any]) -> bool:
     )
 
 
+KEPT = {"dead": "keep", **SHORT}
 VECTORS = {
     "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
     "make_agents of levels": lambda mode: outlast.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
-    "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
-        "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
-    ),
+    "gymnasium.make_vec": lambda mode: gymnasium.make_vec("outlast/Teams3-v1", 2, autoreset_mode=mode, **KEPT),
 }
 
 
