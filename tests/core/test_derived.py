@@ -9,7 +9,8 @@ import pytest
 
 import outlast
 from outlast import Scenario, choice, integers, log_uniform, role, uniform, variant
-from outlast.ecs import NumberError
+from outlast.ecs import Module, NumberError, number
+from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, SafeZone, Teams
@@ -126,3 +127,13 @@ def test_what_is_set_by_hand_is_not_scaled(caplog: pytest.LogCaptureFixture) -> 
     assert len(caplog.messages) == 1
     with pytest.raises(NumberError, match=r"15 does not fit into a room of side 20 .*as in safe_zone_radii=10,5"):
         outlast.make_vec(DUEL, 1, room_size=20, safe_zone_radii=(15, 7.5))
+
+
+@dataclasses.dataclass(frozen=True)
+class Misspelt(Module):
+    good: float = number(5.0, scales_with="rom_size")
+
+
+def test_a_number_scales_with_one_that_there_is() -> None:
+    with pytest.raises(ScenarioError, match=r"misspelt_good scales with 'rom_size', .*; did you mean room_size\?"):
+        DUEL.with_(Misspelt())

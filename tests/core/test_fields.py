@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from outlast.ecs.checks.code_hash import code_digest
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.helpers.added_fields import Age, Breath, Freshness, Stamina
+from tests.helpers.mechanics import duel, kind, mechanic
 
 OWN = ["id", "health", "x", "y", "angle", "vx", "vy", "omega"]
 
@@ -362,3 +364,44 @@ def test_a_system_writes_the_fields_of_its_offsets_only(line: str) -> None:
 )
 def test_a_system_may_write_a_field_in_any_way(line: str) -> None:
     Worlds(variant("ffa_1").with_(Stamina(), written(line)).modules, 1)
+
+
+@dataclass(frozen=True)
+class Purse(Module):
+    """One Offset for two fields, which lie one behind the other; and none is written where it is closed."""
+
+    closed: bool = False
+
+    def fields(self) -> dict[str, tuple[Field, ...]]:
+        return {"own": (Field("gold"), Field("silver"))}
+
+    def systems(self) -> Any:
+        return [] if self.closed else super().systems()
+
+
+@Purse.system(Phase.OBSERVE)
+def show(view: Write[SelfView], agents: Rows[Side], own_gold: Offset) -> None:
+    for i in range(agents.size):
+        view.own[i, own_gold], view.own[i, own_gold + 1] = 1, 2
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_fields_are_written_by_one_offset_or_not_at_all(closed: bool) -> None:
+    env = duel(Purse(closed=closed))
+    start = env.fields["own"]["gold"].start
+    assert env.observe()["own"][0, 0, start : start + 2].tolist() == ([0, 0] if closed else [1, 2])
+
+
+def test_a_field_that_no_system_writes_is_refused() -> None:
+    """Nor does an Offset write what lies ahead of it."""
+    behind = kind("Behind", fields={"own": (Field("lost"), Field("kept"))})
+
+    @behind.system(Phase.OBSERVE)
+    def show_kept(view: Write[SelfView], agents: Rows[Side], own_kept: Offset) -> None:
+        for i in range(agents.size):
+            view.own[i, own_kept] = 1
+
+    mute = mechanic("Mute", fields={"own": (Field("mood"),)})
+    for mine, words in ((mute, "'mood' that mute adds to 'own', .*: Offset"), (behind(), "'lost' that behind adds")):
+        with pytest.raises(DeclarationError, match=f"no system writes the field {words}"):
+            duel(mine)

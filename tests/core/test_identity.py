@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import namedtuple
 from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 import outlast
 from outlast import Scenario, variant
 from outlast.ecs import Module, Singleton, column
-from outlast.ecs.checks.code_hash import code_digest
+from outlast.ecs.checks.code_hash import _describe_value, code_digest
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording import Recording
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
@@ -141,6 +142,12 @@ def test_another_code_is_another_game(what: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("what", SAME)
 def test_what_changes_nothing_does_not_count(what: str, tmp_path: Path) -> None:
     assert code_digest(made(tmp_path)()) == code_digest(made(tmp_path, SAME[what])())
+
+
+def test_values_that_code_refers_to_are_described_with_their_names_and_keys() -> None:
+    ranges = [namedtuple("Range", names)(1.0, 2.0) for names in ("low high", "high low")]
+    for one, two in (ranges, ({0: 1.0}, {0: 2.0})):
+        assert [*_describe_value("value", one, [])] != [*_describe_value("value", two, [])]
 
 
 def test_how_numpy_prints_does_not_count(tmp_path: Path) -> None:

@@ -121,6 +121,7 @@ def test_numbers_follow_whatever_changes_what_they_follow() -> None:
     room = game["room"].replace(size=50.0)
     assert game.with_(room)["safe_zone"].radii == game.replace(room_size=50.0)["safe_zone"].radii
     assert game.with_(room).replace(room_size=100.0)["trap"].side == 40.0
+    assert variant("ffa_1").replace(room_size=50.0).with_(Trap()).replace(room_size=100.0)["trap"].side == 20.0
     assert game.with_(room, game["safe_zone"])["safe_zone"].radii == game["safe_zone"].radii
     varied = game.vary(trap_side=outlast.uniform(1, 2))
     assert dict(varied.replace(room_size=50.0).varied).keys() == {"trap_side"}

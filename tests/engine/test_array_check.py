@@ -21,6 +21,7 @@ from tests.conftest import COMPILED
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 HOME, FAR, TABLE = Path(__file__).name, 300, np.arange(4.0)
+USED = as_strided, is_set, load, load_flags, to_bits  # by expressions
 pytestmark = pytest.mark.usefixtures("untried")
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 
@@ -72,47 +73,38 @@ def walks(place: Any, entities: Any, far: int) -> float:
     return total
 
 
+def reaching(text: Any) -> Any:
+    """A function that returns the value of an expression, unless it is one already."""
+    lambda_ = f"lambda place, entities, far: {text}"
+    return eval(compile(lambda_, __file__, "eval"), globals()) if isinstance(text, str) else text
+
+
 @compiled_only
 @pytest.mark.parametrize(
     ("reach", "words"),
     [
-        (
-            lambda place, entities, far: place.x.flat[far],
-            r"takes \.flat of an array, whose indices nothing checks; ind",
-        ),
-        (lambda place, entities, far: np.zeros(3).flat[far], r"takes \.flat"),
-        (lambda place, entities, far: TABLE.flat[far], r"takes \.flat"),
-        (lambda place, entities, far: Pair(place.x, 3).first.flat[far], r"takes \.flat"),
-        (lambda place, entities, far: [place.x, place.x][far % 2].flat[far], r"takes \.flat"),
-        (lambda place, entities, far: flat_of(place)[far], r"takes \.flat"),
-        (lambda place, entities, far: flat_element(place.x, far), r"takes \.flat"),
+        ("place.x.flat[far]", r"takes \.flat of an array, whose indices nothing checks; ind"),
+        ("np.zeros(3).flat[far]", r"takes \.flat"),
+        ("TABLE.flat[far]", r"takes \.flat"),
+        ("Pair(place.x, 3).first.flat[far]", r"takes \.flat"),
+        ("[place.x, place.x][far % 2].flat[far]", r"takes \.flat"),
+        ("flat_of(place)[far]", r"takes \.flat"),
+        ("flat_element(place.x, far)", r"takes \.flat"),
         (sets, r"takes \.flat"),
         (walks, r"takes \.flat"),
-        (
-            lambda place, entities, far: place.x.ctypes.data,
-            r"takes \.ctypes of an array, an address that nothing checks",
-        ),
-        (lambda place, entities, far: as_strided(place.x, (far,), (4,))[far], r"calls as_strided, whose shape"),
-        (
-            lambda place, entities, far: np.delete(place.x, np.array([far])).size,
-            r"calls np\.delete, whose indices noth",
-        ),
-        (
-            lambda place, entities, far: np.add(place.x, place.x, np.zeros(far))[0],
-            r"lets add write into an array, whos",
-        ),
-        (
-            lambda place, entities, far: np.sqrt(place.x, np.zeros(far))[0],
-            r"lets sqrt write .* write a\[\.\.\.\] = sqrt",
-        ),
-        (lambda place, entities, far: np.outer(place.x, place.x, np.zeros((far, far)))[0, 0], r"lets outer write into"),
+        ("place.x.ctypes.data", r"takes \.ctypes of an array, an address that nothing checks"),
+        ("as_strided(place.x, (far,), (4,))[far]", r"calls as_strided, whose shape"),
+        ("np.delete(place.x, np.array([far])).size", r"calls np\.delete, whose indices noth"),
+        ("np.add(place.x, place.x, np.zeros(far))[0]", r"lets add write into an array, whos"),
+        ("np.sqrt(place.x, np.zeros(far))[0]", r"lets sqrt write .* write a\[\.\.\.\] = sqrt"),
+        ("np.outer(place.x, place.x, np.zeros((far, far)))[0, 0]", r"lets outer write into"),
         (adds, r"changes an array by another one, whose shape nothing checks \(add\); write a\[\.\.\.\] = a \+ b"),
     ],
 )
 def test_what_numba_does_not_check_is_refused(reach: Any, words: str) -> None:
     """With the line; and without the advice to run it as Python, for which numpy would check it."""
     with pytest.raises(DeclarationError, match=rf"^local\.act \({HOME}, line .*\) {words}") as caught:
-        run(worlds_with(reach), RESET)
+        run(worlds_with(reaching(reach)), RESET)
     assert "interpret" not in str(caught.value)
 
 
@@ -130,35 +122,35 @@ def test_each_attribute_of_a_column_is_checked_or_refused(name: str) -> None:
 @pytest.mark.parametrize(
     "reach",
     [
-        lambda place, entities, far: place.x[1:][1:][far],
-        lambda place, entities, far: place.x[::2][far],
-        lambda place, entities, far: place.trail[0][far],
-        lambda place, entities, far: place.trail[:, far][0],
-        lambda place, entities, far: part(place)[0, far],
-        lambda place, entities, far: part(place)[-far, 0],
-        lambda place, entities, far: place.trail.ravel()[far],
-        lambda place, entities, far: np.ravel(place.trail)[far],
-        lambda place, entities, far: place.trail.reshape(6)[far],
-        lambda place, entities, far: place.x.view(np.int32)[far],
-        lambda place, entities, far: place.trail.T[0, far],
-        lambda place, entities, far: place.x.real[far],
-        lambda place, entities, far: np.expand_dims(place.x, 0)[0, far],
-        lambda place, entities, far: np.flip(place.x)[far],
-        lambda place, entities, far: place.x[np.array([far])][0],
-        lambda place, entities, far: place.x[np.ones(far, np.bool_)][0],
-        lambda place, entities, far: np.take(place.x, far),
-        lambda place, entities, far: place.x.copy()[far],
-        lambda place, entities, far: np.zeros(3)[far],
-        lambda place, entities, far: (1.0, 2.0)[far],
-        lambda place, entities, far: is_set(place.trail, far, 0),
-        lambda place, entities, far: is_set(place.trail[::2], far, 0),
-        lambda place, entities, far: is_set(np.zeros((3, 2), np.int16), far, 0),
-        lambda place, entities, far: is_set(np.zeros((3, 2), np.int16)[::2], far, 0),
+        "place.x[1:][1:][far]",
+        "place.x[::2][far]",
+        "place.trail[0][far]",
+        "place.trail[:, far][0]",
+        "part(place)[0, far]",
+        "part(place)[-far, 0]",
+        "place.trail.ravel()[far]",
+        "np.ravel(place.trail)[far]",
+        "place.trail.reshape(6)[far]",
+        "place.x.view(np.int32)[far]",
+        "place.trail.T[0, far]",
+        "place.x.real[far]",
+        "np.expand_dims(place.x, 0)[0, far]",
+        "np.flip(place.x)[far]",
+        "place.x[np.array([far])][0]",
+        "place.x[np.ones(far, np.bool_)][0]",
+        "np.take(place.x, far)",
+        "place.x.copy()[far]",
+        "np.zeros(3)[far]",
+        "(1.0, 2.0)[far]",
+        "is_set(place.trail, far, 0)",
+        "is_set(place.trail[::2], far, 0)",
+        "is_set(np.zeros((3, 2), np.int16), far, 0)",
+        "is_set(np.zeros((3, 2), np.int16)[::2], far, 0)",
     ],
 )
 def test_an_index_behind_the_end_raises_however_the_array_was_made(reach: Any) -> None:
     """Also in functions of outlast that get an array of the system's own."""
-    worlds = run(worlds_with(reach), RESET)
+    worlds = run(worlds_with(reaching(reach)), RESET)
     with pytest.raises(IndexError):
         run(worlds, STEP)
 
@@ -183,24 +175,20 @@ def stores_bytes(place: Any, entities: Any, far: int) -> int:
 @pytest.mark.parametrize(
     "reach",
     [
-        lambda place, entities, far: to_bits(load(place.x, far) > np.float32(0)),
-        lambda place, entities, far: to_bits(load_flags(entities.alive, -far)),
+        "to_bits(load(place.x, far) > np.float32(0))",
+        "to_bits(load_flags(entities.alive, -far))",
         stores,
         stores_at_the_end,
         stores_bytes,
     ],
 )
 def test_a_vector_behind_the_end_raises(reach: Any) -> None:
-    worlds = run(worlds_with(reach), RESET)
+    worlds = run(worlds_with(reaching(reach)), RESET)
     with pytest.raises(IndexError, match="a vector is out of bounds of its array"):
         run(worlds, STEP)
-
-
-def loads_integers(place: Any, entities: Any, far: int) -> int:
-    return to_bits(load(entities.identity, 0) > np.float32(0))
 
 
 @compiled_only
 def test_a_vector_has_the_type_of_its_column() -> None:
     with pytest.raises(DeclarationError, match=r"local\.act .* load\(.*array\(u?int"):
-        run(worlds_with(loads_integers), RESET)
+        run(worlds_with(reaching("to_bits(load(entities.identity, 0) > np.float32(0))")), RESET)

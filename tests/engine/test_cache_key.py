@@ -1,6 +1,7 @@
 """The key of the compile cache has what changes machine code, and nothing else."""
 
 import enum
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import llvmlite.binding
@@ -41,6 +42,13 @@ def members(value: Any) -> type[enum.Enum]:
     return enum.Enum("Members", {"ONE": value})
 
 
+def renamed(function: Any) -> Any:
+    """A kernel of one name and place, whose parameters alone may have another order."""
+    function.__code__ = function.__code__.replace(co_firstlineno=1, co_name="f", co_qualname="f")
+    function.__name__ = function.__qualname__ = "f"
+    return kernel(function)
+
+
 CONSTANTS: list[tuple[Any, Any]] = [  # each two need machine code of their own
     (np.float32(0.1), np.float64(0.1)),
     (0.1, np.float64(0.1)),
@@ -69,6 +77,9 @@ CONSTANTS: list[tuple[Any, Any]] = [  # each two need machine code of their own
     (members(1).ONE, members(2).ONE),  # type: ignore[attr-defined]
     (numba.types.int32, numba.types.int64),
     (None, 0),
+    (namedtuple("Range", "low high")(1.0, 2.0), namedtuple("Range", "high low")(1.0, 2.0)),
+    (np.hamming, np.hanning),
+    (renamed(lambda a, b: a - b), renamed(lambda b, a: b - a)),
 ]
 
 

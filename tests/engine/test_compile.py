@@ -7,8 +7,8 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +18,8 @@ import pytest
 
 from outlast.ecs import (
     Add,
+    Archetype,
+    Component,
     DeclarationError,
     Module,
     Random,
@@ -30,12 +32,28 @@ from outlast.ecs import (
     Write,
     column,
     kernel,
+    number,
 )
 from outlast.ecs.compilation import cache
 from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
-from tests.helpers.toy_game import STEP, Energy, Food, Pay, Phase, Place, Toy, Walkers, Weather, make, run
+from tests.helpers.mechanics import kind, mechanic
+from tests.helpers.toy_game import (
+    RESET,
+    STEP,
+    Energy,
+    Food,
+    Pay,
+    Phase,
+    Place,
+    Toy,
+    Walkers,
+    Weather,
+    make,
+    run,
+    system_of,
+)
 
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROOT = Path(__file__).resolve().parents[2]
@@ -145,37 +163,15 @@ def test_the_source_of_a_tick() -> None:
     compile(source, "source", "exec")
 
 
-@pytest.mark.usefixtures("untried")
-@compiled_only
-@pytest.mark.parametrize("threads", [1, 2])
-def test_an_exception_in_a_kernel_names_its_system(threads: int) -> None:
-    class Local(Toy):
-        pass
-
-    @Local.system(Phase.FEED)
-    def act(energy: Write[Energy], rows: Rows[Energy]) -> None:
-        if energy.left[rows[0]] > 0:
-            raise ValueError("too much energy")
-
-    worlds = make(Walkers(), Local(), count=64, threads=threads)
-    with pytest.raises(ValueError, match=r"local\.act \(test_compile\.py, line \d+\): too much energy"):
-        run(worlds, STEP)
-    worlds.close()
-
-
 @compiled_only
 def test_a_kernel_prints(cold: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Also from machine code that was loaded from disk."""
 
-    class Local(Toy):
-        pass
-
-    @Local.system(Phase.FEED)
     def act(rows: Rows[Energy]) -> None:
         print("rows:", rows.size)
 
     for _ in range(2):
-        run(make(Walkers(2), Local(), count=1), STEP)
+        run(make(Walkers(2), system_of(act), count=1), STEP)
         cache.ADDRESSES.clear()
     assert capfd.readouterr().out == "rows: 2\nrows: 2\n"
 
@@ -185,12 +181,7 @@ def test_a_component_without_systems_changes_no_other() -> None:
     places = []
     for module in ("a", "z"):
         idle = type("Idle", (Singleton,), {"kept": column("i4", fill=5), "__module__": module})
-
-        class Keeper(Toy):
-            def singletons(self) -> Any:
-                return [idle()]  # noqa: B023
-
-        worlds = run(make(*toy_game.GAME, Keeper()), STEP, STEP)
+        worlds = run(make(*toy_game.GAME, mechanic("Keeper", Toy, singletons=[idle()])), STEP, STEP)
         assert (worlds[idle].kept == 5).all()
         places.append([column.tobytes() for column in worlds[Place]])
     assert places[0] == places[1]
@@ -200,10 +191,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
     """Three calls instead of one; the same bits, random draws and scratch memory included."""
     results = []
     for compiled in (True, False):
-
-        class Trade(Toy):
-            def scratch(self, name: str, dims: dict[str, int]) -> Any:
-                return np.zeros(dims["rows"], np.float32)
+        trade = kind("Trade", Toy, scratch=lambda self, name, dims: np.zeros(dims["rows"], np.float32))
 
         def swap(place: Write[Place], energy: Read[Energy], rows: Rows[Place], shelf: Scratch, key: Random) -> None:
             for e in rows:
@@ -211,44 +199,64 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
             for e in rows:
                 place.x[e] = shelf[rows[rows.size - 1 - e]] + energy.left[e] * uniform(key, e)
 
-        Trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
-        worlds = run(make(*toy_game.GAME, Trade()), STEP, STEP, STEP)
+        trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
+        worlds = run(make(*toy_game.GAME, trade()), STEP, STEP, STEP)
         assert len(worlds.runner._segments) == (1 if compiled or not COMPILED else 3)
         assert ("(python)" in str(worlds.schedule)) is not compiled
         results.append(digest(worlds))
     assert results[0] == results[1]
 
 
-# ---- access
+# ---- names that are nearly the same in the source of a tick
 
 
-def help_out(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        energy.left[e] += np.int32(2)
+@dataclass(frozen=True)
+class Cases(Toy):
+    k: float = number(1.0)
+    K: float = number(100.0)
 
 
-def test_a_system_may_add_to_what_another_adds_to() -> None:
-    class Helper(Toy):
-        pass
+@Cases.system(Phase.FEED)
+def write_both(place: Write[Place], k: float, K: float) -> None:  # noqa: N803
+    place.x[0] = k
+    place.x[1] = K
 
-    Helper.system(Phase.FEED)(help_out)
-    helped, alone = run(make(*toy_game.GAME, Helper()), STEP), run(make(), STEP)
-    gained = (helped[Energy].left - alone[Energy].left)[:, alone.span("walker")]
-    assert (gained == 2).all()
+
+@pytest.mark.parametrize("interpret", [(), ("cases.write_both",)])
+def test_numbers_may_differ_in_case_only(interpret: tuple[str, ...]) -> None:
+    worlds = run(Worlds([Walkers(), Cases()], 1, interpret=interpret), RESET, STEP)
+    assert worlds[Place].x[0, :2].tolist() == [1, 100]
+
+
+HP, Hp, Hp0, Hp_Hp0 = (
+    type(name, (Component,), {"v": column("f8", fill=k)}) for k, name in enumerate(("HP", "Hp", "Hp0", "Hp_Hp0"), 1)
+)
+Alike = kind(
+    "Alike", Toy, archetypes=[Archetype("walker", (HP(), Hp(), Hp0())), Archetype("unlike", (Place(), Hp_Hp0()), 3)]
+)
+
+
+@Alike.system(Phase.FEED)
+def read_all(
+    one: Read[HP],
+    two: Read[Hp],
+    three: Read[Hp0],
+    a: Rows[Hp, Hp0],
+    b: Rows[Hp_Hp0],
+    c: Rows[Hp, Hp0],
+    place: Write[Place],
+) -> None:
+    e = a[0]
+    place.x[e] = 100 * one.v[e] + 10 * two.v[e] + three.v[e]
+    place.x[e + 1], place.x[e + 2] = 10 * a.size + c.size, b.size
+
+
+def test_components_may_have_names_alike() -> None:
+    worlds = run(Worlds([Walkers(), Alike()], 1), RESET, STEP)
+    assert worlds[Place].x[0, worlds.span("walker")].tolist() == [123, 33, 3]
 
 
 # ---- machine code on disk
-
-
-def system_of(body: Callable[..., None]) -> Module:
-    """A module "local" with the one system "local.act", whatever it does."""
-
-    class Local(Toy):
-        pass
-
-    body.__name__ = "act"
-    Local.system(Phase.FEED)(body)
-    return Local()
 
 
 @kernel
@@ -261,26 +269,18 @@ def two() -> int:
     return 2
 
 
-def adder(amount: Callable[[], int]) -> Callable[..., None]:
+def adder(amount: Callable[[], int]) -> Module:
     def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
         for e in rows:
             energy.left[e] += np.int32(amount())
 
-    return act
-
-
-def twenty(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        energy.left[e] += np.int32(20)
+    return system_of(act)
 
 
 def test_two_systems_of_one_name_never_share_machine_code() -> None:
-    """As when a cell of a notebook is run again with another body, constant or helper."""
-    gains = []
-    for body in (adder(one), adder(two), twenty):
-        worlds = run(make(Walkers(), system_of(body)), STEP)
-        gains.append(int(worlds[Energy].left[0, 0]) - 20)
-    assert gains == [1, 2, 20]
+    """As when a cell of a notebook is run again with another constant or helper."""
+    gains = [int(run(make(Walkers(), adder(helper)), STEP)[Energy].left[0, 0]) - 20 for helper in (one, two)]
+    assert gains == [1, 2]
 
 
 CELL = """
@@ -293,20 +293,17 @@ def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
 
 def test_a_cell_that_is_run_again_replaces_its_systems() -> None:
     """Another function of that name is refused: one of another module, or one that differs in what encloses it."""
-
-    class Local(Toy):
-        pass
-
-    notebook = globals() | {"Local": Local, "__name__": "notebook"}
+    local = kind("Local", Toy)
+    notebook = globals() | {"Local": local, "__name__": "notebook"}
     for gain in (1, 2):
         exec(CELL.format(gain=gain), notebook)
-        worlds = run(make(Walkers(), Local()), STEP)
+        worlds = run(make(Walkers(), local()), STEP)
         assert int(worlds[Energy].left[0, 0]) - 20 == gain
     exec(CELL.format(gain=3), notebook | {"__name__": "other"})
     with pytest.raises(ScheduleError, match=r"two systems are called local\.act \(notebook and other\)"):
-        make(Walkers(), Local())
-    enclosed = system_of(adder(one))
-    type(enclosed).system(Phase.FEED)(adder(two))
+        make(Walkers(), local())
+    enclosed = adder(one)
+    type(enclosed).system(Phase.FEED)(adder(two).registered[0].function)
     with pytest.raises(ScheduleError, match=r"two systems are called local\.act"):
         make(Walkers(), enclosed)
 
@@ -341,15 +338,6 @@ def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) ->
     assert (first[1], second[:2]) == ("True", ["0", "True"])
     assert first[2] == second[2]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == files
-
-
-@pytest.mark.nightly
-@compiled_only
-def test_numbas_flags_are_part_of_the_key(tmp_path: Path) -> None:
-    first = in_process(tmp_path)
-    files = len(list(tmp_path.iterdir()))
-    assert in_process(tmp_path, NUMBA_BOUNDSCHECK="1") == first  # compiled anew
-    assert len(list(tmp_path.iterdir())) == 2 * files
 
 
 REFERENCES = {  # how a kernel refers to a number in another file: that file, the import and the expression
@@ -416,21 +404,12 @@ def length() -> int:
 STEPS_TAKEN = 1
 
 
-def stepping(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        energy.left[e] += np.int32(length())
-
-
 def test_a_constant_that_changes_in_a_running_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """As when a cell of a notebook that sets it is run again: new worlds have the new one, old worlds the old."""
-
-    class Local(Toy):
-        pass
-
-    Local.system(Phase.FEED)(stepping)
-    old = run(make(Walkers(), Local()), STEP)
+    local = adder(length)
+    old = run(make(Walkers(), local), STEP)
     monkeypatch.setitem(globals(), "STEPS_TAKEN", 5)
-    new = run(make(Walkers(), Local()), STEP)
+    new = run(make(Walkers(), local), STEP)
     assert [int(worlds[Energy].left[0, 0]) - 20 for worlds in (old, new)] == [1, 5]
     if COMPILED:  # machine code that has the old one in it stays as it is
         run(old, STEP)
@@ -441,43 +420,26 @@ def bare() -> int:
     return 1
 
 
-def asks_an_object(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    energy.left[rows[0]] += STEPS.length
-
-
-def keeps_a_module(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    home = toy_game
-    energy.left[rows[0]] += home.STEP
-
-
-def calls_what_is_no_kernel(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    energy.left[rows[0]] += bare()
+def writing(expression: str) -> Callable[..., None]:
+    """A system that writes the value of an expression."""
+    names = {**globals(), "random": random}
+    exec(f"def act(place: Write[Place], rows: Rows[Place]) -> None:\n    place.x[rows[0]] = {expression}", names)
+    act: Callable[..., None] = names["act"]
+    return act
 
 
 @compiled_only
 @pytest.mark.parametrize(
-    ("function", "named", "cure"),
+    ("expression", "named", "cure"),
     [
-        (asks_an_object, "STEPS, SimpleNamespace", "a number of the mechanic"),
-        (keeps_a_module, "toy_game, module", "toy_game.LIMIT"),
-        (calls_what_is_no_kernel, r"bare, function test_compile\.py, line \d+:", "put @outlast.ecs.kernel above it"),
+        ("STEPS.length", "STEPS, SimpleNamespace", "a number of the mechanic"),
+        ("[toy_game][0].STEP", "toy_game, module", "toy_game.LIMIT"),
+        ("bare()", r"bare, function test_compile\.py, line \d+:", "put @outlast.ecs.kernel above it"),
     ],
 )
-def test_references_that_cannot_be_followed_are_refused(function: Callable[..., None], named: str, cure: str) -> None:
-    class Local(Toy):
-        pass
-
-    Local.system(Phase.FEED)(function)
-    with pytest.raises(DeclarationError, match=rf"local\.{function.__name__} refers to {named}.*{re.escape(cure)}"):
-        make(Walkers(), Local())
-
-
-def draws(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[rows[0]] = np.random.random()  # noqa: NPY002
-
-
-def draws_in_a_nested_function(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[rows[0]] = (lambda: random.random())()
+def test_references_that_cannot_be_followed_are_refused(expression: str, named: str, cure: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"local\.act refers to {named}.*{re.escape(cure)}"):
+        make(Walkers(), system_of(writing(expression)))
 
 
 @kernel
@@ -485,30 +447,19 @@ def draw() -> float:
     return float(np.random.normal())  # noqa: NPY002
 
 
-def draws_in_a_helper(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[rows[0]] = draw()
-
-
 GENERATOR = np.random.default_rng(0)
 
 
-def draws_from_a_generator(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[rows[0]] = GENERATOR.random()
-
-
 @pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("function", [draws, draws_in_a_nested_function, draws_in_a_helper, draws_from_a_generator])
-def test_generators_with_a_state_are_refused(function: Callable[..., None], compiled: bool) -> None:
+@pytest.mark.parametrize(
+    "expression", ["np.random.random()", "(lambda: random.random())()", "draw()", "GENERATOR.random()"]
+)
+def test_generators_with_a_state_are_refused(expression: str, compiled: bool) -> None:
     """The same seed would not give the same bits. outlast.ecs.kernels.random is none of them."""
-
-    class Local(Toy):
-        pass
-
-    with pytest.raises(
-        DeclarationError, match=rf"local\.{function.__name__} refers to .*the same seed.*ecs\.kernels\.random"
-    ):
-        Local.system(Phase.MOVE, compiled=compiled)(function)
-    assert Local.registered == []
+    local = kind("Local", Toy)
+    with pytest.raises(DeclarationError, match=r"local\.act refers to .*the same seed.*ecs\.kernels\.random"):
+        local.system(Phase.MOVE, compiled=compiled)(writing(expression))
+    assert local.registered == []
 
 
 # ---- processes
@@ -555,39 +506,9 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
 @compiled_only
 @pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
 def test_an_error_in_a_fork_is_raised_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the process that compiles the rest, before the rest."""
+    """How forks end after an error: tests/engine/test_forks.py."""
     monkeypatch.setattr(cache, "_cores", lambda: 3)
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
-    parent, begun, children = os.getpid(), [], list[int]()
-    fork = cache._fork
-    monkeypatch.setattr(cache, "_fork", lambda work: children.append(fork(work)) or children[-1])  # type: ignore[func-returns-value]
-
-    class Local(Toy):
-        pass
-
-    @Local.system(Phase.FEED)
-    def act(energy: Write[Energy], rows: Rows[Energy]) -> None:
-        for e in rows:
-            energy.left[e] = "nothing"  # type: ignore[assignment]
-
-    def has_ended(child: int) -> bool:
-        return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
-
-    def slowly(units: cache.CompiledUnits, label: str) -> Any:
-        if os.getpid() == parent:
-            begun.append(label)
-            while len(begun) == 1 and not any(map(has_ended, children)):
-                time.sleep(0.02)
-        return compile_one(units, label)
-
-    compile_one = cache.CompiledUnits._compile_one
-    monkeypatch.setattr(cache.CompiledUnits, "_compile_one", slowly)
     with pytest.raises(DeclarationError, match=r"^local\.act \(.*cannot be compiled"):
-        make(Walkers(), Local())
-    assert begun[-1] == "local.act"
-    assert len(begun) <= 2
-    assert len(children) == 2
-    for child in children:
-        with pytest.raises(ChildProcessError):  # it is no child any more
-            os.waitpid(child, os.WNOHANG)
+        make(Walkers(), system_of(writing("'nothing'")))

@@ -1,22 +1,29 @@
 """Components, archetypes, numbers and access declarations: what a scenario's tables look like, and what is refused."""
 
-import re
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import pytest
 
-from outlast.components import DamageType
+import outlast
+from outlast.components import Body, Guard, Health, Shape, Side, Spawned
+from outlast.components import Phase as DuelPhase
 from outlast.ecs import (
     Action,
     Add,
     Archetype,
+    Array,
     Clock,
     Component,
     DeclarationError,
+    EngineError,
     Entity,
+    Event,
+    Field,
+    MemoryLayout,
     Module,
     NumberError,
     Observation,
@@ -30,7 +37,12 @@ from outlast.ecs import (
     column,
     number,
 )
+from outlast.envs.core.spaces import bounds
+from outlast.envs.inspect.event_table import event_table
+from outlast.systems import Motors
+from tests.conftest import COMPILED
 from tests.helpers import toy_game
+from tests.helpers.mechanics import DUEL, kind, mechanic, taking
 from tests.helpers.toy_game import Energy, Food, Meals, Pace, Phase, Place, Toy, Walkers, Weather, Wind, make, run
 
 
@@ -38,21 +50,68 @@ class Mark(Component):
     mark: Any = column("u1", fill=7)
 
 
-class Lost(Singleton):
-    lost: Any = column("i4", "planets")
+class Total(Singleton):
+    value: Array = column("i4")
+
+
+class Counted(Statistic):
+    counts: Array = column("f4", "wide")
+
+
+class Fuel(Observation):
+    fuel: Array = column("f4", "agents", 1)
+
+
+class Jump(Action):
+    jump: Any = column("i2", "walkers", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Landing(Module):
+    count: int = number(3, low=0)
+
+    def archetypes(self) -> Any:
+        return [Archetype("place", (Mark(),), self.count)]
 
 
 def parts(name: str, *components: Component, count: int = 0) -> Module:
     """A module that only extends or declares an archetype."""
+    dims: dict[str, int | str] = {f"{name}s": count} if count else {}
+    return mechanic("Parts", Toy, archetypes=[Archetype(name, components, count)], dims=dims)
 
-    class Parts(Toy):
-        def archetypes(self) -> list[Archetype]:
-            return [Archetype(name, components, count)]
 
-        def dims(self) -> dict[str, int | str]:
-            return {f"{name}s": count} if count else {}
+def worlds(*modules: Module) -> Worlds:
+    return Worlds(modules, 1)
 
-    return Parts()
+
+def layout(*modules: Module) -> MemoryLayout:
+    """That of a duel with more mechanics, whose image of a world is made, too."""
+    made = MemoryLayout([*DUEL.modules, *modules])
+    assert made.initial_image.size
+    return made
+
+
+def component(base: Any, /, **columns: Any) -> Any:
+    """A class of components with these columns."""
+    return type("Odd", (base,), columns)
+
+
+def event(**columns: Any) -> Any:
+    capacity = columns.pop("capacity", 3)
+    return type("Odd", (Event,), columns, capacity=capacity)
+
+
+def numbered(hint: Any, default: Any, name: str = "speed") -> Module:
+    """A mechanic with one number."""
+    made: Any = dataclass(frozen=True)(type("Odd", (Toy,), {"__annotations__": {name: hint}, name: default}))
+    return made()
+
+
+def system(base: type[Module] = Toy, /, **hints: Any) -> Module:
+    """A mechanic with a system that has these parameters."""
+    made = kind("Odd", base)
+    made.system(Phase.MOVE)(taking(**hints))
+    return made()
 
 
 # ---- tables
@@ -72,7 +131,7 @@ def test_tables_have_the_declared_shapes_types_and_fills() -> None:
         ("Pace", "pace"): ((6, 3), "i1"), ("Line", "line"): ((6, 3), "f4"), ("Pay", "pay"): ((6, 3), "f4"),
         ("Meals", "meals"): ((6, 1), "i4"),
     }  # fmt: skip
-    assert (worlds.span("food"), worlds.span("walker"), worlds.span("ghost")) == (slice(0, 2), slice(2, 5), slice(0, 0))
+    assert (worlds.span("food"), worlds.span("walker")) == (slice(0, 2), slice(2, 5))
     assert worlds.dims == {"rows": 5, "blocks": 1, "damage_types": 2, "walkers": 3, "memory": 3}
     assert worlds[Entity].alive.tolist() == [[0, 0, 1, 1, 1]] * 6
     assert worlds[Place].x.tolist() == [[-1, -1, 0, 0, 0]] * 6
@@ -122,61 +181,58 @@ def test_an_absent_component_is_named_with_those_present() -> None:
     worlds = Worlds([Walkers()], 1)
     with pytest.raises(DeclarationError, match="no component Meals; it has: Clock, Energy, Entity, Line, Pace"):
         worlds[Meals]
+    assert DUEL.worlds(1).span("box") == slice(0, 0)  # another mechanic's
     assert Meals not in worlds
     assert Pace in worlds
 
 
-# ---- archetypes
+# ---- archetypes and dimensions
 
 
 def test_archetypes_of_several_modules_join() -> None:
-    """Counts add up and components join, in any order of modules."""
+    """Counts add up and components join, in any order of modules; a fill may be a row of values."""
     for modules in ([Walkers(), parts("walker", Mark(), count=2)], [parts("walker", Mark(), count=2), Walkers()]):
-        worlds = Worlds(modules, 1)
-        assert worlds.span("walker") == slice(0, 5)
-        assert worlds[Mark].mark.tolist() == [[7] * 5]
-        assert worlds[Energy].left.tolist() == [[20] * 5]
+        made = worlds(*modules)
+        assert made.span("walker") == slice(0, 5)
+        assert made[Mark].mark.tolist() == [[7] * 5]
+        assert made[Energy].left.tolist() == [[20] * 5]
+    assert worlds(parts("stone", Mark(mark=[3, 1, 2]), count=3))[Mark].mark.tolist() == [[3, 1, 2]]
 
 
-def test_a_fill_may_be_a_row_of_values() -> None:
-    worlds = Worlds([parts("stone", Mark(mark=[3, 1, 2]), count=3)], 2)
-    assert worlds[Mark].mark.tolist() == [[3, 1, 2]] * 2
+@pytest.mark.parametrize("names", [("Aa", "Zz"), ("Zz", "Aa")])
+def test_dimensions_name_each_other_in_any_order(names: tuple[str, str]) -> None:
+    one = mechanic(names[0], dims={"wide": "middle"}, singletons=[Counted()])
+    other = mechanic(names[1], dims={"middle": "agents + heals - 3 + boxes"})  # a dimension that is not here is 0
+    assert layout(one, other).dims["wide"] == 2 + 15 - 3
 
 
 @pytest.mark.parametrize(
-    ("modules", "words"),
+    ("dim", "owner"),
     [
-        ([Walkers(), parts("walker", Place())], "two archetypes called 'walker' have Place, .* leave it out of one"),
-        ([parts("ghost", Mark())], "extend the archetype 'ghost', but none declares how many"),
-        ([Walkers(), parts("wolker", Mark())], "'wolker', .*; did you mean walker"),
-        ([parts("ghost", Wind(), count=1)], "Wind is per world and cannot be part of 'ghost'"),
-        ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: blocks, damage_types"),
+        ("cells", "spawn_grid"),
+        ("others", "agents"),
+        ("rows", "the engine"),
+        ("own fields", "the engine"),
+        ("capacity of hit", "the engine"),
     ],
-    ids=["component twice", "only extended", "misspelt", "singleton inside", "unknown dimension"],
 )
-def test_archetypes_that_cannot_be_are_refused(modules: list[Module], words: str) -> None:
-    with pytest.raises(DeclarationError, match=words):
-        Worlds(modules, 1)
+def test_a_dimension_of_outlasts_is_not_added_to(dim: str, owner: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = mechanic("Mine")
+    monkeypatch.setattr(type(mine), "dims", lambda self: {dim: 5})  # until the end: errors name who has a dimension
+    with pytest.raises(DeclarationError, match=rf"mine.dims\(\) has '{dim}', a dimension of {owner}, .* 'mine {dim}'"):
+        DUEL.with_(mine).worlds(1)
 
 
-@pytest.mark.parametrize("given", [Mark(), [Mark()], (Mark,)], ids=["no comma", "a list", "a class"])
-def test_components_that_are_no_tuple_are_refused(given: Any) -> None:
-    with pytest.raises(DeclarationError, match=r"Archetype\('walker', .*: a tuple of instances of components"):
-        Archetype("walker", given)
+def test_the_room_of_events_is_added_to() -> None:
+    """As more can happen in a tick."""
+    before, after = (game.worlds(1).dims for game in (DUEL, DUEL.with_(mechanic("Mine", dims={"hits": 5}))))
+    assert after == before | {"hits": before["hits"] + 5, "capacity of hit": before["capacity of hit"] + 5}
 
 
-def test_unknown_columns_are_refused() -> None:
-    with pytest.raises(DeclarationError, match="Energy has no column 'letf'; it has: left"):
-        Energy(letf=3)
-
-
-def test_an_unknown_dimension_of_a_singleton_is_refused() -> None:
-    class Astronomy(Toy):
-        def singletons(self) -> list[Singleton]:
-            return [Lost()]
-
-    with pytest.raises(DeclarationError, match="no module defines the dimension 'planets'; known: blocks, "):
-        Worlds([Walkers(), Astronomy()], 1)
+def test_what_has_health_can_be_hurt() -> None:
+    """Health requires Guard, whose 0 in rows without it would make all of them immune."""
+    barrel = Archetype("barrel", (Body(), Shape(radius=1.0), Spawned(), Health(points=50)), 12)
+    assert layout(mechanic("Barrels", archetypes=[barrel])).prefab_values(Guard, "immune_to")["barrel"] == -1
 
 
 # ---- numbers
@@ -193,14 +249,18 @@ def test_an_unknown_dimension_of_a_singleton_is_refused() -> None:
         (lambda: Walkers(stride=10.5), "walkers.stride = 10.5: must be > 0 and <= 10"),
         (lambda: Walkers(stride=float("nan")), "walkers.stride = nan: a finite number"),
         (lambda: Walkers(stride=10**400), "walkers.stride = 1000*: a finite number"),
-        (lambda: Walkers(stride="far"), "walkers.stride = 'far': a finite number"),
         (lambda: Walkers(stride=None), "walkers.stride = None: a finite number"),
         (lambda: Weather(gusts=(0.5, 2.0)), r"weather.gusts\[1\] = 2.0: must be >= -1 and <= 1"),
         (lambda: Weather(gusts=0.5), "weather.gusts = 0.5: a tuple of numbers"),
         (lambda: Weather(wild=1), "weather.wild = 1: True or False"),
         (lambda: Weather(sky="green"), "weather.sky = 'green': allowed are 'blue', 'grey', 'black'"),
         (lambda: Walkers().replace(pace=3), "walkers has no number 'pace'; it has: count, stride"),
-        (lambda: Walkers().replace(count=-1), "walkers.count = -1: must be >= 1"),
+        (lambda: Archetype("stone", (Mark(),), -2), "a whole number, 0 or more, is needed"),
+        (lambda: Archetype("stone", (Mark(),), 2.0), "a whole number, 0 or more, is needed"),
+        (lambda: Worlds([Walkers()], 0), "at least 1 is needed"),
+        (lambda: Worlds([Walkers()], 1, threads=0), "at least 1 is needed"),
+        (lambda: worlds(Walkers()).number("walkers_fields"), "no number 'walkers_fields'"),
+        (lambda: layout(mechanic("Mine", dims={"wide": "agents - 3"}, singletons=[Counted()])), "'wide' would be -1"),
     ],
 )
 def test_impossible_numbers_are_refused(make_module: Any, words: str) -> None:
@@ -208,38 +268,13 @@ def test_impossible_numbers_are_refused(make_module: Any, words: str) -> None:
         make_module()
 
 
-def test_a_number_may_not_hide_what_modules_have() -> None:
-    @dataclass(frozen=True)
-    class Hides(Toy):
-        value: int = number(3)
-
-    with pytest.raises(DeclarationError, match=r"a number .value., which hides Module\."):
-        Hides()
-
-
-@pytest.mark.parametrize("name", ["range", "max"])
-def test_a_number_does_not_hide_a_function_of_python(name: str) -> None:
-    gun = type("Gun", (Toy,), {"__annotations__": {name: float}, name: number(3.0)})
-    with pytest.raises(DeclarationError, match=rf"gun has a number '{name}', which would hide .* own {name} in"):
-        dataclass(frozen=True)(gun)()
-
-
-@pytest.mark.parametrize(
-    ("kind", "default", "words"),
-    [
-        (InitVar[int], 3, r"Gun\.extra is an InitVar, which replace\(\) would lose: declare extra: float = number\("),
-        (
-            int,
-            field(default=3, init=False),
-            r"gun\.extra needs a default, and init: declare extra: int = number\(",
-        ),
-        (int, field(default_factory=int), r"gun\.extra needs a default"),
-    ],
-)
-def test_a_number_that_copies_would_lose_is_refused(kind: Any, default: Any, words: str) -> None:
-    gun = type("Gun", (Toy,), {"__annotations__": {"extra": kind}, "extra": default})
-    with pytest.raises(DeclarationError, match=words):
-        dataclass(frozen=True)(gun)()
+def test_two_numbers_of_one_full_name_do_not_change() -> None:
+    one = numbered("float", number(1.0), name="b_c")
+    two = dataclass(frozen=True)(
+        type("Odd", (Toy,), {"name": "odd_b", "__annotations__": {"c": "float"}, "c": number(1.0)})
+    )
+    with pytest.raises(NumberError, match="two mechanics have the number 'odd_b_c'"):
+        worlds(Walkers(), one, two()).set_numbers(odd_b_c=5.0)
 
 
 def test_another_default_of_an_unknown_number_is_refused() -> None:
@@ -252,11 +287,8 @@ def test_another_default_of_an_unknown_number_is_refused() -> None:
         class Fast(Base):
             sped = 3.0
 
-    class Mixin:
-        pass
-
     @dataclass(frozen=True)
-    class Slow(Mixin, Base):
+    class Slow(type("Mixin", (), {}), Base):
         limit: ClassVar[int] = 3
         speed = 0.5
 
@@ -265,12 +297,7 @@ def test_another_default_of_an_unknown_number_is_refused() -> None:
 
 def test_numbers_take_the_type_of_their_annotation() -> None:
     """On which the compiled tick depends: 2 and 2.0 for a stride must not compile two ticks."""
-
-    @dataclass(frozen=True)
-    class Whole(Toy):
-        stride: float = number(2)
-
-    assert type(Whole().stride) is float
+    assert type(numbered("float", number(2)).speed) is float
     walkers = Walkers(count=np.int64(2), stride=2)
     assert (type(walkers.count), type(walkers.stride)) == (int, float)
     assert Weather(gusts=[1, np.float32(0.5)]).gusts == (1.0, 0.5)
@@ -278,112 +305,272 @@ def test_numbers_take_the_type_of_their_annotation() -> None:
     assert (Weather(sky="black").value("sky"), Weather(wild=False).value("wild")) == (2, False)
 
 
-# ---- impossible declarations are refused
+# ---- what is refused, where it is declared
+
+
+class Usable(Component):
+    """What is annotated otherwise is no column that was forgotten."""
+
+    LIMIT: Final = 3
+    order: int = 4
+    left: Array = column("i4")
+
+
+def extended() -> None:
+    class Derived(Mark):
+        n: Array = column("i4")
+
+
+def annotated(base: type, hint: Any) -> Any:
+    """A class of components with this annotation and a column."""
+    return type("Odd", (base,), {"__annotations__": {"amount": hint}, "found": column("i4")})
 
 
 @pytest.mark.parametrize(
-    ("annotation", "default", "words"),
+    ("declare", "words"),
     [
-        ("int", 1.5, "odd.speed is annotated int, but its default is 1.5"),
-        ("float", True, "odd.speed is annotated float, but its default is True"),
-        ("bool", 1, "odd.speed is annotated bool, but its default is 1"),
-        ("tuple[float, ...]", 1.0, "annotated tuple"),
-        ("str", "slow", "str with choices"),
-        ("list", (1.0,), "odd.speed is annotated list: a number is int, float"),
+        # components and their columns
+        (lambda: component(Component, n=column("i4", fill=0.5)), "Odd.n is int32, which cannot hold 0.5"),
+        (lambda: component(Component, n=column("O")), "columns hold integers, floats or truths"),
+        (lambda: component(Component, n=column("i4", -2)), "Odd.n has the dimension -2: a size of at least 1 or the"),
+        (lambda: component(Component, n=column("f4", low=0, high=1)), "float32 with low or high, which are of int"),
+        (lambda: component(Component, n=column("i4", low=5, high=1)), "from 5 to 1: the low end must not be above"),
+        (lambda: component(Component, n=column("i4", below=5)), "below 5: the name of a dimension is needed"),
+        (lambda: component(Component, n=column("f4", unit="entity")), 'float32, and an index of rows: take "i4"'),
+        (lambda: component(Component, order=column("i4")), "Odd.order: no column can be called so"),
+        (lambda: component(Component, columns=column("i4")), r"Odd\.columns: no column can be called so"),
+        (lambda: component(Singleton, n=column("i4", key="gold")), "Odd.n has a key, which only columns of an Action"),
+        (lambda: component(Statistic, n=column("i4", "agents", 2)), "a statistic is one number, or has one for"),
+        (lambda: component(Observation, seen=column("i4", "walkers")), "Odd.seen is int32: observations are float32"),
+        (lambda: component(Observation, seen=column("f4", "walkers", fill=1)), "columns with buffers of their own"),
+        (lambda: component(Action, go=column("f4", "walkers", low=0, high=1)), "Odd.go is float32 from 0 to 1"),
+        (lambda: component(Action, go=column("i1", "walkers")), "finite low below a finite high"),
+        (lambda: component(Action, go=column("i1", "walkers", low=0, high=300)), "0 to 300, and int8 from -128 to 127"),
+        (lambda: component(Action, go=column("i1", "walkers", low=1, high=3)), "0 must be in it, which does nothing"),
+        (lambda: component(Action, go=column("i1", "walkers", low=-3, high=-1)), "0 must be in it"),
+        (lambda: annotated(Component, np.ndarray), "Odd.amount is no column"),
+        (lambda: annotated(Component, Array), "Odd.amount is no column: declare it as in amount: Array = column"),
+        (lambda: type("Odd", (Component,), {}, packed=False), "Odd: packed is for outlast's own components"),
+        (lambda: type("Odd", (Component,), {"requires": Energy}), r"Odd.requires = .*: a tuple .* as in \(Health,\)"),
+        (lambda: type("Odd", (Component,), {"requires": (3,)}), r"Odd.requires = .*: a tuple is needed"),
+        (extended, "Derived extends Mark, which has columns"),
+        (lambda: component(Singleton)(), "Odd has no columns: declare one"),
+        (lambda: Energy(letf=3), "Energy has no column 'letf'; it has: left"),
+        (lambda: toy_game.Line(line=1), r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"),
+        (lambda: event(agent=column("i4"), capacity=0), r"\(Event\) with the capacity 0: a whole number"),
+        (lambda: event(agent=column("i4"), capacity=1.5), r"\(Event\) with the capacity 1.5: a whole number"),
+        (lambda: Field("gold", size=2.0), "'gold' has size 2.0 and order 0: integers are needed, or as the size the"),
+        (lambda: Field(5), "a field is called 5: lower-case letters"),
+        # archetypes
+        (lambda: Archetype("walker", Mark()), r"Archetype\('walker', .*: a tuple of instances of components"),
+        (lambda: Archetype("walker", (Mark,)), r"Archetype\('walker', .*: a tuple of instances of components"),
+        (lambda: Archetype("gold", (Mark(),), 2, order="x"), "with the order 'x': an integer is needed"),
+        # numbers
+        (lambda: numbered("int", number(1.5)), "odd.speed is annotated int, but its default is 1.5"),
+        (lambda: numbered("float", number(True)), "odd.speed is annotated float, but its default is True"),
+        (lambda: numbered("bool", number(1)), "odd.speed is annotated bool, but its default is 1"),
+        (lambda: numbered("tuple[float, ...]", number(1.0)), "annotated tuple"),
+        (lambda: numbered("str", number("slow")), "str with choices"),
+        (lambda: numbered("list", number((1.0,))), "odd.speed is annotated list: a number is int, float"),
+        (lambda: numbered("int", number(3, scales_with="walkers_count")), "is int and scales with another number"),
+        (lambda: numbered("int", number(3), name="value"), r"a number .value., which hides Module\."),
+        (lambda: numbered("float", number(3.0), name="max"), "has a number 'max', which would hide .* own max in"),
+        (lambda: numbered(InitVar[int], 3), r"an InitVar, which replace\(\) would lose: declare speed: float = number"),
+        (lambda: numbered(int, field(default=3, init=False)), "needs a default, and init: declare speed: int = number"),
+        (lambda: numbered(int, field(default_factory=int)), "odd.speed needs a default"),
+        (lambda: type("Odd", (Toy,), {"__annotations__": {"n": float}, "n": 1.0})(), r"declares numbers \(n\).*@datac"),
+        # methods and systems
+        (lambda: mechanic("Odd", archetype=[]), r"Odd.archetype\(\) is called by nothing; did you mean archetypes\?"),
+        (lambda: Toy.system(len), r"a phase comes first, as in @Toy\.system\("),
+        (lambda: Toy.system("move"), "a phase comes first"),
+        (lambda: system(place=None), r"parameter 'place' .*None.*allowed are Read\[C\]"),
+        (lambda: system(place=Place), r"parameter 'place' .*Place.*allowed are Read\[C\]"),
+        (lambda: system(total=Rows[Total]), r"Rows\[Total\], which is per world and has no rows"),
+        (lambda: system(total=Read[int]), r"is Read\[<class 'int'>\]; a component is needed"),
+        (lambda: system(clock=Write[Clock]), r"Write\[Clock\], but the engine alone .* Read\[Clock\]"),
+        (lambda: system(clock=Add[Clock]), r"Add\[Clock\], but the engine alone .* Read\[Clock\]"),
     ],
+)  # fmt: skip
+def test_declarations_that_mean_nothing(declare: Callable[[], Any], words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        declare()
+
+
+# ---- what is refused in a game
+
+
+class Mine(Observation):
+    numbers: Array = column("f4", "agents", 2)
+
+
+def singletons(*given: Singleton) -> Any:
+    return mechanic("Brings", Toy, singletons=[*given])
+
+
+def sized(size: Any) -> Module:
+    return mechanic("Sized", dims={"wide": size}, singletons=[Counted()])
+
+
+def agent(*components: Component, **more: Any) -> Module:
+    return mechanic("Own", archetypes=[Archetype("agent", components, **more)])
+
+
+def deep() -> Module:
+    cube = component(Component, v=column("f4", 2, 2, 2, 2))
+    extends = kind("Deeper", Toy, archetypes=[Archetype("walker", (cube(),))])
+    extends.system(Phase.MOVE)(taking(cube=Read[cube]))
+    return extends()
+
+
+def remembering(memory: Any) -> Module:
+    """With memory that is made so, for worlds that run."""
+    remembers = kind("Odd", Toy, scratch=lambda self, name, dims: memory)
+    remembers.system(Phase.FEED)(taking(memory=Scratch, place=Read[Place]))
+    return remembers()
+
+
+@pytest.mark.parametrize(
+    ("make_worlds", "words"),
+    [
+        # archetypes
+        (lambda: worlds(Walkers(), parts("walker", Place())), "two archetypes called 'walker' have Place, .* leave it"),
+        (lambda: worlds(parts("ghost", Mark())), "extend the archetype 'ghost', but none declares how many"),
+        (lambda: worlds(Walkers(), parts("wolker", Mark())), "'wolker', .*; did you mean walker"),
+        (lambda: worlds(parts("ghost", Wind(), count=1)), "Wind is per world and cannot be part of 'ghost'"),
+        (lambda: worlds(parts("ghost", Place(), count=1)), "no module defines the dimension 'memory'; known: blo"),
+        (lambda: layout(agent(Mark(mark=7.5))), "agent: Mark.mark is uint8, which cannot hold 7.5"),
+        (lambda: layout(agent(Mark(mark=300))), "agent: Mark.mark is uint8, which cannot hold 300"),
+        (lambda: layout(agent(Mark(mark=np.nan))), "cannot hold nan"),
+        (lambda: layout(agent(Mark(mark=(1, 2, 3)))), r"Mark.mark: a value of the shape \(3,\) is no prefab of \(2,\)"),
+        (lambda: layout(agent(Mark(mark=1), Mark(mark=2))), r"Archetype\('agent', ...\) has Mark twice"),
+        (lambda: layout(agent(Mark(), alive=False)), "one module has 'agent' in the world right after reset, and a"),
+        (lambda: layout(Landing(count=0)), "landing declares 0 of the kind 'place': at least 1 is needed"),
+        (lambda: layout(agent(component(Component, door=column("i4", below="heals"))(door=99))),
+         r"agent: Odd.door begins as 99: 0 to \d+ is its range"),
+        (lambda: layout(agent(component(Component, door=column("i4", below="heals + healz"))())),
+         r"Odd.door is below 'heals \+ healz': no dimension is called 'healz'; did you mean heals"),
+        (lambda: DUEL.worlds(1).span("agents"), r"no entities of the kind 'agents'; did you mean agent\? known"),
+        (lambda: worlds(Walkers(), deep()), "Odd.v has 5 axes in a world: at most 4 are possible"),
+        # dimensions and singletons
+        (lambda: layout(sized("agnets")), "'wide' is to be of the size of 'agnets', which no module has; did you mean"),
+        (lambda: layout(sized("2*agents")), r"of the size of '2\*agents'"),
+        (lambda: layout(sized("wide")), "in a circle: wide -> wide"),
+        (lambda: layout(sized(-1)), "'wide': -1}: a whole number, 0 or more, or names of dimensions"),
+        (lambda: layout(sized(2.0)), "'wide': 2.0}: a whole number"),
+        (lambda: layout(singletons(component(Singleton, n=column("i4", "planets"))())), "the dimension 'planets'"),
+        (lambda: layout(mechanic("One", singletons=[Total(value=1)]), mechanic("Other", singletons=[Total(value=2)])),
+         "one gives Total.value the value 1, other 2: let one of them bring it"),
+        (lambda: layout(singletons(event(agent=column("i4"), capacity="agentz")())),
+         "Odd has the capacity 'agentz', a dimension that no .*; did you mean agents"),
+        # keys
+        (lambda: worlds(*toy_game.GAME, singletons(Jump())), r"there are: Jump\.jump int16 \(3,\), Pace\.pace int8"),
+        (lambda: worlds(*toy_game.GAME, singletons(component(
+            Action, mine=column("i1", "walkers", key="pace", low=0, high=1))())),
+         r"toy_game\.Pace\.pace and .*Odd.mine|Odd.mine and .*Pace\.pace are both the action 'pace'; rename one"),
+        (lambda: worlds(*toy_game.GAME, singletons(component(Statistic, mine=column("i4", "walkers", key="meals"))())),
+         "are both the statistic 'meals'; rename one"),
+        (lambda: outlast.make_vec(DUEL.vary(melee_damage=outlast.integers(1, 4)).observe_numbers().with_(
+            singletons(Mine())), 1), r"NumbersView.numbers and .*Mine.numbers are both the observation"),
+        # bounds
+        (lambda: bounds(Worlds([*DUEL.modules, mechanic("Heats", bounds=lambda self, layout: {"owm": (0, 1)})], 1)),
+         r"heats.bounds\(\) has the key 'owm', .* did you mean own"),
+        (lambda: bounds(Worlds([*DUEL.modules, mechanic(
+            "Fuels", singletons=[Fuel()], bounds=lambda self, layout: {"fuel": (5, 20)})], 1)),
+         "the bounds of '0' in 'fuel' are 5 to 20: 0 must be in them"),
+        (lambda: bounds(Worlds([*DUEL.modules, mechanic(
+            "Leaks", singletons=[Fuel()], bounds=lambda self, layout: {"fuel": (0, np.nan)})], 1)), "of 'fuel' are"),
+        # systems
+        (lambda: worlds(Walkers(), system(energy=Read[Energy], choice=int)), "no number 'choice', .*; it has: none"),
+        (lambda: worlds(system(Walkers, energy=Read[Energy], stride=int)),
+         "parameter 'stride' is annotated int, but .* as float"),
+        (lambda: run(worlds(Walkers(), system(memory=Scratch)), toy_game.STEP), r"'memory' but no scratch\(\)"),
+        (lambda: worlds(*toy_game.GAME, system(energy=Write[Energy], kind=DamageType)), 'damage_type = "odd"'),
+        # methods that return no list of their kind
+        *((lambda method=method, given=given: worlds(Walkers(), mechanic("Odd", Toy, **{method: lambda self: given})),
+           rf"odd\.{method}\(\) returned {words}")
+          for method, given, words in (
+            ("singletons", Mark(), r"Mark: a list of instances of Singleton is needed, as in return \[Singleton\("),
+            ("singletons", Wind(), r"Wind: a list .* as in return \[Wind\(...\)\]"),
+            ("singletons", None, "NoneType: a list of instances of Singleton"),
+            ("singletons", [Wind], "a list with the class Wind: "),
+            ("archetypes", Archetype("x", (), 1), r"Archetype: a list .* as in return \[Archetype\(...\)\]"),
+            ("archetypes", [Mark()], "a list with Mark: a list of instances of Archetype"),
+        )),
+    ],
+)  # fmt: skip
+def test_declarations_that_do_not_fit_the_game(make_worlds: Callable[[], Any], words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        make_worlds()
+
+
+@pytest.mark.skipif(not COMPILED, reason="in Python, systems have any object as scratch memory")
+@pytest.mark.parametrize(
+    ("memory", "words"), [(np.zeros((2, 3)).T, "ndarray: an array in order"), ([0, 0], "list: an")]
 )
-def test_a_default_of_another_type_than_annotated_is_refused(annotation: str, default: Any, words: str) -> None:
-    fields = {"speed": number(default), "__annotations__": {"speed": annotation}}
-    odd = dataclass(frozen=True)(type("Odd", (Toy,), fields))
-    with pytest.raises(DeclarationError, match=re.escape(words)):
-        odd()
+def test_scratch_memory_that_no_kernel_takes_is_refused(memory: Any, words: str) -> None:
+    with pytest.raises(EngineError, match=rf"odd.scratch\('memory'\) returned {words}"):
+        make(Walkers(), remembering(memory))
 
 
-def test_a_parameter_of_another_type_than_its_number_is_refused() -> None:
-    """It would get the number all the same, and round it or not unexpectedly."""
-
-    @dataclass(frozen=True)
-    class Odd(Toy):
-        speed: float = number(1.5)
-
-    @Odd.system(Phase.MOVE)
-    def rush(energy: Read[Energy], speed: int) -> None: ...
-
-    with pytest.raises(DeclarationError, match=r"odd\.rush: parameter 'speed' is annotated int, but .* as float"):
-        Worlds([Walkers(), Odd()], 1)
+def test_events_name_entities_that_there_are() -> None:
+    made = layout(singletons(event(agent=column("i4", unit="entity"), capacity="agents")()))
+    rows = np.zeros(1, [(name, np.int64) for name in ("world", "episode", "tick", "agent")])
+    rows["agent"] = 999
+    with pytest.raises(DeclarationError, match="the event Odd has agent = 999, and its unit is 'entity': -1 to"):
+        event_table(made, {"odd": rows})
 
 
-def test_a_default_of_a_parameter_is_refused() -> None:
+# ---- registering systems
+
+
+def test_defaults_of_parameters_are_refused() -> None:
     """The number's own value would count all the same."""
 
-    @dataclass(frozen=True)
-    class Odd(Toy):
-        speed: float = number(1.5)
+    def rush(energy: Read[Energy], stride: float = 9.0) -> None: ...
+    def sink(energy: Read[Energy] = None) -> None: ...
 
-    def rush(energy: Read[Energy], speed: float = 9.0) -> None: ...
-
-    with pytest.raises(DeclarationError, match=r"rush: parameter 'speed' has the default 9\.0, but every call"):
-        Odd.system(Phase.MOVE)(rush)
-
-    def sink(energy: Read[Energy] = None) -> None: ...  # type: ignore[assignment]
-
-    with pytest.raises(DeclarationError, match=r"sink: parameter 'energy' .* gives it; leave it out$"):
-        Odd.system(Phase.MOVE)(sink)
+    for function, words in (
+        (rush, "'stride' has the default 9.0, but every call"),
+        (sink, "'energy' .* leave it out$"),
+    ):
+        with pytest.raises(DeclarationError, match=rf"{function.__name__}: parameter {words}"):
+            Walkers.system(Phase.MOVE)(function)
 
 
-def test_numbers_of_what_is_no_dataclass_are_refused() -> None:
-    class Forgot(Toy):
-        speed: float = 1.0
+def test_functions_that_a_call_does_not_run_are_refused() -> None:
+    def waits(energy: Write[Energy], rows: Rows[Energy]) -> object:
+        yield energy.left[0]
 
-    with pytest.raises(DeclarationError, match=r"Forgot declares numbers \(speed\).*@dataclass\(frozen=True\)"):
-        Forgot()
+    async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None: ...
 
-
-@pytest.mark.parametrize("given", [len, "move", 3])
-def test_a_system_without_a_phase_is_refused(given: Any) -> None:
-    """As where the parentheses were forgotten: @Lost.system."""
-
-    class Lost(Toy):
-        pass
-
-    with pytest.raises(DeclarationError, match=r"a phase comes first, as in @Lost\.system\(Phase\.NAME\)"):
-        Lost.system(given)
+    for function in (waits, awaits):
+        with pytest.raises(DeclarationError, match=r"is a generator or a coroutine: .* write a function without"):
+            Toy.system(Phase.FEED)(function)
 
 
-@pytest.mark.parametrize(
-    ("base", "made", "words"),
-    [
-        (Observation, column("i4", "walkers"), "Odd.seen is int32: observations are float32"),
-        (Observation, column("f4", "walkers", fill=1), "Odd.seen: columns with buffers of their own begin as 0"),
-        (Action, column("f4", "walkers", low=0, high=1), "Odd.seen is float32 from 0 to 1"),
-        (Action, column("i1", "walkers"), "finite low below a finite high"),
-    ],
-)
-def test_impossible_columns_are_refused(base: Any, made: Any, words: str) -> None:
-    with pytest.raises(DeclarationError, match=re.escape(words)):
-        type("Odd", (base,), {"seen": made})
+def test_a_system_is_of_one_phase_and_of_a_mechanic_of_its_author() -> None:
+    """On one of outlast's, it would be part of every game of the process, by the same name."""
+    with pytest.raises(DeclarationError, match=r"motors.hurry: Motors is outlast's own, .* class MyMotors\(Motors\)"):
+        Motors.system(DuelPhase.DRIVE)(taking("hurry", agents=Rows[Side]))
+    hurried, slow = kind("Hurried", Motors), taking("slow", agents=Rows[Side])
+    hurried.system(DuelPhase.DRIVE, compiled=False)(slow)
+    assert "hurried.slow" in [system.label for system in DUEL.with_(hurried()).worlds(1).schedule.systems]
+    with pytest.raises(DeclarationError, match=r"hurried\.slow is registered for two phases"):
+        hurried.system(DuelPhase.MOVE)(slow)
 
 
-def test_a_prefab_value_of_a_component_with_buffers_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"):
-        toy_game.Line(line=1)
+def test_two_systems_of_one_name_in_a_file() -> None:
+    """Run again, as a cell of a notebook, a definition takes the place of the one before."""
+    text, twice = "@Twice.system(Phase.MOVE)\ndef rule(marks: Rows[Mark]) -> None:\n    pass\n", kind("Twice")
 
+    def again(source: str) -> None:
+        exec(compile(source, "twice.py", "exec"), globals() | {"Twice": twice, "__name__": "twice"})
 
-@pytest.mark.parametrize("base", [Action, Observation, Statistic])
-def test_two_columns_of_one_key_are_refused(base: Any) -> None:
-    """Only one of them would be seen."""
-    kind, key = {Action: ("i1", "pace"), Observation: ("f4", "line"), Statistic: ("i4", "meals")}[base]
-    bounds = {"low": 0, "high": 1} if base is Action else {}
-    other = type("Other", (base,), {"mine": column(kind, "walkers", key=key, **bounds)})
-
-    class Brings(Toy):
-        def singletons(self) -> Any:
-            return [other()]
-
-    with pytest.raises(DeclarationError, match=rf"are both the \w+ '{key}'; rename one") as raised:
-        Worlds([*toy_game.GAME, Brings()], 1)
-    assert re.search(r"tests\.helpers\.toy_game\.\w+\.\w+", str(raised.value))
-    assert "Other.mine" in str(raised.value)
+    again(text)
+    again(text)
+    assert [system.label for system in twice.registered] == ["twice.rule"]
+    with pytest.raises(DeclarationError, match=r"twice.rule is there twice, in lines 1 and 4 of twice.py"):
+        again(text + text)
 
 
 # ---- names of mechanics, and subclasses
@@ -434,28 +621,21 @@ def test_a_subclass_has_the_systems_of_its_base_and_replaces_those_that_it_names
     assert (worlds[toy_game.Line].line == -1).all()
 
 
-def test_a_label_stands_for_systems_that_inherit_it() -> None:
+class Sprinters(Marchers):
+    pass
+
+
+Sprinters.system(Phase.MOVE)(taking("walk", place=Write[Place], walkers=Rows[Energy]))
+
+
+def test_a_label_stands_for_systems_that_inherit_or_replace_it() -> None:
     """weather.blow is after="walkers.walk": also where marchers walk in the place of walkers."""
-    labels = [system.label for system in Worlds([Marchers(), Food(), Weather()], 1).schedule.systems]
-    assert labels.index("marchers.walk") < labels.index("weather.blow")
+    for each in (Marchers(), Sprinters()):
+        labels = [system.label for system in Worlds([each, Food(), Weather()], 1).schedule.systems]
+        assert labels.index(f"{each.name}.walk") < labels.index("weather.blow")
 
 
 # ---- access
-
-
-def test_other_annotations_are_refused() -> None:
-    class Wrong(Toy):
-        pass
-
-    def untyped(place) -> None: ...  # type: ignore[no-untyped-def]
-    def bare(place: Place) -> None: ...
-    def text(place: str) -> None: ...
-
-    for function, shown in ((untyped, "None"), (bare, "Place"), (text, "str")):
-        words = rf"{function.__name__}: parameter 'place' .*{shown}.*allowed are Read\[C\]"
-        with pytest.raises(DeclarationError, match=words):
-            Wrong.system(Phase.MOVE)(function)
-    assert Wrong.registered == []
 
 
 def test_a_component_without_columns_marks_entities() -> None:
@@ -481,86 +661,7 @@ def test_a_component_without_columns_marks_entities() -> None:
     assert "\n  Late\n" in repr(worlds.entity(int(worlds.layout.rows(Late)[0]))) + "\n"
     for hint in (Read[Late], Write[Late]):
         with pytest.raises(DeclarationError, match=r"Late\], which has no columns; Rows\[Late\] are the entities"):
-            Marks.system(Phase.MOVE)(_asking(hint))
-
-
-def _asking(hint: Any) -> Any:
-    def system(late: Any) -> None: ...
-
-    system.__annotations__["late"] = hint
-    return system
-
-
-@pytest.mark.parametrize("given", [Energy, [Energy], (3,)])
-def test_what_a_component_requires_is_a_tuple(given: Any) -> None:
-    with pytest.raises(DeclarationError, match=r"Bound\.requires = .*: a tuple is needed, as in \(Health,\)"):
-        type("Bound", (Component,), {"requires": given})
-
-
-@pytest.mark.parametrize(("kind", "default"), [("int", 3), ("bool", True)])
-def test_only_real_numbers_scale(kind: str, default: Any) -> None:
-    space = {"__annotations__": {"size": kind}, "size": number(default, scales_with="walkers_count")}
-    with pytest.raises(DeclarationError, match=f"size is {kind} and scales with another number: only a float"):
-        dataclass(frozen=True)(type("Follows", (Toy,), space))()
-
-
-def test_the_clock_can_only_be_read() -> None:
-    """A system that set it would make later ticks draw the random numbers of others."""
-    for hint in (Write[Clock], Add[Clock]):
-        with pytest.raises(DeclarationError, match=r"is (Write|Add)\[Clock\], but the engine alone .* Read\[Clock\]"):
-            Walkers.system(Phase.MOVE)(_asking(hint))
-
-
-def test_a_singleton_without_columns_is_refused() -> None:
-    class Empty(Singleton):
-        pass
-
-    with pytest.raises(DeclarationError, match="Empty has no columns: declare one"):
-        Empty()
-
-
-def test_columns_of_actions_that_differ_are_named() -> None:
-    class Jump(Action):
-        jump: Any = column("i2", "walkers", low=0, high=1)
-
-    class Jumps(Toy):
-        def singletons(self) -> list[Singleton]:
-            return [Jump()]
-
-    with pytest.raises(DeclarationError, match=r"there are: Pace\.pace int8 \(3,\), Jump\.jump int16 \(3,\)"):
-        Worlds([*toy_game.GAME, Jumps()], 1)
-
-
-def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
-    class Asks(Toy):
-        pass
-
-    @Asks.system(Phase.MOVE)
-    def select(energy: Read[Energy], choice: int) -> None: ...
-
-    with pytest.raises(DeclarationError, match=r"no number 'choice', which asks\.select asks for; it has: none"):
-        Worlds([Walkers(), Asks()], 1)
-
-    class Forgets(Toy):
-        pass
-
-    @Forgets.system(Phase.MOVE)
-    def remember(memory: Scratch) -> None: ...
-
-    with pytest.raises(DeclarationError, match=r"forgets has the Scratch parameter 'memory' but no scratch\(\)"):
-        run(Worlds([Walkers(), Forgets()], 1), toy_game.STEP)
-
-
-def test_a_damage_type_that_the_module_does_not_name_is_refused() -> None:
-    class Burns(Toy):
-        pass
-
-    @Burns.system(Phase.MOVE)
-    def burn(energy: Write[Energy], kind: DamageType) -> None: ...
-
-    words = r"burns\.burn takes the damage_type of burns, .* damage_type = \"burns\""
-    with pytest.raises(DeclarationError, match=words):
-        Worlds([*toy_game.GAME, Burns()], 1)
+            Marks.system(Phase.MOVE)(taking(late=hint))
 
 
 def test_kernels_get_what_they_declare() -> None:
@@ -573,3 +674,11 @@ def test_kernels_get_what_they_declare() -> None:
     run(worlds, toy_game.STEP)
     assert (worlds[Wind].damage_type == 0).all()
     assert (worlds[Wind].felt[:, 0, 1] == 1).all()
+
+
+def test_a_layout_shows_a_line_for_each_archetype() -> None:
+    assert repr(worlds(Walkers(), Food(), Weather()).layout).splitlines() == [
+        "Layout(5 rows, 9 components, 256 bytes a world)",
+        "  food: rows 0 to 1, not alive at first: Place",
+        "  walker: rows 2 to 4: Place, Energy",
+    ]

@@ -8,7 +8,6 @@ import pytest
 
 from outlast.ecs import (
     Add,
-    Archetype,
     Array,
     CapacityError,
     Clock,
@@ -16,7 +15,6 @@ from outlast.ecs import (
     Event,
     Read,
     Rows,
-    ScheduleError,
     Singleton,
     Worlds,
     Write,
@@ -25,6 +23,7 @@ from outlast.ecs import (
     number,
 )
 from tests.conftest import scaled
+from tests.helpers.mechanics import kind, mechanic, taking
 from tests.helpers.toy_game import GAME, RESET, SKIP, STEP, Energy, Phase, Place, Toy, make, run, walked
 
 MANY = scaled(200, least=40)  # more than a thread takes at a time
@@ -139,8 +138,8 @@ def test_events_are_rows_of_arrays() -> None:
 def test_an_entry_begins_as_zeros() -> None:
     """Whatever was there before: the systems write one of three marks."""
     worlds = walked(belfry(times=1), 4)
-    for kind in (Ring, Birth):
-        for values in worlds[kind][:-1]:
+    for event in (Ring, Birth):
+        for values in worlds[event][:-1]:
             values[:] = 77
     run(worlds, [STEP, STEP, RESET])
     assert [worlds[Ring].count[w, 0] for w in (0, 2)] == [6, 0]
@@ -159,12 +158,8 @@ def test_threads_change_nothing() -> None:
 def test_the_state_of_a_world_is_as_without_events() -> None:
     """They lie beside it, so that files of worlds fit whatever events there are."""
 
-    @dataclass(frozen=True)
-    class Silent(Toy):
-        def singletons(self) -> Iterable[Singleton]:
-            return [Ring(), Birth()]
-
-    one, other = walked(make(count=4), 3), walked(make(*GAME, Silent(), count=4), 3)
+    silent = mechanic("Silent", Toy, singletons=[Ring(), Birth()])
+    one, other = walked(make(count=4), 3), walked(make(*GAME, silent, count=4), 3)
     assert (one.block == other.block).all()
 
 
@@ -239,41 +234,17 @@ def turn(cry: Write[Cry]) -> None:
     ("function", "words"), [(whisper, r"k = emit\(cry\)"), (overhear, r"range\(cry\.count\[0\]\)"), (turn, "")]
 )
 def test_a_system_that_uses_entries_knows_which_there_are(function: Any, words: str) -> None:
-    class Odd(Loud):
-        name = "odd"
-
-        def singletons(self) -> Iterable[Singleton]:
-            return [*super().singletons(), Heard()]
-
-    Odd.system(Phase.MOVE)(function)
+    odd = kind("Odd", Loud, singletons=[Cry(), Fall(), Heard()])
+    odd.system(Phase.MOVE)(function)
     if words:
         with pytest.raises(DeclarationError, match=rf"uses Cry\.agent, but neither emits .* {words}"):
-            make(*GAME, Odd())
+            make(*GAME, odd())
     else:
-        assert (run(make(*GAME, Odd(cries=2)), STEP)[Cry].agent[:, :2] == -1).all()
-
-
-def test_a_mechanic_that_emits_twice_says_so() -> None:
-    @dataclass(frozen=True)
-    class Twice(Toy):
-        def singletons(self) -> Iterable[Singleton]:
-            return [Ring()]
-
-        def dims(self) -> dict[str, int | str]:
-            return {"rings": "walkers + walkers+memory"}
-
-    worlds = make(*GAME, Twice())
-    assert worlds[Ring].agent.shape[1] == 2 * worlds.dims["walkers"] + worlds.dims["memory"]
+        assert (run(make(*GAME, odd(cries=2)), STEP)[Cry].agent[:, :2] == -1).all()
 
 
 def test_a_capacity_that_nobody_defines_is_nothing() -> None:
-    class Bell(Toy):
-        name = "bare"
-
-        def singletons(self) -> Iterable[Singleton]:
-            return [Ring()]
-
-    assert make(*GAME, Bell())[Ring].agent.shape == (4, 0)
+    assert make(*GAME, mechanic("Bare", Toy, singletons=[Ring()]))[Ring].agent.shape == (4, 0)
 
 
 # ---- declarations
@@ -287,20 +258,18 @@ def declared(capacity: Any = 3, **more: Any) -> type[Event]:
 @pytest.mark.parametrize(
     ("declaration", "words"),
     [
-        ({"columns": {}}, ["class Odd(Event) has no columns", 'column("i4", unit="entity")']),
-        ({"capacity": None}, ["class Odd(Event) has no capacity", 'capacity="agents"']),
-        ({"columns": {"tick": column("i4")}}, ["column 'tick' of its own"]),
-        ({"columns": {"count": column("i4")}}, ["column 'count' of its own"]),
-        ({"who": "giver"}, ["who='giver' is none of its columns: agent"]),
-        ({"columns": {"spot": column("f4")}, "whom": "spot"}, ["whom='spot' is to hold entities", 'unit="entity"']),
-        ({"columns": {"agent": column("i4", fill=-1)}}, ["leave out fill"]),
+        ({"columns": {}}, r'class Odd\(Event\) has no columns.*column\("i4", unit="entity"\)'),
+        ({"capacity": None}, r'class Odd\(Event\) has no capacity.*capacity="agents"'),
+        ({"columns": {"tick": column("i4")}}, "column 'tick' of its own"),
+        ({"columns": {"count": column("i4")}}, "column 'count' of its own"),
+        ({"who": "giver"}, "who='giver' is none of its columns: agent"),
+        ({"columns": {"spot": column("f4")}, "whom": "spot"}, "whom='spot' is to hold entities.*unit=\"entity\""),
+        ({"columns": {"agent": column("i4", fill=-1)}}, "leave out fill"),
     ],
 )
-def test_impossible_events_are_refused(declaration: dict[str, Any], words: list[str]) -> None:
-    with pytest.raises(DeclarationError) as error:
+def test_impossible_events_are_refused(declaration: dict[str, Any], words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
         declared(**declaration)
-    for word in words:
-        assert word in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -323,39 +292,12 @@ def test_names_and_roles_have_defaults() -> None:
 
 
 def test_two_events_of_one_name_are_refused() -> None:
-    class Other(Toy):
-        def singletons(self) -> Iterable[Singleton]:
-            return [type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()]
-
+    other = mechanic("Other", Toy, singletons=[type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()])
     with pytest.raises(DeclarationError, match=r"test_event_lists\.Ring and .* are both the event 'ring'; rename"):
-        make(*GAME, Bell(), Other())
+        make(*GAME, Bell(), other)
 
 
 def test_events_are_written_in_order() -> None:
     """Add[...] says that the order is free."""
-
-    def ring(rings: Add[Ring]) -> None: ...
-
     with pytest.raises(DeclarationError, match=r"'rings' is Add\[Ring\].*annotate it Write\[Ring\]"):
-        Bell.system(Phase.MOVE)(ring)
-
-
-def test_an_event_that_nobody_brings_is_named() -> None:
-    @dataclass(frozen=True)
-    class Deaf(Toy):
-        pass
-
-    @Deaf.system(Phase.MOVE)
-    def ring(rings: Write[Ring]) -> None: ...
-
-    with pytest.raises(ScheduleError, match=r"deaf\.ring needs Ring .* def singletons\(self\): return \[Ring\(\)\]"):
-        make(*GAME, Deaf())
-
-
-def test_events_are_no_part_of_an_entity() -> None:
-    class Odd(Toy):
-        def archetypes(self) -> Iterable[Archetype]:
-            return [Archetype("walker", (Ring(),))]
-
-    with pytest.raises(DeclarationError, match="Ring is per world"):
-        make(*GAME, Odd())
+        Bell.system(Phase.MOVE)(taking("ring", rings=Add[Ring]))

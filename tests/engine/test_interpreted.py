@@ -12,7 +12,19 @@ import numpy as np
 import pytest
 
 from outlast import Scenario
-from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, kernel
+from outlast.components import Body, Health, Phase, Side
+from outlast.ecs import (
+    DeclarationError,
+    Module,
+    Read,
+    Rows,
+    ScheduleError,
+    Statistic,
+    Worlds,
+    Write,
+    column,
+    kernel,
+)
 from outlast.ecs.checks.trial import python_refusal
 from outlast.ecs.compilation.cache_key import CacheKey
 from outlast.ecs.kernels import jit
@@ -24,6 +36,7 @@ from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
 from tests.helpers.execution_modes import short
+from tests.helpers.mechanics import duel, idle, kind
 from tests.helpers.sines import sines_of_c
 from tests.helpers.toy_game import Place, Toy, Walkers
 
@@ -130,11 +143,11 @@ def test_kernels_run_as_python_within_interpreted_only(monkeypatch: pytest.Monke
 
 
 def test_loads_and_stores_at_an_address() -> None:
-    for kind in ("float32", "int32", "intp", "uint16", "uint8"):
-        memory = np.zeros(3, kind)
-        storer(kind)(memory.ctypes.data + memory.itemsize, 7)
+    for dtype in ("float32", "int32", "intp", "uint16", "uint8"):
+        memory = np.zeros(3, dtype)
+        storer(dtype)(memory.ctypes.data + memory.itemsize, 7)
         assert memory.tolist() == [0, 7, 0]
-        value = loader(kind)(memory.ctypes.data + memory.itemsize)
+        value = loader(dtype)(memory.ctypes.data + memory.itemsize)
         assert (value, value.dtype) == (7, memory.dtype)
 
 
@@ -216,3 +229,35 @@ def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks:
     command = [sys.executable, "-c", "from outlast.ecs.kernels import jit; print(jit.BOUNDS_CHECKS)"]
     output = subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
     assert output.strip() == checks
+
+
+class Sums(Statistic):
+    least: Any = column("f8")
+    middle: Any = column("f8")
+    total: Any = column("f8")
+    healthy: Any = column("i4")
+
+
+Gathers = kind("Gathers", singletons=[Sums()])
+
+
+@Gathers.system(Phase.MELEE, before=Health)
+def gather(sums: Write[Sums], health: Write[Health], body: Read[Body], agents: Rows[Side]) -> None:
+    health.points[agents] -= 1
+    sums.least[0] += np.sort(body.x[agents])[0] + body.x[agents].min()
+    sums.middle[0] += health.points[agents].mean() + np.clip(body.x[:4], -1, 1).sum()
+    sums.total[0] += body.y[agents].sum() + body.x[:4].copy().sum()
+    sums.healthy[0] += int(np.argmin(body.x[agents])) + int((health.points[agents] > 50).sum())
+
+
+def test_rows_can_be_gathered_copied_and_sorted() -> None:
+    """numpy's ways to take several rows at once: compiled and as Python."""
+    found = []
+    for interpret in ((), ("gathers.gather",)):
+        env = duel(Gathers(), count=2, interpret=interpret)
+        for _ in range(5):
+            env.step(idle(env))
+        found.append([np.array(values) for values in env.worlds[Sums]])
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-6)
+        assert one.any()

@@ -41,24 +41,6 @@ def _many_normal(key: philox.Key, out: np.ndarray) -> None:
         out[i] = philox.normal(key, i)
 
 
-@kernel
-def _vary_field(key: philox.Key, field: int, out: np.ndarray) -> None:
-    """Draw 0 under keys that differ in one field only."""
-    seed, world, episode, tick, stream = key
-    for i in range(len(out)):
-        n = np.uint64(i)
-        if field == 0:
-            out[i] = philox.uniform((n, world, episode, tick, stream), 0)
-        elif field == 1:
-            out[i] = philox.uniform((seed, n, episode, tick, stream), 0)
-        elif field == 2:
-            out[i] = philox.uniform((seed, world, n, tick, stream), 0)
-        elif field == 3:
-            out[i] = philox.uniform((seed, world, episode, n, stream), 0)
-        else:
-            out[i] = philox.uniform((seed, world, episode, tick, n), 0)
-
-
 def _draw(fill: Callable[..., None], *arguments: object, dtype: type = np.float32) -> np.ndarray:
     out = np.empty(COUNT, dtype)
     fill(*arguments, out)
@@ -149,20 +131,12 @@ def test_uniform_reaches_its_ends_and_never_one() -> None:
     assert float(philox._unit(np.uint64(ONES))) == 1 - 2**-24
 
 
-@pytest.mark.parametrize("bound", [1, 2, 3, 7, 10, 25, 128, 1000])
+@pytest.mark.parametrize("bound", [1, 3, 10, 1000])
 def test_integer(bound: int) -> None:
     draws = _draw(_many_integer, KEY, bound, dtype=np.int64)
     assert draws.min() >= 0
     assert draws.max() < bound
     assert _chi_square(draws, bound) <= _chi_square_limit(bound)
-
-
-def test_integer_of_large_bounds() -> None:
-    bound = 2**63 - 1
-    draws = _draw(_many_integer, KEY, bound, dtype=np.int64)
-    assert draws.min() >= 0
-    assert draws.max() < bound
-    assert (draws / bound).mean() == pytest.approx(0.5, abs=5 * math.sqrt(1 / 12 / COUNT))
 
 
 def test_normal() -> None:
@@ -175,40 +149,6 @@ def test_normal() -> None:
         share = math.erfc(limit / math.sqrt(2))
         slack = 5 * math.sqrt(share * (1 - share) / COUNT)
         assert (abs(draws) > limit).mean() == pytest.approx(share, abs=slack)
-
-
-@pytest.mark.parametrize("field", range(5))
-def test_neighbouring_keys_are_independent(field: int) -> None:
-    """Draws under key field 0, 1, 2, ...: uniform, and not correlated to the draws one, two and seven keys ago."""
-    draws = _draw(_vary_field, KEY, field)
-    assert _chi_square(np.floor(draws * 64).astype(int), 64) < _chi_square_limit(64)
-    for lag in (1, 2, 7):
-        assert abs(_correlation(draws[:-lag], draws[lag:])) < 5 / math.sqrt(COUNT)
-
-
-def test_streams_worlds_and_indices_are_independent() -> None:
-    base = _draw(_many_uniform, KEY)
-    assert abs(_correlation(base[:-1], base[1:])) < 5 / math.sqrt(COUNT)
-    for field in range(5):
-        key = list(KEY)
-        key[field] = key[field] ^ np.uint64(1)
-        other = _draw(_many_uniform, tuple(key))
-        assert (base == other).mean() < 0.01
-        assert abs(_correlation(base, other)) < 5 / math.sqrt(COUNT)
-
-
-def test_one_bit_of_input_flips_half_of_the_output() -> None:
-    row = [12, 34, 56, 78, 90, 11]
-    before = _words(row)
-    for field in range(6):
-        flipped = [value ^ (1 << 17) * (place == field) for place, value in enumerate(row)]
-        flips = sum((a ^ b).bit_count() for a, b in zip(before, _words(flipped), strict=True))
-        assert 128 - 48 < flips < 128 + 48  # six standard deviations of a fair binomial(256)
-
-
-def test_pairs_are_independent() -> None:
-    pairs = np.array([philox.uniform2(KEY, index) for index in range(min(COUNT, 20_000))])
-    assert abs(_correlation(pairs[:, 0], pairs[:, 1])) < 5 / math.sqrt(len(pairs))
 
 
 def test_stream_numbers_never_change() -> None:
@@ -231,7 +171,3 @@ def _chi_square_limit(bound: int) -> float:
     """Mean and five standard deviations; keys are fixed, so this either always passes or never."""
     freedom = bound - 1
     return freedom + 5 * math.sqrt(2 * freedom)
-
-
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.corrcoef(a.astype(np.float64), b.astype(np.float64))[0, 1])

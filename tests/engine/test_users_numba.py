@@ -11,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from outlast.ecs import DeclarationError, Read, Rows, Write, kernel
 from outlast.ecs.kernels.cache_files import SUFFIX
-from tests.engine.test_compile import ROOT, compiled_only, system_of
-from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
+from tests.engine.test_compile import ROOT, compiled_only
 
 pytestmark = compiled_only
 
@@ -24,8 +22,7 @@ sys.path[:0] = [{folder!r}, {root!r}]
 import numba
 import numpy as np
 from outlast.ecs import Rows, Write, kernel
-from tests.engine.test_compile import system_of
-from tests.helpers.toy_game import STEP, Energy, Walkers, make, run
+from tests.helpers.toy_game import STEP, Energy, Walkers, make, run, system_of
 
 {helper}
 
@@ -128,52 +125,3 @@ first = theirs()
         value, _, same, found = in_process(script, tmp_path)
         assert (value, same) == ("2", "True")
         assert found == "(6.0, 9.0, 2.0, 1.5)"
-
-
-@kernel
-def factorial(n: int) -> int:
-    return 1 if n < 2 else n * factorial(n - 1)
-
-
-def counts_down(energy: Write[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        energy.left[e] = factorial(5)
-
-
-def test_recursion_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"local\.act \(.*\) cannot be compiled: .* calls itself: write a loop"):
-        run(make(Walkers(), system_of(counts_down)), STEP)
-
-
-def fails_for(energy: Write[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        raise ValueError("row", e)
-
-
-@pytest.mark.usefixtures("untried")
-def test_what_an_exception_says_of_a_value_is_left_to_python() -> None:
-    with pytest.raises(ValueError, match=r"local\.act \(test_users_numba\.py, line \d+\): row \.\.\."):
-        run(make(Walkers(), system_of(fails_for)), STEP)
-
-
-def waits(energy: Write[Energy], rows: Rows[Energy]) -> object:
-    yield energy.left[0]
-
-
-async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None:
-    energy.left[0] = 1
-
-
-def reads_a_number(energy: Read[int]) -> None:  # type: ignore[type-var, unused-ignore]
-    pass
-
-
-def test_an_access_needs_a_component() -> None:
-    with pytest.raises(DeclarationError, match=r"'energy' is Read\[<class 'int'>\]; a component is needed"):
-        Toy.system(Phase.FEED)(reads_a_number)
-
-
-@pytest.mark.parametrize("function", [waits, awaits])
-def test_functions_that_a_call_does_not_run_are_refused(function: object) -> None:
-    with pytest.raises(DeclarationError, match=r"is a generator or a coroutine: .* write a function without"):
-        Toy.system(Phase.FEED)(function)

@@ -1,0 +1,292 @@
+"""What systems get: services, whose memory is filled anew when it is stale, and numbers of other mechanics."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import components, systems
+from outlast.components import Seconds
+from outlast.ecs import (
+    RESET,
+    SKIP,
+    STEP,
+    Array,
+    DeclarationError,
+    Module,
+    NumberError,
+    Read,
+    Real,
+    Rows,
+    ScheduleError,
+    Service,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+    number,
+    of,
+)
+from outlast.ecs.compilation.segments import stale_services
+from tests.engine.test_per_agent import MODULES, Pace, made, roles
+from tests.helpers.mechanics import kind, taking
+from tests.helpers.toy_game import (
+    GAME,
+    Food,
+    Phase,
+    Place,
+    Toy,
+    Walkers,
+    Weather,
+    make,
+    run,
+    system_of,
+    walked,
+)
+
+TICKS = 12
+
+
+class Sum(NamedTuple):
+    total: Array
+    places: Array
+
+
+def make_sum(dims: Mapping[str, int]) -> Sum:
+    return Sum(np.zeros(1), np.zeros(dims["rows"], np.float32))
+
+
+def add_up(memory: Any, place: Read[Place], rows: Rows[Place]) -> None:
+    memory.total[0] = 0
+    for e in rows:
+        memory.total[0] += place.x[e]
+
+
+Total = Annotated[Any, Service(add_up, make_sum)]
+
+
+class Shown(Singleton):
+    seen: Array = column("f8", 4)  # what four systems get
+    there: Array = column("f8", 4)  # what they should get
+
+
+# Four systems that take the service: two of them behind each other, two behind one that moves all.
+Looks = kind("Looks", Toy, singletons=[Shown()])
+
+
+def _look(k: int) -> Any:
+    def look(shown: Write[Shown], total: Total, place: Read[Place], rows: Rows[Place]) -> None:
+        shown.seen[k], shown.there[k] = total.total[0], 0
+        for e in rows:
+            total.places[e] = place.x[e]
+        for e in rows:
+            shown.there[k] += total.places[e]
+
+    look.__name__ = look.__qualname__ = f"look_{k}"
+    return look
+
+
+for _k, (_phase, _after) in enumerate(
+    [
+        (Phase.MOVE, ("walkers.walk", "weather.blow")),
+        (Phase.MOVE, "looks.look_0"),
+        (Phase.FEED, "food.eat"),
+        (Phase.SHOW, "walkers.show"),
+    ]
+):
+    Looks.system(_phase, after=_after)(_look(_k))
+
+
+@Looks.system(Phase.FEED, after="looks.look_2")
+def shift(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] += 1
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"threads": 2}, {"split": True}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}],
+)
+def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
+    """In more worlds than go through a tick together, some of them in resets, and after tables were written."""
+    worlds, rng = Worlds([*GAME, Looks()], 70, **options), np.random.default_rng(0)
+    for tick in range(TICKS):
+        modes = rng.choice([SKIP, STEP, RESET], 70, p=[0.2, 0.6, 0.2]) if tick else np.full(70, RESET)
+        worlds[Place].x[rng.integers(70)] += 100
+        before = worlds[Shown].seen.copy()
+        run(worlds, modes)
+        shown = worlds[Shown]
+        np.testing.assert_allclose(shown.seen[modes == STEP], shown.there[modes == STEP])
+        np.testing.assert_allclose(shown.seen[modes == RESET, 3], shown.there[modes == RESET, 3])
+        np.testing.assert_array_equal(shown.seen[modes == SKIP], before[modes == SKIP])
+    assert worlds[Shown].seen.any(0).all()
+
+
+def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
+    def pace(walkers_stride: float, food_count: int) -> Real:
+        return np.float32(walkers_stride * food_count)
+
+    def note(shown: Write[Shown], pace: Annotated[Real, Service(pace)]) -> None:
+        shown.seen[0] = pace
+
+    Bare = kind("Bare", Toy, singletons=[Shown()])  # noqa: N806
+    Bare.system(Phase.SHOW)(note)
+    worlds = run(Worlds([Walkers(stride=1.5), Food(count=4), Bare()], 2), RESET)
+    assert worlds[Shown].seen[:, 0].tolist() == [6, 6]
+    worlds.set_numbers(walkers_stride=2.5)
+    assert run(worlds, STEP)[Shown].seen[:, 0].tolist() == [10, 10]
+    varied = Worlds([Walkers(), Food(count=4), Bare()], 9, varied={"walkers_stride": outlast.uniform(1, 2)})
+    varied.seed(np.zeros(9, int), np.arange(9))
+    drawn = run(varied, RESET).numbers()["walkers_stride"]
+    np.testing.assert_array_equal(varied[Shown].seen[:, 0], drawn * np.float32(4))
+    assert len({*drawn.tolist()}) == 9
+
+
+def test_a_service_is_no_part_of_the_state() -> None:
+    """It neither changes what systems do nor the size of a world."""
+    plain, looked = (walked(make(*modules, count=3), 5) for modules in (GAME, (*GAME, Observer())))
+    np.testing.assert_array_equal(plain.block, looked.block)
+
+
+Observer = kind("Observer", Toy)
+Observer.system(Phase.SHOW)(taking("observe", total=Total, rows=Rows[Place]))
+
+
+def test_a_tick_in_seconds() -> None:
+    timed = kind("Timed", singletons=[Shown()])
+
+    def note(shown: Write[Shown], seconds: Seconds) -> None:
+        shown.seen[0] = seconds
+
+    timed.system(outlast.components.Phase.DRIVE)(note)
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(timed()).replace(physics_rate=50.0, physics_substeps=4), 1)
+    env.reset()
+    env.step(np.zeros((1, 2, 6), int))
+    assert env.worlds[Shown].seen[0, 0] == np.float32(0.08)
+    with pytest.raises(
+        DeclarationError, match=r"'physics_rate', which timed\.note asks for; add Physics, which has it"
+    ):
+        Worlds([timed(), systems.Room()], 1)
+
+
+def test_what_services_cannot_be_made_of_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="'place' is write, but a service is made of read, "):
+        Service(taking(place=Write[Place]))
+    with pytest.raises(
+        DeclarationError, match=r"parameter 'total' .*; allowed are .*, tuple, Annotated\[\.\.\., Service"
+    ):
+        system_of(taking(one=Annotated[Real, Service(lambda: np.float32(1))], total=Annotated[Any, 3]))
+
+
+def test_the_schedule_names_what_services_read() -> None:
+    """And so the order of a system that takes one must be clear."""
+
+    late = kind("Late", Toy)
+    late.system(Phase.MOVE)(taking("look", total=Total))
+    with pytest.raises(ScheduleError, match=r"late\.look and walkers\.walk .*: both touch Place"):
+        Worlds([*GAME, late()], 1)
+    line = next(line for line in str(Worlds([*GAME, Observer()], 1).schedule).splitlines() if "observer" in line)
+    assert line.split() == ["observer.observe", "Place"]
+
+
+# ---- numbers of others, by their full names: as they are now, in each world, for each agent
+
+
+class Seen(Singleton):
+    stride: Array = column("f4")
+    gust: Array = column("f4")
+    sky: Array = column("i4")
+    calm: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Watch(Toy):
+    walkers_stride: float = number(7.0)  # its own, which counts
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Seen()]
+
+
+@Watch.system(Phase.SHOW)
+def look(
+    seen: Write[Seen], weather_gusts: tuple[float, ...], weather_sky: int, weather_wild: bool, walkers_stride: float
+) -> None:
+    seen.gust[0] = weather_gusts[weather_gusts.size - 1]
+    seen.sky[0] = weather_sky
+    seen.calm[0] = not weather_wild
+    seen.stride[0] = walkers_stride
+
+
+Peek = kind("Peek", Toy, singletons=[Seen()])
+
+
+@Peek.system(Phase.SHOW)
+def peek(seen: Write[Seen], walkers_stride: float) -> None:
+    seen.stride[0] = walkers_stride
+
+
+@pytest.mark.parametrize("interpret", [(), ("watch.look",)])
+def test_numbers_of_others_are_read_by_their_full_names(interpret: tuple[str, ...]) -> None:
+    """Of any kind; a number of the mechanic's own of that name comes first."""
+    worlds = Worlds([Walkers(), Weather(gusts=(0.5, 0.75), wild=False, sky="black"), Watch()], 2, interpret=interpret)
+    seen = run(worlds, RESET)[Seen]
+    assert (seen.gust[1, 0], seen.sky[1, 0], seen.calm[1, 0], seen.stride[1, 0]) == (0.75, 2, 1, 7)
+
+
+@dataclass(frozen=True)
+class Idle(Toy):
+    """A mechanic whose number only others read."""
+
+    length: int = number(3)
+
+
+def test_a_number_that_only_others_read_can_change() -> None:
+    sees = kind("Sees", Peek)
+
+    @sees.system(Phase.SHOW, after="sees.peek")
+    def look_on(seen: Write[Seen], idle_length: int) -> None:
+        seen.sky[0] = idle_length
+
+    worlds = run(Worlds([Walkers(), Idle(), sees()], 1), RESET)
+    worlds.set_numbers(idle_length=8)
+    assert run(worlds, STEP)[Seen].sky[0, 0] == 8
+    with pytest.raises(NumberError, match="no system gets it as a single number"):
+        Worlds([Walkers(), Idle()], 1).set_numbers(idle_length=8)
+
+
+def test_a_number_of_another_that_differs_by_role_is_read_for_each_agent() -> None:
+    def take(pace: Write[Pace], agents: Rows[Pace], walk_step: float) -> None:
+        for e in agents:
+            pace.count[e] = np.int32(4 * of(walk_step, e))
+
+    def forget(pace: Write[Pace], agents: Rows[Pace], walk_step: float) -> None:
+        for e in agents:
+            pace.count[e] = np.int32(4 * walk_step)
+
+    given = roles(a=outlast.role(2, walk_step=1.25), b=outlast.role())
+    for function in (take, forget):
+        taker = type("Taker", (Module,), {})
+        taker.system(components.Phase.SPAWN, after=Pace)(function)
+        if function is take:
+            worlds = made(given, modules=[*MODULES, taker()])
+            assert worlds[Pace].count[:, :5].tolist() == [[5, 5, 2, 2, 2]] * 3
+        else:
+            with pytest.raises(DeclarationError, match=r"computes with walk_step, in which roles differ: write of\("):
+                made(given, modules=[*MODULES, taker()])
+
+
+@pytest.mark.parametrize(
+    ("name", "hint", "words"),
+    [
+        ("walkers_strid", float, r"local has no number 'walkers_strid', .*; did you mean walkers_stride"),
+        ("weather_wild", bool, r"local has no number 'weather_wild', .*; add Weather, which has it"),
+        ("q", int, r"local has no number 'q', .*; it has: none; those of others are named in full, as in physics_rate"),
+        ("walkers_stride", int, "parameter 'walkers_stride' is annotated int, but kernels get .* as float"),
+    ],
+)
+def test_a_number_that_nothing_has_is_refused_with_those_that_there_are(name: str, hint: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        Worlds([Walkers(), Peek(), system_of(taking(seen=Write[Seen], **{name: hint}), after=Seen)], 1)
