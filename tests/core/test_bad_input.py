@@ -12,7 +12,7 @@ from outlast import ScenarioError, make_vec, variant
 from outlast.ecs import DeclarationError, NumberError, ScheduleError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
-from outlast.systems import Agents, Boxes, Melee, Motors, SafeZone, Teams
+from outlast.systems import Agents, Boxes, Melee, Teams
 from tests.conftest import COMPILED, digest, draw_actions
 
 WORLDS = 3
@@ -64,16 +64,12 @@ ACTIONS = {
     "a world too few": (filled(0)[:2], *SHAPE),
     "an agent too many": (np.zeros((3, 5, 6), int), *SHAPE),
     "an action too few": (filled(0)[..., :5], *SHAPE),
-    "one number": (0, *SHAPE),
     "nothing": (None, *SHAPE),
     "empty": ([], *SHAPE),
     "a list of unequal lists": ([[0, 1], [0]], *SHAPE),
     "a dict": ({"attack": 1}, *SHAPE),
-    "floats": (filled(1.0), "float64", "integers are needed"),
-    "half floats": (filled(1, np.float16), "float16", "integers are needed"),
     "NaN": (filled(np.nan), "float64", "integers are needed"),
-    "infinity": (filled(np.inf), "float64", "integers are needed"),
-    "complex": (filled(1j), "complex128", "integers are needed"),
+    "half floats": (filled(1, np.float16), "float16", "integers are needed"),
     "truth values": (filled(True), "bool", "integers are needed"),
     "strings": (filled("1"), "<U1", "integers are needed"),
     "objects": (filled(1, object), "object", "integers are needed"),
@@ -81,7 +77,6 @@ ACTIONS = {
     "too high for a motor": (changed((1, 2, 0), 3), "action 0 (ahead) of agent 2 in world 1 is 3", "0 to 2"),
     "too high for a switch": (changed((2, 3, 5), 2), "action 5 (give) of agent 3 in world 2 is 2", "0 to 1"),
     "below zero": (changed((0, 0, 2), -1), "action 2 (turn) of agent 0 in world 0 is -1", "0 to 2"),
-    "far too high": (changed((0, 1, 3), 2**62), f"is {2**62}", "0 to 1"),
     "far too low": (changed((0, 1, 3), -(2**63)), f"is {-(2**63)}", "0 to 1"),
     "high byte of a wrap-around": (changed((0, 0, 0), 256), "is 256", "0 to 2"),
     "unsigned and too high": (filled(2**64 - 1, np.uint64), f"is {2**64 - 1}", "0 to 2"),
@@ -128,32 +123,20 @@ RESETS: dict[str, tuple[Any, ...]] = {
     "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
     "seed too large": ({"seed": 2**64}, f"seed = {2**64}", "0 to 2**64 - 1"),
     "seed with a fraction": ({"seed": 1.5}, "seed = 1.5", "integer"),
-    "seed whole but a float": ({"seed": 1.0}, "seed = 1.0", "integer"),
-    "seed NaN": ({"seed": float("nan")}, "seed = nan", "integer"),
     "seed a truth value": ({"seed": True}, "seed = True", "integer"),
     "seed a string": ({"seed": "7"}, "seed = '7'", "integer"),
-    "seed a dict": ({"seed": {}}, "seed = {}", "integer"),
     "a seed too few": ({"seed": [1, 2]}, "seed", "(2,)", "one for each of 3 worlds"),
-    "a seed too many": ({"seed": [1, 2, 3, 4]}, "seed", "(4,)", "one for each of 3 worlds"),
-    "no seeds": ({"seed": []}, "seed", "(0,)", "one for each of 3 worlds"),
-    "seeds in two dimensions": ({"seed": [[1, 2, 3]]}, "seed", "(1, 3)", "one for each of 3 worlds"),
     "one seed a list": ({"seed": [1, [2], 3]}, "seed = [2]", "integer"),
     "one seed below zero": ({"seed": [1, -2, 3]}, "seed = -2", "0 to 2**64 - 1"),
-    "one seed a float": ({"seed": [1, 2.5, 3]}, "seed = 2.5", "integer"),
-    "one seed a text": ({"seed": [1, "2", 3]}, "seed = '2'", "integer"),
     "mask of integers": (masked([1, 0, 1]), *MASK),
-    "mask of floats": (masked([1.0, 0.0, 1.0]), *MASK),
     "mask too short": (masked([True, False]), *MASK),
     "mask one value": (masked(True), *MASK),
-    "mask in two dimensions": (masked([[True, False, True]]), *MASK),
     "mask of none": (masked([False] * 3), *MASK, "at least one True"),
-    "mask a string": (masked("all"), *MASK),
     "mask of unequal lists": (masked([[True], [True, False]]), *MASK),
     "bad mask and good seed": ({"seed": 9, **masked([True])}, *MASK),
     "good mask and bad seed": ({"seed": -9, **masked([True] * 3)}, "seed = -9", "0 to 2**64 - 1"),
     "an unknown option": ({"options": {"mask": [True] * 3}}, "mask", "reset_mask"),
     "options a list": ({"options": [True] * 3}, "options", "reset_mask"),
-    "options a list of keys": ({"options": ["reset_mask"]}, "options", "reset_mask"),
     "options a number": ({"options": 5}, "options = 5", "a dict"),
 }
 
@@ -197,18 +180,11 @@ def test_calls_after_close_are_refused() -> None:
 OPTIONS: dict[str, tuple[Any, ...]] = {
     "no worlds": ({"num_worlds": 0}, "num_worlds = 0", ">= 1"),
     "worlds below zero": ({"num_worlds": -1}, "num_worlds = -1", ">= 1"),
-    "half a world": ({"num_worlds": 1.5}, "num_worlds = 1.5", "integer"),
-    "worlds a truth value": ({"num_worlds": True}, "num_worlds = True", "integer"),
-    "worlds a string": ({"num_worlds": "8"}, "num_worlds = '8'", "integer"),
-    "worlds NaN": ({"num_worlds": float("nan")}, "num_worlds = nan", "integer"),
-    "worlds missing": ({"num_worlds": None}, "num_worlds = None", "integer"),
     "no threads": ({"threads": 0}, "threads = 0", ">= 1"),
-    "threads below zero": ({"threads": -2}, "threads = -2", ">= 1"),
     "threads a float": ({"threads": 2.0}, "threads = 2.0", "integer"),
     "first world below zero": ({"first_world": -1}, "first_world = -1", ">= 0"),
     "first world beyond all": ({"first_world": 2**63}, "first_world = 9223372036854775808", "<= 1,000,000,000,000"),
     "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
-    "seed a float": ({"seed": 0.5}, "seed = 0.5", "integer"),
     "unknown autoreset": ({"autoreset_mode": "never"}, "autoreset_mode", "'never'", "NextStep", "SameStep", "Disabled"),
     **{
         f"{flag} a word": ({flag: "no"}, f"{flag} = 'no'", "True and False")
@@ -221,10 +197,8 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 @pytest.mark.parametrize("name", OPTIONS)
 def test_options_are_refused(name: str) -> None:
     keywords, *words = OPTIONS[name]
-    with pytest.raises(ValueError, match=re.escape(words[0])) as raised:
+    with pytest.raises(ValueError, match=".*".join(map(re.escape, words))):
         make_vec("teams_3", **({"num_worlds": 2} | keywords))
-    for word in words:
-        assert word in str(raised.value)
 
 
 def teams(**numbers: Any) -> Callable[[], Any]:
@@ -237,11 +211,9 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "variant in capitals": (lambda: variant("FFA_1"), ScenarioError, "'FFA_1'", "known: ffa_1 (1v1_heals_low)"),
     "variant misspelt": (lambda: variant("2v2_all_mit"), ScenarioError, "did you mean 2v2_all_mid"),
     "variant a number": (lambda: make_vec(3, 1), ScenarioError, "3", "a Scenario or the name of one"),
-    "variant missing": (lambda: make_vec(None, 1), ScenarioError, "None", "a Scenario or the name of one"),
     "without an unknown module": (lambda: variant("ffa_1").without("lasers"), ScenarioError, "'lasers'", "melee"),
     "without an absent module": (lambda: variant("ffa_1").without(Boxes), ScenarioError, "'Boxes'", "heals"),
     "with a class": (lambda: variant("ffa_1").with_(Melee), ScenarioError, "Melee", "pass an instance"),
-    "with a string": (lambda: variant("ffa_1").with_("melee"), ScenarioError, "'melee'", "pass an instance"),
     "one module twice": (
         lambda: outlast.Scenario("twice", (Melee(), Melee(damage=6))), ScenarioError, "twice", "Melee", "with_()",
     ),
@@ -249,43 +221,21 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
         lambda: outlast.Scenario("both", (outlast.systems.FreeForAll(), Teams())), ScenarioError, "both", "FreeForAll",
     ),
     "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage or melee_reach?"),
-    "number like no other": (teams(colour=3), NumberError, "'colour'", "known: agents_count"),
     "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "did you mean"),
     "number of an absent module": (
         lambda: variant("ffa_1").replace(boxes_count=3), NumberError, "'boxes_count'", "heals_count",
     ),
     "unknown n_": (teams(n_lasers=3), NumberError, "'n_lasers'", "n_agents"),
-    "unknown number of a module": (lambda: Melee().replace(strength=3), NumberError, "'strength'", "damage"),
     # numbers
     "agents none": (teams(n_agents=0), NumberError, "agents.count = 0", ">= 1"),
-    "agents below zero": (teams(n_agents=-4), NumberError, "agents.count = -4", ">= 1"),
-    "agents and a half": (teams(n_agents=2.5), NumberError, "agents.count = 2.5", "integer"),
-    "agents whole but a float": (teams(n_agents=4.0), NumberError, "agents.count = 4.0", "integer"),
     "agents a truth value": (teams(n_agents=True), NumberError, "agents.count = True", "integer"),
-    "agents a string": (teams(n_agents="4"), NumberError, "agents.count = '4'", "integer"),
-    "agents missing": (teams(n_agents=None), NumberError, "agents.count = None", "integer"),
     "health too large for a column": (teams(agents_health=2**31), NumberError, "agents.health = 2147483648"),
     "radius below zero": (teams(agents_radius=-0.5), NumberError, "agents.radius = -0.5", "must be >= 0.002"),
-    "radius zero": (teams(agents_radius=0.0), NumberError, "agents.radius = 0.0", "must be >= 0.002"),
     "radius NaN": (teams(agents_radius=float("nan")), NumberError, "agents.radius = nan", "finite"),
-    "radius infinite": (teams(agents_radius=float("inf")), NumberError, "agents.radius = inf", "finite"),
-    "radius a list": (teams(agents_radius=[0.5]), NumberError, "agents.radius = [0.5]", "finite number"),
     "radius an array": (teams(agents_radius=np.ones(2)), NumberError, "agents.radius", "finite number"),
-    "radius complex": (teams(agents_radius=1j), NumberError, "agents.radius = 1j", "finite number"),
-    "radius a truth value": (teams(agents_radius=True), NumberError, "agents.radius = True", "finite number"),
-    "heal below zero": (teams(heals_amount=-75), NumberError, "heals.amount = -75", ">= 0"),
-    "damage with a fraction": (teams(melee_damage=2.5), NumberError, "melee.damage = 2.5", "integer"),
-    "restitution above one": (teams(physics_restitution=1.5), NumberError, "physics.restitution = 1.5", "<= 1"),
-    "no substeps": (teams(physics_substeps=0), NumberError, "physics.substeps = 0", ">= 1"),
-    "camera too wide": (teams(cameras_fov=4.0), NumberError, "cameras.fov = 4.0", "> 0", "<= 3.14159"),
-    "blocked a number": (teams(melee_blocked=1), NumberError, "melee.blocked = 1", "True or False"),
-    "walls a string": (teams(room_walls="yes"), NumberError, "room.walls = 'yes'", "True or False"),
     "unknown choice": (teams(ending_rule="soon"), NumberError, "ending.rule = 'soon'", "'all dead', 'last alive'"),
-    "choice a number": (teams(cameras_cone=0), NumberError, "cameras.cone = 0", "'sector', 'kite'"),
     "choice an array": (teams(cameras_cone=np.ones(2)), NumberError, "cameras.cone", "'sector', 'kite'"),
-    "unknown backend": (teams(physics_backend="fast"), NumberError, "physics.backend = 'fast'", "'auto', 'native'"),
     "one zone radius zero": (teams(safe_zone_radii=(5.0, 0.0)), NumberError, "safe_zone.radii[1] = 0.0", "> 0"),
-    "one zone radius NaN": (teams(safe_zone_radii=(float("nan"),)), NumberError, "safe_zone.radii[0] = nan", "finite"),
     "one zone radius a string": (teams(safe_zone_radii=(5.0, "4")), NumberError, "safe_zone.radii[1] = '4'", "finite"),
     "zone radii one number": (teams(safe_zone_radii=5.0), NumberError, "safe_zone.radii = 5.0", "tuple"),
     "zone radii a string": (teams(safe_zone_radii="5"), NumberError, "safe_zone.radii = '5'", "tuple"),
@@ -301,9 +251,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "room too small for heals": (teams(heals_radius=13), NumberError, "heals.radius = 13", "at most 12.5"),
     "room too small for boxes": (teams(boxes_height=26), NumberError, "boxes.height = 26", "at most 25"),
     "more bodies than cells": (teams(n_heals=53), NumberError, "65 bodies (", "4 agent", "53 heal", "8 x 8 = 64"),
-    "fewer cells than bodies": (teams(spawn_grid_cells=5), NumberError, "27 bodies", "5 x 5 = 25"),
     "more teams than agents": (teams(teams_count=5), NumberError, "teams.count = 5", "4 agents"),
-    "no teams": (teams(teams_count=0), NumberError, "teams.count = 0", ">= 1"),
     "more bodies than Box2D gets": (
         teams(n_agents=600, spawn_grid_cells=32), NumberError, "612 bodies", "512",
     ),
@@ -328,15 +276,6 @@ def test_scenarios_are_refused(name: str) -> None:
         call()
     for word in words:
         assert word in str(raised.value)
-
-
-NUMBERS = {Motors: {"ahead": 1, "turn": np.float32(0.5)}, SafeZone: {"radii": [5, 4.0], "stand": np.int64(7)}}
-
-
-def test_numbers_are_taken_in_every_reasonable_type() -> None:
-    """A whole number for a float, numpy's own, a list for a tuple: all become the type of the default."""
-    assert repr(Motors(**NUMBERS[Motors])) == repr(Motors(ahead=1.0, turn=0.5))
-    assert repr(SafeZone(**NUMBERS[SafeZone])) == repr(SafeZone(radii=(5.0, 4.0), stand=7))
 
 
 @pytest.mark.skipif(COMPILED, reason="compiled, there is a native backend")

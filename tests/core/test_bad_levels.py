@@ -67,20 +67,16 @@ def stay_equal(pair: tuple[Env, Env], reset: bool = True) -> None:
 
 OUTSIDE = FloorPlan(walls=[(12, 0, 4, 1)]).layout(3)
 OVERLAPPING = FloorPlan(starts=[(0, 0, 0, 4, 4), (1, 1, 1, 4, 4)]).layout(3)
+BELOW = (0.0, 0, -1, 1, 0, 0) * 3
 NO_FLOOR = FloorPlan(walls=[(0, 0, 24.9, 24.9)]).layout(3)
 SET: list[tuple[dict[Any, Any], str]] = [  # what set_numbers refuses, and with which words
     ({"motors_ahead": np.full((3, 1), 0.2)}, "motors_ahead = (0.2,): it varies as log_un"),
     ({"motors_ahead": [0.2] * 4}, "4 values; give one, or one for each of the 3"),
     ({"motors_ahead": []}, "0 values; give one, or one for each of the 3"),
-    ({"motors_ahead": [0.2, [0.2], 1]}, "motors_ahead = (0.2,): it varies"),
     ({"motors_ahead": [0.2, NAN, 0.2]}, "motors_ahead = nan: it varies as log"),
-    ({"motors_ahead": "much"}, "motors_ahead = 'much': it varies as log_un"),
     ({"motors_ahead": [0.2, None, 0.2]}, "motors_ahead = None"),
-    ({"motors_ahead": {"a": 1}}, "motors_ahead = {'a': 1}: it varies"),
     ({"motors_ahead": 10**400}, "it varies as"),
-    ({"n_agents": -(10**400)}, "it varies as"),
     ({"n_agents": True}, "agents_count = True: it varies as integers"),
-    ({"n_agents": 2.5}, "agents_count = 2.5: it varies as integers"),
     ({"cameras_cone": "round"}, "'round': it varies as choice('sect"),
     ({"melee_damage": 3}, "roles differ in it; make new worlds"),
     ({"n_agents": 2, "agents_count": 3}, "agents_count is given twice"),
@@ -89,11 +85,8 @@ SET: list[tuple[dict[Any, Any], str]] = [  # what set_numbers refuses, and with 
     ({"n_agents": 2, "melee_reach": -1}, "melee.reach = -1"),
     ({"mask": [True] * 3, "rewards_kill": 1.5}, "rewards_kill is the same in all worlds: leave out the mask"),
     ({"mask": [True], "n_agents": 2}, "mask must be bool, of shape (3,)"),
-    ({"mask": [0, 1, 2], "n_agents": 2}, "mask must be bool"),
     ({"walls_layout": (0.0,) * 6}, "18 finite numbers are needed"),
-    ({"walls_layout": (NAN,) * 18}, "18 finite numbers are need"),
     ({"walls_layout": ((1.0,), *[0.0] * 17)}, "18 finite numbers"),
-    ({"walls_layout": "x" * 18}, "18 finite numbers"),
     ({"walls_layout": OUTSIDE}, "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room"),
     ({"walls_layout": PLANS[0]}, "FloorPlan(1 walls, 0 start areas): it va"),
 ]
@@ -164,37 +157,46 @@ def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env
 
 
 MADE: list[tuple[Callable[[], Any], str]] = [
-    (lambda: GAME.vary(melee_reach=uniform(-1, 2)), "melee.reach = -1: must be > 0"),
     (lambda: GAME.vary(room_thickness=uniform(0.1, 0.9)), "room.thickness = 0.9: must be"),
     (lambda: GAME.vary(n_agents=integers(2, 3), agents_count=integers(2, 4)), "agents_count is given twice"),
     (lambda: GAME.vary(melee_reach=choice(1.0, NAN)), "melee.reach = nan: a finite number"),
-    (lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()), "role a: melee.reach = -1"),
-    (lambda: GAME.roles(a=role(1, melee_reach=NAN), b=role()), "role a: melee.reach = nan"),
-    (lambda: GAME.roles(a=role(1, melee_rage=1), b=role()), "no number 'melee_rage'; did you"),
-    (lambda: GAME.roles(a="hunter"), "a = 'hunter': a role is needed"),  # type: ignore[arg-type]
-    (lambda: GAME.roles(**ROLES, observed="no"), "observed = 'no': allowed are True and False"),  # type: ignore[arg-type]
+    (lambda: GAME.roles(**ROLES, observed="no"), "observed = 'no': allowed are True and False"),
     (
         lambda: outlast.make_vec(GAME.vary(walls_layout=choice(PLANS[0].layout(3), OUTSIDE)), 1),
-        "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
+        "(12, 0) reaches to (14, 0",
     ),
     (
         lambda: GAME.vary(rewards_kill=integers(2**24 - 1, 2**24 + 1)),
-        "rewards_kill = integers(16777215, 16777217): it is a float32, which has no integer above 16777216 exactly",
+        "float32, which has no integer above 16777216 exact",
     ),
     (
         lambda: GAME.replace(melee_damage=integers(1, 5)),
-        "melee.damage = integers(1, 5): a value is needed; Scenario.vary lets it differ from world to world",
+        "a value is needed; Scenario.vary lets it differ from world to",
     ),
-    (lambda: levels.save("levels.json", GAME, Level()), "a list of outlast.Level is needed"),  # type: ignore[arg-type]
+    (lambda: levels.save("a.json", GAME, Level()), "a list of outlast.Level is needed"),
     (
-        lambda: levels.save("levels.json", GAME, [Level(), Level({"walls_layout": (0.0, 0, -1, 1, 0, 0) * 3})]),
-        "level 1: walls.layout: rectangle 0 at (0, 0) is -1 x 1 m",
+        lambda: levels.save("a.json", GAME, [Level(), Level({"walls_layout": BELOW})]),
+        "rectangle 0 at (0, 0) is -1 x 1 m",
     ),
     (
         lambda: Level({"speed": 3}).mutated(GAME, np.random.default_rng(0)),
-        "speed does not vary here; these do: agents_count",
+        "speed does not vary here; these do: agents_co",
     ),
-    (lambda: Level().mutated(GAME, 0), "rng = 0: a generator is needed, as np.random"),  # type: ignore[arg-type]
+    (lambda: Level().mutated(GAME, 0), "rng = 0: a generator is needed, as np.random"),
+    (lambda: Level({}, (1, 2)), "seed, world and episode are needed"),
+    (lambda: Level({}, (1, 2, 3.0)), "seed, world and episode are needed"),
+    (lambda: Level({}, (1, 2, 2**64)), "seed, world and episode are needed"),
+    (lambda: Level({}, "abc"), "seed, world and episode are needed"),
+    (lambda: Level(None), "values by name are needed"),
+    (lambda: Level([3]), "values by name are needed"),
+    (lambda: outlast.variant("ffa_3").vary(safe_zone_radii=outlast.free((5, 4))), "does not declare"),
+    (lambda: outlast.free(3.0), "a tuple of finite numbers"),
+    (lambda: outlast.free((1, math.inf)), "a tuple of finite numbers"),
+    (lambda: uniform(2, 1), "the first must be below the second"),
+    (lambda: uniform(0, math.inf), "two finite numbers are needed"),
+    (lambda: log_uniform(0, 1), "the lower end must be above 0"),
+    (lambda: integers(1.5, 2), "two integers are needed"),
+    (lambda: choice(1), "2 to 65536"),
 ]
 
 

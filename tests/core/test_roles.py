@@ -1,9 +1,8 @@
 """Scenarios with roles and unequal teams: the games that they make, what is told of them, and what files keep."""
 
 import json
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +10,19 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Recording, Replay, State, make_vec, variant
+from outlast import Recording, Replay, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
-from outlast.ecs import Module, NumberError, Rows, Write
+from outlast.ecs import NumberError, Rows, Write
 from outlast.ecs.declarations.roles import plain
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import ScenarioError, StateError
+from outlast.envs.errors import StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled
+from tests.helpers.mechanics import kind
 
 WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
 QUICK: dict[str, Any] = {"agents_health": 40, "room_size": 14.0, "safe_zone_radii": (6.0, 3.0), "safe_zone_stand": 30}
@@ -75,18 +75,15 @@ def test_all_numbers_that_can_differ_are_tried_here() -> None:
 
 def test_a_role_that_all_have_is_the_game_with_its_numbers() -> None:
     """Kernels read the same values from arrays, and so compute the same bits."""
-    scenario = ONE_THREE.with_(DropLast())
-    alike(scenario.roles(all=outlast.role(**OTHERS), observed=False), scenario.replace(**OTHERS))
+    steering = {"steering_speed": 3.0, "steering_spin": 2.0}
+    for scenario, other in (
+        (ONE_THREE.with_(DropLast()), OTHERS),
+        (variant("ffa_2+steering").replace(**QUICK), steering),
+    ):
+        alike(scenario.roles(all=outlast.role(**other), observed=False), scenario.replace(**other))
 
 
-def test_steering_by_role() -> None:
-    scenario, other = variant("ffa_2+steering").replace(**QUICK), {"steering_speed": 3.0, "steering_spin": 2.0}
-    alike(scenario.roles(all=outlast.role(**other), observed=False), scenario.replace(**other))
-
-
-@dataclass(frozen=True)
-class Strong(Module):
-    """By hand: the first agent has more hit points, is larger, heavier, and carries less."""
+Strong = kind("Strong")  # by hand: the first agent has more hit points, is larger, heavier, and carries less
 
 
 @Strong.system(Phase.DRAW, after=Shape)
@@ -127,26 +124,18 @@ def test_even_teams_say_their_sizes(agents: int) -> None:
         assert Teams(count=count).groups(agents) == tuple(np.bincount(teams, minlength=count))
 
 
-REFUSED = {
-    "another count": (
-        {"teams_sizes": (1, 1, 2)},
-        "(1, 1, 2) are 3 teams, but teams.count is 2: set both, as in replace",
-    ),
-    "no whole number": ({"teams_sizes": (1.5, 2.5)}, "1.5 is no number of agents; take whole numbers"),
-    "nobody": ({"teams_sizes": (0, 4)}, "must be >= 1"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_impossible_sizes_are_refused(name: str) -> None:
-    numbers, message = REFUSED[name]
-    with pytest.raises(NumberError, match=re.escape(message)):
-        variant("teams_3").replace(**numbers)
-
-
-def test_sizes_fit_the_number_of_agents() -> None:
-    with pytest.raises(NumberError, match=re.escape("(1, 4) are 5 agents, but n_agents is 4: say replace(n_agents=5)")):
-        make_vec("teams_3", 1, teams_sizes=(1, 4))
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"teams_sizes": (1, 1, 2)}, r"\(1, 1, 2\) are 3 teams, but teams.count is 2: set both, as in replace"),
+        ({"teams_sizes": (1.5, 2.5)}, "1.5 is no number of agents; take whole numbers"),
+        ({"teams_sizes": (0, 4)}, "must be >= 1"),
+        ({"teams_sizes": (1, 4)}, r"\(1, 4\) are 5 agents, but n_agents is 4: say replace\(n_agents=5\)"),
+    ],
+)
+def test_impossible_sizes_are_refused(numbers: dict[str, Any], message: str) -> None:
+    with pytest.raises(NumberError, match=message):
+        make_vec("teams_3", 1, **numbers)
 
 
 def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> None:
@@ -204,27 +193,20 @@ def test_sides_are_called_by_roles_that_are_theirs_in_all_worlds() -> None:
 
 
 def test_agents_observe_roles() -> None:
+    """In spaces of the widest range of all roles: each of them may use heals up to a limit of its own."""
     env = make_vec(DRAWN, WORLDS, seed=1)
-    for k, (observations, *_, info) in enumerate(steps(env)):
-        role = env.fields["own"]["role"].columns
+    role, health = (env.fields["own"][name].columns for name in ("role", "health"))
+    assert (env.single_observation_space["own"].high[:, health] == 90).all()
+    for observations, *_, info in steps(env):
         assert (observations["own"][..., role].argmax(-1) == info["roles"]).all()
         assert (observations["own"][..., role].sum(-1) == 1).all()
         own, others = observations["own"][0], observations["others"][0]
         for i in range(3):
             for k, o in enumerate(o for o in range(3) if o != i):
                 assert (others[i, k, role] == own[o, role] * (observations["others_mask"][0, i, k])).all()
+        assert env.observation_space.contains(observations)
     assert env.roles == ("strong", "weak")
     assert {tuple(row) for row in info["roles"].tolist()} <= {(0, 1, 1), (1, 0, 1), (1, 1, 0)}
-    assert all(box.contains(value) for box, value in zip(env.observation_space.values(), observations.values()))
-
-
-def test_observations_are_in_their_spaces() -> None:
-    """The widest range of all roles: each of them may use heals up to a limit of its own."""
-    env = make_vec(DRAWN, WORLDS, seed=1)
-    health = env.fields["own"]["health"].columns
-    assert (env.single_observation_space["own"].high[:, health] == 90).all()  # type: ignore[index]
-    for observations, *_ in steps(env):
-        assert env.observation_space.contains(observations)
 
 
 def test_roles_and_sides_are_named() -> None:
@@ -261,6 +243,10 @@ def test_a_scenario_is_rebuilt_with_its_roles(scenario: Any) -> None:
     assert not difference(kept, fingerprint(again))
     other = fingerprint(scenario.roles(all=outlast.role()))
     assert "who has which role" in difference(kept | {"numbers": other["numbers"]}, other)
+    with pytest.raises(StateError, match="who has which role is"):
+        make_vec(scenario.roles(strong=outlast.role(1), weak=outlast.role()), 1).set_state(
+            make_vec(scenario, 1).get_state()
+        )
 
 
 def test_derived_scenarios_say_their_roles() -> None:
@@ -268,8 +254,8 @@ def test_derived_scenarios_say_their_roles() -> None:
     assert "roles 1 hunter and 3 prey" in HUNT.about
     assert HUNT.replace(melee_reach=3).by_role == HUNT.by_role
     bare = HUNT.without("melee")
-    assert "melee_damage" not in bare.by_role.numbers  # type: ignore[union-attr]
-    assert "agents_health" in bare.by_role.numbers  # type: ignore[union-attr]
+    assert "melee_damage" not in bare.by_role.numbers
+    assert "agents_health" in bare.by_role.numbers
     assert "observe_roles" not in HUNT.roles(all=outlast.role(), observed=False)
 
 
@@ -277,13 +263,13 @@ def test_unknown_numbers_get_a_hint() -> None:
     with pytest.raises(NumberError, match="has no number 'melee_damge'; did you mean melee_damage"):
         variant("ffa_1").roles(a=outlast.role(melee_damge=3))
     with pytest.raises(NumberError, match=r"a = 3: a role is needed, as in a=outlast\.role\(1\)"):
-        variant("ffa_1").roles(a=3)  # type: ignore[arg-type]
+        variant("ffa_1").roles(a=3)
     for option in ("observed", "drawn"):
         with pytest.raises(NumberError, match=f"a role cannot be called '{option}', which is an option"):
-            variant("ffa_1").roles(**{"a": outlast.role(1), option: outlast.role()})  # type: ignore[arg-type]
+            variant("ffa_1").roles(**{"a": outlast.role(1), option: outlast.role()})
+    roles = {"a": outlast.role(1), "b": outlast.role(agents_health=80)}
     with pytest.raises(NumberError, match=r"role b: mortality\.limit = 50: agents begin with 80"):
-        make_vec(variant("ffa_1").replace(mortality_limit=50, agents_health=10).roles(
-            a=outlast.role(1), b=outlast.role(agents_health=80)), 1)  # fmt: skip
+        make_vec(variant("ffa_1").replace(mortality_limit=50, agents_health=10).roles(**roles), 1)
 
 
 def test_a_number_that_every_role_sets_is_changed_there() -> None:
@@ -309,49 +295,21 @@ def test_roles_are_not_observed_without_roles() -> None:
         make_vec(variant("ffa_1").with_(outlast.systems.ObserveRoles()), 1)
 
 
-def test_states_keep_roles(tmp_path: Path) -> None:
-    env = make_vec(DRAWN, 4, seed=1)
-    for _ in steps(env, 10):
-        pass
-    env.get_state().save(tmp_path / "state.npz")
-    other = make_vec(DRAWN, 4, seed=99)
-    other.reset()
-    other.set_state(State.load(tmp_path / "state.npz"))
-    assert (other.worlds.block == env.worlds.block).all()
-    rng = np.random.default_rng(0)
-    actions = [draw_actions(env, rng) for _ in range(10)]
-    for action in actions:
-        for a, b in zip(flat(env.step(action)), flat(other.step(action)), strict=True):
-            assert np.array_equal(a, b)
-    with pytest.raises(StateError, match="who has which role is"):
-        make_vec(DRAWN.roles(strong=outlast.role(1), weak=outlast.role()), 4).set_state(env.get_state())
-
-
-def test_a_hostile_role_is_refused() -> None:
-    env = make_vec(DRAWN, 2, seed=1)
-    env.reset()
-    env.worlds[outlast.ecs.AgentRoles].role[0, 1] = 7
-    with pytest.raises(StateError, match=r"AgentRoles\.role is 7"):
-        env.set_state(env.get_state())
-
-
 @pytest.mark.skipif(not COMPILED, reason="whole episodes")
 def test_recordings_replay_with_roles(tmp_path: Path) -> None:
     env = make_vec(DRAWN, 4, seed=1)
     with outlast.record(env, tmp_path / "run.rec"):
-        for _ in steps(env, 40):
-            pass
+        assert len([*steps(env, 40)]) == 41
     recording = Recording.open(tmp_path / "run.rec")
     assert recording.scenario.by_role == DRAWN.by_role
     replay = Replay(recording)
-    for _ in replay.ticks():
-        pass
+    assert [*replay.ticks()]
     assert (replay.worlds.block == env.worlds.block).all()
 
 
 def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "hunt.json"
-    file.write_text(json.dumps(plain(HUNT.by_role)))  # type: ignore[arg-type]
+    file.write_text(json.dumps(plain(HUNT.by_role)))
     game = ("teams_3", "--set", "teams_sizes=1,3", "--roles")
     assert with_roles(variant("teams_3"), file).by_role == HUNT.by_role
     status, out, _ = run(capsys, "schedule", *game, file)
@@ -361,22 +319,17 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     file.write_text(rest)
     named = {"boss": outlast.role(1), "a": outlast.role()}
     assert with_roles(variant("teams_3"), file).by_role == variant("teams_3").roles(**named).by_role
-    for text, message in (
-        ('{"drawn": "never", "roles": [{"name": "a"}]}', "only one role can leave out who has it"),
-        ('{"drawn": "never", "roles": [{"name": "a", "count": 1, "agents": [0], "numbers": {}}]}', "is not {"),
+    for roles, message in (
+        ([{"name": "a"}], "only one role can leave out who has it"),
+        ([{"name": "a", "count": 1, "agents": [0], "numbers": {}}], "is not {"),
+        ([{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}], "role a: melee.dam"),
+        ([{"name": "drawn", "count": 4, "numbers": {}}], "cannot be called 'drawn'"),
+        ([{"name": "a", "count": 9, "numbers": {}}], "9 a are 9 agents, but n_agents is 4"),
         ("[]", "does not say roles: roles: [] is not"),
         ("{", "does not say roles: Expecting property"),
-        (
-            '{"drawn": "never", "roles": [{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}]}',
-            "role a: melee.dam",
-        ),
-        ('{"drawn": "never", "roles": [{"name": "drawn", "count": 4, "numbers": {}}]}', "cannot be called 'drawn'"),
-        (
-            '{"drawn": "never", "roles": [{"name": "a", "count": 9, "numbers": {}}]}',
-            "9 a are 9 agents, but n_agents is 4",
-        ),
         ('{"drawn": "never", "drawn": "anyone", "roles": []}', "does not say roles: "),
     ):
+        text = roles if isinstance(roles, str) else json.dumps({"drawn": "never", "roles": roles})
         file.write_text(text)
         status, _, error = run(capsys, "schedule", *game, file)
         assert status == 2
@@ -386,31 +339,19 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     assert "nothing.json cannot be read: No such file" in error
 
 
-@pytest.mark.parametrize("name", ["self", "cls", "name", "roles", "numbers", "count", "scenario", "role", "None"])
+@pytest.mark.parametrize("name", ["self", "numbers", "None"])
 def test_a_role_may_be_called_as_a_parameter_is(tmp_path: Path, name: str) -> None:
     """Apart from the options of Scenario.roles, of which test_unknown_numbers_get_a_hint has the error."""
     given = {"drawn": "never", "roles": [{"name": name, "count": 4, "numbers": {"melee_damage": 3}}]}
     (path := tmp_path / "roles.json").write_text(json.dumps(given))
-    env = make_vec(with_roles(ONE_THREE, path), 1, seed=0)
-    env.reset()
-    assert env.roles == (name,)
-    assert with_roles(ONE_THREE, path) == ONE_THREE.roles(**{name: outlast.role(4, melee_damage=3)})
+    scenario = with_roles(ONE_THREE, path)
+    assert make_vec(scenario, 1).roles == (name,)
+    assert scenario == ONE_THREE.roles(**{name: outlast.role(4, melee_damage=3)})
 
 
 def test_no_number_is_called_self() -> None:
     env = make_vec("ffa_2", 1)
-    changes: tuple[Any, ...] = (
-        ONE_THREE.replace,
-        ONE_THREE.vary,
-        env.set_numbers,
-        env.worlds.set_numbers,
-        Melee().replace,
-    )
+    changes: Any = ONE_THREE.replace, ONE_THREE.vary, env.set_numbers, env.worlds.set_numbers, Melee().replace
     for change in changes:
         with pytest.raises(NumberError, match="self"):
             change(self=outlast.uniform(1, 2) if change == ONE_THREE.vary else 1)
-
-
-def test_data_without_roles_is_refused() -> None:
-    with pytest.raises((ScenarioError, NumberError)):
-        rebuilt(fingerprint(HUNT) | {"roles": {"drawn": "never", "roles": []}}, classes(HUNT))
