@@ -50,23 +50,15 @@ def test_an_error_has_one_base_and_one_that_is_caught_already(name: str) -> None
     assert str(pickle.loads(pickle.dumps(raised))) == "what, and the cure"  # as worker processes send it
 
 
-def test_catching_gymnasium_s_errors_catches_those_of_environments() -> None:
+def test_errors_of_environments_are_caught_as_gymnasium_s() -> None:
     env = make_vec("ffa_1", 2, seed=0)
-    idle = np.tile(env.noop, (2, 2, 1))
     with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(idle)
+        env.step(np.tile(env.noop, (2, 2, 1)))
     env.reset()
-    with pytest.raises(gymnasium.error.InvalidAction):
-        env.step(idle + 5)
-    with pytest.raises(gymnasium.error.NoAsyncCallError):
-        env.recv()
-    env.send(idle)
+    env.send(np.tile(env.noop, (2, 2, 1)))
     with pytest.raises(gymnasium.error.AlreadyPendingCallError) as raised:
-        env.send(idle)
+        env.send(np.tile(env.noop, (2, 2, 1)))
     assert raised.value.name == "step"
     env.recv()
-    env.close()
-    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
-        env.reset()
     with pytest.raises(OutlastError):
         outlast.variant("ffa_9")

@@ -1,22 +1,20 @@
-"""The batched environment: spaces, the contract of reset and step. That bits are the same: test_determinism.py."""
+"""The batched environment: spaces, buffers, faults and options. Calls in any order: test_stateful.py."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from outlast import VARIANTS, make_vec, variant
 from outlast.components import Body, Episode, Phase, Reward
-from outlast.ecs import Clock, Module, NumberError, Read, Worlds
+from outlast.ecs import Clock, Read, Worlds
 from outlast.envs.core.agents import agent_statistics, alive, side
-from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, NotResetError
 from tests.conftest import digest, draw_actions, scaled
 from tests.digests import numbered_actions
 from tests.helpers.execution_modes import equal, short
+from tests.helpers.mechanics import kind
 
-KINDS = ("ffa_1", "ffa_3", "teams_2", "teams_3")  # the others differ from these in numbers only
 WORLDS = scaled(40, least=4)
 KEYS = {
     "own": (), "others": (), "others_mask": (), "zone": (),
@@ -24,10 +22,6 @@ KEYS = {
     "boxes": (8, 11), "boxes_mask": (8,), "box_items": (8, 10), "box_items_mask": (8,),
     "box_slot": (1, 8), "box_slot_mask": (1,),
 }  # fmt: skip
-Env = SurvivalVectorEnv
-
-
-# ---- spaces
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -52,24 +46,6 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
     assert (mask.low.min(), mask.high.max()) == (0, 1)
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_what_comes_out_lies_in_the_spaces(name: str) -> None:
-    env = make_vec(short(name), WORLDS, seed=0)
-    env.action_space.seed(0)
-    observations, _ = env.reset(seed=1)
-    steps, played = scaled(150, least=30), set()
-    for _ in range(steps):
-        assert env.observation_space.contains(observations)
-        actions = env.action_space.sample()
-        played.add(actions.tobytes())
-        observations, reward, terminated, truncated, _ = env.step(actions)
-        assert (reward.dtype, reward.shape) == (np.float32, (WORLDS, env.num_agents))
-        for flag in (terminated, truncated):
-            assert (flag.dtype, flag.shape) == (bool, (WORLDS,))
-        assert not (terminated & truncated).any()
-    assert len(played) == steps  # or it would be the test of one action
-
-
 @pytest.mark.parametrize("agents", [1, 3, 40])
 def test_any_number_of_agents(agents: int) -> None:
     """Also a single one, which has no others; and the same compiled tick serves them all."""
@@ -78,73 +54,13 @@ def test_any_number_of_agents(agents: int) -> None:
     assert observations["others"].shape == (2, agents, agents - 1, 8)
     rng = np.random.default_rng(0)
     for _ in range(5):
-        observations, reward, terminated, _, _ = env.step(draw_actions(env, rng))
+        observations, reward, terminated, truncated, _ = env.step(draw_actions(env, rng))
+    assert (reward.dtype, reward.shape) == (np.float32, (2, agents))
+    for flag in (terminated, truncated):
+        assert (flag.dtype, flag.shape) == (bool, (2,))
     assert observations["own"][:, :, 0].tolist() == [list(range(agents))] * 2
     assert (reward == 1).all()
     assert not terminated.any()
-
-
-# ---- reset
-
-
-def test_an_int_seeds_every_world_by_its_number() -> None:
-    env, other = make_vec("teams_3", 4, seed=0), make_vec("teams_3", 4, seed=7)
-    first = {key: values.copy() for key, values in env.reset(seed=7)[0].items()}
-    assert equal(first, other.reset()[0])
-    assert len({values.tobytes() for values in first["own"]}) == 4  # no two worlds alike
-    assert not equal(first, other.reset(seed=8)[0])
-
-
-def test_a_list_seeds_every_world_alone() -> None:
-    """Worlds of one seed are equal, and equal to a batch of one with that seed."""
-    env = make_vec("teams_3", 3, seed=0)
-    for seeds in ([5, 9, 5], np.array([5, 9, 5], np.uint32), (5, 2**64 - 1, 5)):
-        observations, _ = env.reset(seed=seeds)
-        alone, _ = make_vec("teams_3", 1, seed=5).reset()
-        for key, values in observations.items():
-            assert np.array_equal(values[0], values[2])
-            assert np.array_equal(values[0], alone[key][0])
-        assert not np.array_equal(observations["own"][0], observations["own"][1])
-
-
-def test_without_a_seed_reset_goes_on_to_the_next_episode() -> None:
-    """The one that autoreset would have started, whenever it is called."""
-    env, other = make_vec(short("teams_3"), WORLDS, seed=3), make_vec(short("teams_3"), WORLDS, seed=3)
-    first = {key: values.copy() for key, values in env.reset()[0].items()}
-    second, _ = env.reset()
-    assert not equal(first, second)
-    assert equal(first, other.reset()[0])
-    seen = np.zeros(WORLDS, bool)
-    done = seen.copy()
-    for tick in range(80):
-        observations, _, terminated, truncated, _ = other.step(numbered_actions(other, tick))
-        fresh, done = done & ~seen, terminated | truncated
-        for key, values in observations.items():
-            assert np.array_equal(values[fresh], second[key][fresh])
-        seen |= fresh
-    assert seen.all()
-
-
-def test_reset_mask_leaves_the_others_untouched() -> None:
-    env, control = make_vec("teams_3", 5, seed=0), make_vec("teams_3", 5, seed=0)
-    mask = np.array([True, False, False, True, False])
-    for one in (env, control):
-        one.reset()
-        for tick in range(10):
-            one.step(numbered_actions(one, tick))
-    observations, _ = env.reset(seed=11, options={"reset_mask": mask})
-    assert digest(env.worlds, ~mask) == digest(control.worlds, ~mask)
-    fresh, _ = make_vec("teams_3", 5, seed=11).reset()
-    for key, values in observations.items():
-        assert np.array_equal(values[mask], fresh[key][mask])
-    assert env.worlds[Clock].tick[:, 0].tolist() == [0, 10, 10, 0, 10]
-    for tick in range(10):
-        env.step(numbered_actions(env, tick))
-        control.step(numbered_actions(control, tick))
-    assert digest(env.worlds, ~mask) == digest(control.worlds, ~mask)
-
-
-# ---- buffers
 
 
 def test_observations_are_copies_unless_views_are_asked_for() -> None:
@@ -159,22 +75,18 @@ def test_observations_are_copies_unless_views_are_asked_for() -> None:
         assert not any(np.shares_memory(values, env.worlds[Episode].returns) for values in second.values())
 
 
-# ---- faults
-
-
 @pytest.mark.parametrize("options", [{}, {"threads": 2}, {"interpret": ["breaks.go"]}])
 def test_what_a_system_raises_in_a_step(options: dict[str, Any]) -> None:
     """By one compiled call, by calls of threads, and as Python; no world runs on, until it is reset."""
 
-    class Breaks(Module):
-        pass
+    breaks = kind("Breaks")
 
-    @Breaks.system(Phase.USE)
+    @breaks.system(Phase.USE)
     def go(clock: Read[Clock]) -> None:
         if clock.tick[0] == 2 and clock.world[0] == 40 and clock.episode[0] == 1:
             raise ValueError("enough")
 
-    env = make_vec(variant("ffa_1").with_(Breaks()), 48, seed=0, **options)
+    env = make_vec(variant("ffa_1").with_(breaks()), 48, seed=0, **options)
     env.reset()
     noop = np.tile(env.noop, (48, env.num_agents, 1))
     env.step(noop)
@@ -205,9 +117,6 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
     assert digest(env.worlds, [0, 2]) == digest(control.worlds, [0, 2])
 
 
-# ---- agents
-
-
 def test_the_living_their_sides_and_their_shares() -> None:
     env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
@@ -229,36 +138,6 @@ def test_the_living_their_sides_and_their_shares() -> None:
     assert {values.shape for values in own.values()} == {(WORLDS, 4)}
 
 
-def test_the_noop_moves_nobody() -> None:
-    env = make_vec("teams_3", 2, seed=0)
-    env.reset()
-    body = env.worlds[Body]
-    before = [body.x.copy(), body.y.copy(), body.angle.copy()]
-    assert env.noop.tolist() == [1, 1, 1, 0, 0, 0]
-    for _ in range(5):
-        env.step(np.tile(env.noop, (2, 4, 1)))
-    agents = env.worlds.span("agent")
-    for was, now in zip(before, (body.x, body.y, body.angle), strict=True):
-        assert np.array_equal(was[:, agents], now[:, agents])
-
-
-# ---- options
-
-
-def test_numbers_are_keywords() -> None:
-    env = make_vec("ffa_1", 1, seed=0, n_agents=3, melee_damage=20)
-    assert env.scenario == variant("ffa_1").replace(n_agents=3, melee_damage=20)
-    with pytest.raises(NumberError, match="ffa_1 has no number 'thread'; did you mean threads"):
-        make_vec("ffa_1", 1, thread=2)
-    with pytest.raises(NumberError, match="did you mean melee_damage"):
-        make_vec(variant("ffa_1"), 1, melee_damge=2)
-
-
-def test_autoreset_mode_is_called_as_in_gymnasium() -> None:
-    env = make_vec("ffa_1", 1, autoreset_mode="SameStep")
-    assert env.autoreset_mode is env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-
-
 def test_compilation_is_logged_and_not_printed(
     caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -267,9 +146,6 @@ def test_compilation_is_logged_and_not_printed(
         make_vec("ffa_1", 1)
     assert [record.getMessage().split()[0] for record in caplog.records] == ["compiling", "compiled"]
     assert capsys.readouterr() == ("", "")
-
-
-# ---- pictures
 
 
 def test_frames_stay_readable_after_a_step() -> None:

@@ -1,4 +1,4 @@
-"""The ends of episodes: autoreset in all modes, statistics, and the time limit."""
+"""The ends of episodes: statistics, the time limit, and early stops. Autoreset in all modes: test_stateful.py."""
 
 from typing import Any
 
@@ -7,82 +7,14 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.components import Phase, Side
-from outlast.ecs import Clock, Entity, Module, Read, Rows, Singleton, Statistic, Write, column
+from outlast.ecs import Clock, Entity, Read, Rows, Statistic, Write, column
 from outlast.envs.errors import NotResetError
-from tests.conftest import digest, scaled
+from tests.conftest import scaled
 from tests.digests import numbered_actions
 from tests.helpers.execution_modes import equal, short
+from tests.helpers.mechanics import kind
 
 WORLDS = scaled(40, least=4)
-
-
-def test_next_step_resets_in_a_step_of_its_own() -> None:
-    """It ignores the actions, pays nothing, ends nothing, and shows the new episode."""
-    env, other = make_vec(short("teams_3"), WORLDS, seed=0), make_vec(short("teams_3"), WORLDS, seed=0)
-    env.reset()
-    other.reset()
-    done, resets = np.zeros(WORLDS, bool), 0
-    for tick in range(80):
-        actions = numbered_actions(env, tick)
-        observations, reward, terminated, truncated, _ = env.step(actions)
-        actions[done] = (actions[done] + 1) % 2
-        other.step(actions)
-        assert np.array_equal(env.worlds.block, other.worlds.block)
-        assert not reward[done].any()
-        assert not (terminated | truncated)[done].any()
-        assert (env.worlds[Clock].tick[done] == 0).all()
-        assert (observations["own"][done, :, 2] == 10).all()
-        resets += done.sum()
-        done = terminated | truncated
-    assert resets >= WORLDS
-
-
-def test_same_step_shows_both_episodes_at_once() -> None:
-    """Beside NEXT_STEP: final_obs is the observation of its last step, and the observation that of its reset step."""
-    same, following = (
-        make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode) for mode in ("SameStep", "NextStep")
-    )
-    same.reset()
-    following.reset()
-    done = np.zeros(1, bool)
-    while not done.any():
-        actions = numbered_actions(same, 0)
-        observations, *outcome, info = same.step(actions)
-        buffers, *expected, expected_info = following.step(actions)
-        last = {key: values.copy() for key, values in buffers.items()}
-        assert all(np.array_equal(mine, theirs) for mine, theirs in zip(outcome, expected, strict=True))
-        done = outcome[1] | outcome[2]
-    assert not done.all()
-    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == done.tolist()
-    assert equal(info["final_info"]["statistics"], expected_info["statistics"])
-    fresh, *_ = following.step(actions)
-    for w in range(WORLDS):
-        if done[w]:
-            assert all(np.array_equal(info["final_obs"][w][key], last[key][w]) for key in last)
-            assert all(np.array_equal(observations[key][w], fresh[key][w]) for key in fresh)
-        else:
-            assert info["final_obs"][w] is None
-            assert all(np.array_equal(observations[key][w], last[key][w]) for key in last)
-    assert (same.worlds[Clock].tick[done] == 0).all()
-    same.step(actions)  # and on without a pause
-    assert (same.worlds[Clock].tick[done] == 1).all()
-
-
-def test_disabled_waits_for_a_reset_of_what_ended() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
-    env.reset()
-    for tick in range(80):
-        _, _, terminated, truncated, _ = env.step(actions := numbered_actions(env, tick))
-        if (done := terminated | truncated).any():
-            break
-    before = digest(env.worlds)
-    with pytest.raises(NotResetError, match=rf"worlds \[{np.flatnonzero(done)[0]}.* have ended.*reset_mask"):
-        env.step(actions)
-    assert digest(env.worlds) == before
-    others = digest(env.worlds, ~done)
-    env.reset(options={"reset_mask": done})
-    assert digest(env.worlds, ~done) == others
-    env.step(actions)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -110,6 +42,8 @@ def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
             assert ((found["first_death"] <= found["length"]) | ~done).all()
             if mode == "SameStep":
                 assert found is info["final_info"]["statistics"]
+                assert info["_final_obs"].tolist() == info["_final_info"].tolist() == done.tolist()
+                assert [each is None for each in info["final_obs"]] == (~done).tolist()
             count += done.sum()
         length[done], returns[done] = 0, 0
         fresh = done if mode == "NextStep" else fresh
@@ -126,9 +60,7 @@ class Sizes(Statistic):
     double: Any = column("f8", "agents")
 
 
-class Measures(Module):
-    def singletons(self) -> list[Singleton]:
-        return [Sizes()]
+Measures = kind("Measures", singletons=[Sizes()])
 
 
 @Measures.system(Phase.ZONE)
