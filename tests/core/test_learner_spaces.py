@@ -1,5 +1,6 @@
 """Actions, observations and states in the forms that learners ask for, against those of the plain environment."""
 
+import contextlib
 import itertools
 import math
 from collections import Counter
@@ -11,12 +12,13 @@ import pytest
 
 import outlast
 from outlast.components import Attack, Bag, Body, Health, Phase, Side, Weapon, ZoneView
-from outlast.ecs import Action, Clock, Entity, Field, Module, Offset, Read, Rows, Write, column
+from outlast.ecs import Action, Clock, Entity, Field, Offset, Read, Rows, Write, column, columns_of
 from outlast.envs.core.scaling import LIMIT
 from outlast.envs.rollout.policies import STYLES, others_policy
 from outlast.errors import ActionError, DeclarationError
 from outlast.systems import DropLast, FineMotors, FineSteering, Respawn
 from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.helpers.mechanics import kind, taking
 from tests.helpers.own_bodies import Mine
 
 TEAMS = outlast.variant("teams_3")
@@ -88,16 +90,15 @@ def test_masks_are_what_the_rules_say() -> None:
 def test_a_mechanic_that_reads_an_action_has_a_say() -> None:
     """An action that another mechanic reads, too, is masked only where both say that it does nothing."""
 
-    class Breath(Module):
-        """Attacking heals, whether the weapon waits or not."""
+    breath = kind("Breath")  # attacking heals, whether the weapon waits or not
 
-    @Breath.system(Phase.EFFECT, after="heals.heal")
+    @breath.system(Phase.EFFECT, after="heals.heal")
     def breathe(health: Write[Health], attack: Read[Attack], agents: Rows[Weapon]) -> None:
         for i in range(agents.size):
             health.points[agents[i]] += attack.attack[i]
 
     try:
-        env = outlast.make_vec(outlast.variant("ffa_1").with_(Breath()).replace(melee_cooldown=50), 4, seed=0)
+        env = outlast.make_vec(outlast.variant("ffa_1").with_(breath()).replace(melee_cooldown=50), 4, seed=0)
         env.reset()
         for _ in range(5):
             env.step(np.tile([1, 1, 1, 1, 1, 1], (4, 2, 1)))
@@ -105,7 +106,7 @@ def test_a_mechanic_that_reads_an_action_has_a_say() -> None:
         assert masks[..., 10].all()  # attack
         assert not masks[..., 12].any()  # use, of which nobody else knows
     finally:
-        Breath.registered.clear()
+        breath.registered.clear()
 
 
 @pytest.mark.parametrize("count", [20, 21])
@@ -114,15 +115,9 @@ def test_masks_are_for_twenty_actions_at_most(count: int) -> None:
     columns = {f"button_{k}": column("i1", "agents", low=0, high=1) for k in range(count - 6)}
     buttons = type("Buttons", (Action,), columns | {"__annotations__": dict.fromkeys(columns, Any)})
 
-    class Panel(Module):
-        def singletons(self) -> Any:
-            return [buttons()]
-
-    @Panel.system(Phase.EFFECT)
-    def press(pressed: Read[buttons]) -> None:  # type: ignore[valid-type]
-        pass
-
-    env = outlast.make_vec(TEAMS.with_(Panel()), 2, seed=0)
+    panel = kind("Panel", singletons=lambda self: [buttons()])
+    panel.system(Phase.EFFECT)(taking("press", pressed=Read[buttons]))
+    env = outlast.make_vec(TEAMS.with_(panel()), 2, seed=0)
     env.reset()
     assert len(env.noop) == count
     if count == 20:
@@ -206,18 +201,10 @@ def test_continuous_actions_that_cannot_be_are_refused(given: Any, message: str,
 def test_actions_of_many_values_are_drawn_and_left_alone() -> None:
     """Random policies draw each value as often, scripted ones leave alone what they do not know."""
 
-    class Aim(Action):
-        bearing: Any = column("i1", "agents", low=-127, high=127)
-
-    class Turret(Module):
-        def singletons(self) -> Any:
-            return [Aim()]
-
-    @Turret.system(Phase.EFFECT)
-    def aim(aimed: Read[Aim]) -> None:
-        pass
-
-    many = outlast.make_vec(outlast.variant("ffa_2").with_(Turret(), FineMotors()), 2048, seed=0)
+    aim = type("Aim", (Action,), {"bearing": column("i1", "agents", low=-127, high=127)})
+    turret = kind("Turret", singletons=lambda self: [aim()])
+    turret.system(Phase.EFFECT)(taking("turn", aimed=Read[aim]))
+    many = outlast.make_vec(outlast.variant("ffa_2").with_(turret(), FineMotors()), 2048, seed=0)
     seen, _ = many.reset()
     names = [key for key, _ in many.action_columns]
     kinds = [outlast.random_policy(many), others_policy("random", many, [0, 1])]
@@ -319,28 +306,17 @@ def test_bodies_of_ones_own_are_in_the_state() -> None:
     for _ in range(scaled(60, 10)):
         env.step(draw_actions(env, rng))
     body, state = env.worlds[Body], env.state()
-    for kind in ("ball", "crate", "door"):
-        row = env.worlds.span(kind).start
+    for thing in ("ball", "crate", "door"):
+        row = env.worlds.span(thing).start
         for name in ("x", "y", "angle"):
-            assert np.array_equal(state[:, env.state_names.index(f"{kind}_0.{name}")], getattr(body, name)[:, row])
-        assert (state[:, env.state_names.index(f"{kind}_0.stands")] == 1).all()
+            assert np.array_equal(state[:, env.state_names.index(f"{thing}_0.{name}")], getattr(body, name)[:, row])
+        assert (state[:, env.state_names.index(f"{thing}_0.stands")] == 1).all()
     assert not any(name.startswith("wall_") for name in env.state_names)
     assert env.state_space.contains(state[0])
 
 
-def test_without_copies_arrays_are_reused() -> None:
-    env = outlast.make_vec("ffa_1", 2, seed=0, observations="flat", scaled=True, copy=False)
-    first, _ = env.reset()
-    second = env.step(np.tile(env.noop, (2, 2, 1)))[0]
-    assert np.shares_memory(first, second)
-    assert not first.flags.writeable
-
-
-class Storm(Module):
-    """A wind that turns, seen in the row of the zone."""
-
-    def fields(self) -> dict[str, tuple[Field, ...]]:
-        return {"zone": (Field("wind_angle", "rad", scale=math.pi),)}
+# A wind that turns, seen in the row of the zone.
+Storm = kind("Storm", fields={"zone": (Field("wind_angle", "rad", scale=math.pi),)})
 
 
 @Storm.system(Phase.OBSERVE)
@@ -404,7 +380,6 @@ def test_a_step_writes_into_memory_of_the_callers() -> None:
         ({"reward": 0}, r"out has the name 'reward': a mapping is needed, with names among observations, rewards,"),
         (3, "out has type int: a mapping is needed"),
         ({"rewards": np.zeros((2, 2))}, r"out\['rewards'\] is float64 \(2, 2\): a float32 array of shape \(2, 2\)"),
-        ({"terminated": np.zeros(3, bool)}, r"out\['terminated'\] is bool \(3,\): a bool array of shape \(2,\)"),
         ({"observations": {"own": 0}}, r"out\['observations'\] has the keys \['own'\]: \['heal_slot'"),
         ({"state": [0]}, r"out\['state'\] is list: a float32 array of shape \(2, 84\) is needed"),
     ],
@@ -437,8 +412,7 @@ def test_joint_actions_out_of_range_are_named() -> None:
     with pytest.raises(ActionError, match="action 0 of agent 1 in world 0 is 216: 0 to 215 is allowed"):
         env.step(np.array([[0, 216], [0, 0]]))
     with pytest.raises(
-        ActionError,
-        match=r"actions have shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint",
+        ActionError, match=r"shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint"
     ):
         env.step(np.zeros((2, 2, 6), int))
 
@@ -485,3 +459,28 @@ def test_torch_and_numpy_share_what_is_handed_out(copy: bool, form: str) -> None
             other = share(array)
             assert np.shares_memory(np.asarray(other), array)
     env.close()
+
+
+def test_numbers_are_divided_by_their_scales_and_angles_wrapped() -> None:
+    with contextlib.closing(outlast.make_vec("teams_4", 16, seed=0)) as env:
+        observations, _ = env.reset()
+        policy = outlast.random_policy(env, 0)
+        for _ in range(30):
+            observations, *_ = env.step(policy(observations))
+        observations["own"][0, 0, columns_of(env.fields["own"], "angle")] = 50 * math.tau + 1
+        before = {key: values.copy() for key, values in observations.items()}
+        seen = outlast.scaled(observations, env.fields)
+        own = env.fields["own"]
+        places = columns_of(own, "x", "y")
+        np.testing.assert_allclose(seen["own"][..., places], before["own"][..., places] / 12.5)
+        assert seen["own"][0, 0, columns_of(own, "angle")] == pytest.approx(1 / math.pi, abs=1e-5)
+        assert (seen["own"][..., columns_of(own, "id")] == before["own"][..., columns_of(own, "id")]).all()
+        assert max(np.abs(seen[key]).max() for key in ("zone", "others", "heals", "boxes")) < 4  # ids up to 3
+        for key, values in observations.items():
+            np.testing.assert_array_equal(values, before[key])  # it makes copies
+            assert seen[key].dtype == np.float32
+            assert seen[key].shape == values.shape
+            if key.endswith("_mask"):
+                assert seen[key] is values
+            elif key not in ("own", "others"):
+                assert ((seen[key] == 0) == (values == 0)).all()
