@@ -1,23 +1,23 @@
 """Bounds of observations: true in play, real where there are any, infinite elsewhere, and so read by wrappers."""
 
-import dataclasses
 import math
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import DtypeObservation, FilterObservation, FlattenObservation, RescaleObservation
+from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleObservation
 
 import outlast
 from outlast import Scenario, make_vec, variant
 from outlast.components import Bag, Body, Item
-from outlast.ecs import DeclarationError, Entity, Module
+from outlast.ecs import DeclarationError, Entity
 from outlast.ecs.kernels.random import NORMAL
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from outlast.systems import DropLast
 from tests.conftest import few_by_day, scaled
 from tests.helpers.execution_modes import SHORT, short
+from tests.helpers.mechanics import mechanic
 
 INF = math.inf
 HARD: dict[str, Any] = {
@@ -118,13 +118,7 @@ def test_items_placed_in_a_wall() -> None:
 
 def said(key: str, ends: Any) -> Scenario:
     """With a mechanic that does nothing but say what can be."""
-
-    @dataclasses.dataclass(frozen=True)
-    class Said(Module):
-        def bounds(self, layout: Any) -> Any:
-            return {key: ends}
-
-    return variant("ffa_1").with_(Said())
+    return variant("ffa_1").with_(mechanic("Said", bounds=lambda self, layout: {key: ends}))
 
 
 def test_of_what_several_modules_say_the_widest_counts() -> None:
@@ -149,9 +143,6 @@ def test_bounds_that_cannot_be_are_refused() -> None:
     ):
         with pytest.raises(DeclarationError, match=r"said.bounds\(\) " + words):
             make_vec(said(key, ends), 1)
-
-
-# ---- wrappers
 
 
 def flat(*keys: str) -> Any:
@@ -180,25 +171,3 @@ def test_rescaling_keeps_distinct_values() -> None:
     assert ((found >= 0) & (found <= 1)).all()
     np.testing.assert_allclose(found, (seen - low) / (high - low), atol=1e-6)
     assert len(np.unique(found)) > 0.9 * len(np.unique(seen))
-
-
-def test_what_has_no_bounds_is_not_rescaled_in_silence() -> None:
-    with pytest.raises(ValueError, match="unbounded"):
-        RescaleObservation(flat(), np.float32(0), np.float32(1))
-    low, high = flat().observation_space.low, flat().observation_space.high
-    bounded = np.isfinite(low) & np.isfinite(high)
-    ends = (np.where(bounded, end, limit).astype(np.float32) for end, limit in ((0, low), (1, high)))
-    seen, found = play(flat()), play(RescaleObservation(flat(), *ends))
-    np.testing.assert_array_equal(found[:, ~bounded], seen[:, ~bounded])
-    assert ((found[:, bounded] >= 0) & (found[:, bounded] <= 1)).all()
-
-
-@pytest.mark.filterwarnings("ignore:.*precision lowered by casting to float16")  # which is what is asked for
-def test_half_precision_is_possible() -> None:
-    env = DtypeObservation(flat(), np.float16)
-    low, high = env.observation_space.low, env.observation_space.high
-    assert (low.dtype, env.observation_space.dtype) == (np.float16, np.float16)
-    assert (np.isfinite(low) == np.isfinite(flat().observation_space.low)).all()
-    seen, found = play(flat()), play(env)
-    np.testing.assert_allclose(found.astype(np.float32), seen, rtol=1e-3)
-    assert ((found >= low) & (found <= high)).all()

@@ -1,7 +1,6 @@
 """Checks of a game: each finds what it is for, with the place, and nothing in games that are right."""
 
 import time
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,22 +12,18 @@ from outlast.ecs.kernels.random import uniform
 from outlast.envs.check import CHECKS
 from outlast.envs.cli.main import main
 from tests.conftest import COMPILED
+from tests.helpers.mechanics import kind
 
 
 class Gauge(Observation):
     gauge: Array = column("f4", "agents", 2)
 
 
-class Gauges(Module):
-    def singletons(self) -> Any:
-        return [Gauge()]
-
-    def bounds(self, layout: Any) -> Any:
-        return {"gauge": (0, 1)}
-
-
-class Beyond(Gauges):
-    pass
+Gauges = kind("Gauges", singletons=[Gauge()], bounds=lambda self, layout: {"gauge": (0, 1)})
+Beyond, Unpaid = kind("Beyond", Gauges), kind("Unpaid")
+Late = kind("Late", Gauges)  # what it does is seen only in ticks that no trial takes
+Timed = kind("Timed", Gauges)  # by what is no part of the worlds
+Wrapping = kind("Wrapping", Gauges)  # the clock's integers have no sign: numpy wraps below 0
 
 
 @Beyond.system(Phase.OBSERVE)
@@ -38,18 +33,10 @@ def exceed(view: Write[Gauge], clock: Read[Clock], agents: Rows[Side]) -> None:
         view.gauge[i, 1] = 7 if clock.tick[0] == 5 and i == 1 else 0
 
 
-class Unpaid(Module):
-    pass
-
-
 @Unpaid.system(Phase.REWARD, after=Reward)
 def pay_nan(reward: Write[Reward], clock: Read[Clock]) -> None:
     if clock.tick[0] == 3:
         reward.reward[1] = np.nan
-
-
-class Late(Gauges):
-    """What it does is seen only in ticks that no trial takes."""
 
 
 @Late.system(Phase.OBSERVE)
@@ -58,17 +45,9 @@ def draw_twice(view: Write[Gauge], clock: Read[Clock], key: Random) -> None:
         view.gauge[i, 0] = uniform(key, 0 if clock.tick[0] == 25 else i)
 
 
-class Timed(Gauges):
-    """By what is no part of the worlds."""
-
-
 @Timed.system(Phase.OBSERVE, compiled=False)
 def look_at_the_clock(view: Write[Gauge], agents: Rows[Side]) -> None:
     view.gauge[:] = 1000 * time.perf_counter() % 1
-
-
-class Wrapping(Gauges):
-    """The clock's integers have no sign: numpy wraps below 0."""
 
 
 @Wrapping.system(Phase.OBSERVE)

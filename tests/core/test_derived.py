@@ -98,9 +98,6 @@ def test_files_identify_a_derived_scenario_as_before() -> None:
     assert fingerprint(DUEL.replace(cameras_mode="revealed").titled_as(DUEL)).keys() == {"name", "numbers"}
 
 
-# ---- numbers that scale with others
-
-
 def test_the_safe_zone_scales_with_the_room(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "outlast")
     for size in (10.0, 20.0, 20.1, 77.7, 1000.0):
@@ -108,7 +105,6 @@ def test_the_safe_zone_scales_with_the_room(caplog: pytest.LogCaptureFixture) ->
         radii = env.scenario.numbers()["safe_zone_radii"]
         assert radii[0] == size / 2
         assert radii == pytest.approx([size / 25 * each for each in DUEL.numbers()["safe_zone_radii"]])
-        env.close()
     scaled = [message for message in caplog.messages if "scaled" in message]  # not those on compiling
     assert scaled[1].startswith("safe_zone_radii is scaled with room_size, to 10, 8, 6, 4, 3.2, 1.6, 0.8")
     assert DUEL.replace(room_size=20).replace(room_size=30).replace(room_size=25) == DUEL

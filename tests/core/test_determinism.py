@@ -24,9 +24,6 @@ ROOT = Path(__file__).parents[2]
 QUICK = ("teams_4",)  # variants of the fast tests
 
 
-# ---- however worlds are run
-
-
 @pytest.mark.parametrize("name", QUICK)
 def test_the_same_bits_however_worlds_are_run(name: str) -> None:
     """By night with machine code for one layout, too, which would be compiled for this test."""
@@ -92,9 +89,6 @@ def test_a_fault_loses_no_end(autoreset: str) -> None:
         assert digest(harmed.env.worlds, [0]) == digest(control.env.worlds, [0])
 
 
-# ---- other processes, and plain Python
-
-
 @functools.cache
 def digests_of(name: str, ticks: int) -> dict[str, str]:
     return behaviour_digests(name, ticks)
@@ -120,13 +114,12 @@ def test_another_process_observes_the_same_for_two_thousand_ticks() -> None:
 
 PLAIN = """
 import sys
-from contextlib import nullcontext
 import numpy as np
 from tests.core.test_determinism import watched
 from tests.helpers.sines import sines_of_c
 
-with sines_of_c() if sys.argv[1] == "libm" else nullcontext():
-    np.savez(sys.argv[2], **watched(sys.argv[3]))
+with sines_of_c():
+    np.savez(sys.argv[1], **watched(sys.argv[2]))
 """
 
 
@@ -142,10 +135,10 @@ def watched(name: str) -> dict[str, np.ndarray[Any, Any]]:
     return {key: np.stack(arrays) for key, arrays in rows.items()}
 
 
-def as_plain_python(sines: str, name: str, file: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """The same from kernels that are not compiled. sines: of numpy or of libm."""
+def as_plain_python(name: str, file: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """The same from kernels that are not compiled, with the sines of libm."""
     variables = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-c", PLAIN, sines, str(file), name]
+    command = [sys.executable, "-c", PLAIN, str(file), name]
     subprocess.run(command, cwd=ROOT, env=variables, check=True)
     with np.load(file) as arrays:
         return dict(arrays)
@@ -156,18 +149,5 @@ def as_plain_python(sines: str, name: str, file: Path) -> dict[str, np.ndarray[A
 def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_path: Path) -> None:
     """Nothing else differs: neither order of operations, nor a fused multiply and add, nor a rounding."""
     for name in QUICK:
-        here, there = watched(name), as_plain_python("libm", name, tmp_path / "observed.npz")
+        here, there = watched(name), as_plain_python(name, tmp_path / "observed.npz")
         assert {key: array.tobytes() for key, array in here.items()} == {k: a.tobytes() for k, a in there.items()}
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
-def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path: Path) -> None:
-    """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""
-    here, there = watched("teams_4"), as_plain_python("numpy", "teams_4", tmp_path / "observed.npz")
-    for key, array in here.items():
-        if key in ("own", "others"):
-            np.testing.assert_allclose(there[key], array, rtol=0, atol=1e-4)
-            np.testing.assert_array_equal(there[key][..., :3], array[..., :3])  # id, team, hit points
-        else:
-            np.testing.assert_array_equal(there[key], array)

@@ -92,9 +92,6 @@ def test_what_was_written_once_is_written_still() -> None:
                 assert found.items() <= now.items(), f"{key} on {platform} is not what {revision[:8]} says"
 
 
-# ---- the command
-
-
 FOUND = {name: {"0": f"{name} at first", "1": "and then"} for name in ("ffa_1", "teams_4")}
 
 

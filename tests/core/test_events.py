@@ -81,7 +81,6 @@ def played(game: str, ticks: int, seed: int = 3) -> Iterator[tuple[Any, Any]]:
         if (done := (end.terminated | end.truncated)[:, 0]).any():
             env.reset(options={"reset_mask": done})
             assert not any(done[rows["world"]].any() for rows in env.events().values())
-    env.close()
 
 
 @pytest.mark.parametrize("game", GAMES)
@@ -172,9 +171,6 @@ def test_an_item_on_its_way() -> None:
     assert game.env.events()["item_picked"][["agent", "item"]].tolist() == [(0, heal)]
     game.step({0: "use"})
     assert game.env.events()["item_used"][["agent", "item"]].tolist() == [(0, heal)]
-
-
-# ---- the environment
 
 
 def short(mode: str, worlds: int = 3) -> Any:

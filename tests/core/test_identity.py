@@ -23,7 +23,6 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_finge
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import Agents, Ending, FreeForAll, Motors, Rewards
 
-ROOT = Path(__file__).parents[2]
 MINE = '''
 from dataclasses import dataclass
 from enum import Enum
@@ -224,9 +223,6 @@ def test_the_order_that_a_scenario_gives_is_part_of_it() -> None:
         scenario.ordered("melee")
     with pytest.raises(outlast.errors.ScheduleError, match="run in a circle"):
         outlast.make_vec(scenario, 1)
-
-
-# ---- files
 
 
 class Mark(Singleton):

@@ -53,21 +53,3 @@ def test_the_script_beats_chance(variant):
         total += reward
     lead = total[:, :first].mean(1) - total[:, first:].mean(1)
     assert lead.mean() > 5 * lead.std() / np.sqrt(WORLDS)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
-@variants
-def test_worlds_of_the_script_outlast_worlds_of_chance(variant):
-    """All agents of a world do the same; the length of the first episode, cut off at STEPS."""
-    env = outlast.make_vec(variant, WORLDS, seed=2, check_actions=False)
-    lengths = {}
-    for name in ("random", "scripted"):
-        observations, _ = env.reset(seed=2)
-        policy, first = POLICIES[name](env, 0), np.full(WORLDS, STEPS)
-        for step in range(STEPS):
-            observations, _, terminated, _, _ = env.step(policy(observations))
-            first = np.where(terminated & (first == STEPS), step + 1, first)
-        lengths[name] = first
-    error = np.hypot(*(length.std() / np.sqrt(WORLDS) for length in lengths.values()))
-    assert lengths["scripted"].mean() - lengths["random"].mean() > 5 * error

@@ -189,9 +189,6 @@ def test_sides_are_called_by_roles_that_are_theirs_in_all_worlds() -> None:
         make_vec(SPLIT.roles(**STRONG, **WEAK, drawn="side").vary(teams_sizes=sizes), 1)
 
 
-# ---- what is told
-
-
 def test_agents_observe_roles() -> None:
     """In spaces of the widest range of all roles: each of them may use heals up to a limit of its own."""
     env = make_vec(DRAWN, WORLDS, seed=1)
@@ -228,9 +225,6 @@ def test_rewards_follow_the_role() -> None:
         if k:
             rewards, info = rest[0], rest[-1]
             assert (rewards[info["alive"]] == np.where(info["roles"] == 0, 2, 1)[info["alive"]]).all()
-
-
-# ---- as data
 
 
 @pytest.mark.parametrize("scenario", [HUNT, DRAWN], ids=["hunt", "drawn"])

@@ -58,9 +58,6 @@ def asked(*words: str) -> Scenario:
     return options.scenario(parser.parse_args(words))
 
 
-# ---- JSON
-
-
 def test_json_holds_all_of_a_scenario(tag: Scenario, tmp_path: Path) -> None:
     derived = variant("teams_3").without("heals").replace(n_agents=6, ending_rule="all dead").ordered("melee", "boxes")
     for k, scenario in enumerate((*VARIANTS.values(), variant("ffa_1+steering"), derived, tag)):
@@ -72,7 +69,6 @@ def test_json_holds_all_of_a_scenario(tag: Scenario, tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == len(VARIANTS) + 3
     env = outlast.make_vec(f"{tmp_path}/0.json", 1, seed=0, melee_damage=7)
     assert env.scenario.name == "ffa_1-melee_damage=7"
-    env.close()
 
 
 def test_json_holds_what_differs_between_worlds_and_agents(tmp_path: Path) -> None:
@@ -90,7 +86,6 @@ def test_json_holds_what_differs_between_worlds_and_agents(tmp_path: Path) -> No
         assert again.name == scenario.replace(melee_reach=3.0).name
         env = outlast.make_vec(loaded, 2, seed=0)
         env.reset()
-        env.close()
 
 
 def test_json_holds_which_numbers_follow_others_and_which_were_set_by_hand() -> None:
@@ -155,35 +150,26 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
     [
         (lambda form: [], "it has version None of the format"),
         (lambda form: form | {"version": 2}, "version 2 of the format: this outlast reads version 1"),
-        (lambda form: form | {"version": True}, "version True of the format"),
         (lambda form: form | {"varyed": {}}, "it has 'varyed'; its keys are version, .*, varied, observed, roles"),
         (lambda form: form | OBSERVED_TWICE, "a number is observed twice"),
         (lambda form: {"version": 1}, "it lacks 'about'"),
         (lambda form: form | {"name": "a\nb"}, "its names cannot be"),
-        (lambda form: form | {"about": 3}, "its names cannot be"),
         (lambda form: form | {"modules": 3}, "does not hold a scenario"),
-        (lambda form: form | {"modules": [[]]}, "its names cannot be"),
         (lambda form: form | {"modules": form["modules"] * 2}, "exclude each other|missing"),
         (lambda form: form | {"order": [["melee"]]}, "is no order"),
         (lambda form: form | {"varied": {"x_y": ["uniform", 1, 2]}}, "there is no number 'x_y' to vary"),
         (lambda form: form | {"varied": {"melee_damage": ["uniform", 1, 2]}}, "melee_damage"),
         (lambda form: form | {"varied": {"melee_damage": ["normal", 1, 2]}}, "is no distribution"),
-        (lambda form: form | {"varied": ["melee_damage"]}, "does not hold a scenario"),
         (lambda form: form | {"observed": ["melee_damage"]}, "melee_damage is observed there, and does not vary"),
-        (lambda form: form | {"observed": [[]]}, "does not hold a scenario"),
         (lambda form: form | {"roles": {"drawn": "never"}}, "roles: .* is not"),
         (lambda form: form | {"roles": ROOM_ROLE}, "role a: the number room_size is the same for all agents"),
         (lambda form: form | {"origin": []}, "it has version None"),
-        (lambda form: form | {"origin": form | {"name": 3}}, "its names cannot be"),
-        (lambda form: form | {"added": ["safe_zone_radii"]}, "does not hold a scenario"),
         (lambda form: form | {"added": {"melee_damage": [1, 2]}}, "added melee_damage = .* the one that it follows"),
-        (lambda form: form | {"added": {"safe_zone_radii": [[1, "a"], 2]}}, "added safe_zone_radii = "),
         (lambda form: form | {"added": {"safe_zone_radii": [[1, 2], 10**400]}}, "added safe_zone_radii = "),
         (lambda form: form | {"added": {"safe_zone_radii": 3}}, "added safe_zone_radii = 3 is not"),
         (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
         (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),
         (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": -1}}, "melee.damage = -1: must be >= 0"),
-        (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": {}}}, "melee.damage = {}: an integer"),
     ],
 )
 def test_json_that_cannot_be(change: Callable[[Any], Any], message: str, tmp_path: Path) -> None:
@@ -206,15 +192,11 @@ def test_files_that_hold_no_json(tmp_path: Path) -> None:
             named(f"{tmp_path}/{name}.json")
 
 
-# ---- options of commands
-
-
 @pytest.mark.parametrize(
     ("words", "number", "value"),
     [
         ("--set safe_zone_radii=5,3,1", "safe_zone_radii", (5.0, 3.0, 1.0)),
         ("--set safe_zone_radii=(5,3,1)", "safe_zone_radii", (5.0, 3.0, 1.0)),
-        ("--set safe_zone_radii=[5]", "safe_zone_radii", (5.0,)),
         ("--set safe_zone_radii=5,", "safe_zone_radii", (5.0,)),
         ("--set ending_limit=1e3", "ending_limit", 1000),
         ("--set rewards_kill=-1", "rewards_kill", -1.0),
@@ -260,8 +242,6 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
     [
         ("--set n_heals=0", "for none, leave it out: --without heals"),
         ("--set room_walls=3", "room.walls = '3': True or False is needed"),
-        ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
-        ("--set melee_damage=inf", "an integer below"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
         ("--vary melee_damage", "--vary melee_damage: NUMBER=DRAWN is needed, as in --vary 'melee_damage=integers"),
         ("--vary melee_damag=integers(1,2)", "did you mean melee_damage"),
@@ -269,34 +249,23 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
             "--vary melee_damage=integers(1,zone)",
             r"--vary melee_damage: integers\(1, 'zone'\): two integers are needed",
         ),
-        ("--vary cameras_cone=choice(sector, kit)", "cameras.cone = 'kit': allowed are 'sector', 'kite'"),
         ("--vary melee_damage=__import__('os').getpid()", "a distribution of literals is needed"),
-        ("--vary melee_damage=5", "a distribution of literals is needed"),
         ("--vary melee_damage=normal(1,2)", r"--vary melee_damage: .* is no distribution: uniform\(low, high\), "),
-        ("--vary melee_damage=integers(2)", "is no distribution"),
-        ("--vary melee_damage=integers(3,2)", "the first must be below the second"),
-        ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
         ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
         ("--with DropLast --without drop_last", "--with DropLast: --without takes it out again; say one of them"),
         ("--set melee_damage=20 --set melee_damage=30", "melee_damage is given twice; say one of them"),
-        ("--set n_agents=3 --set agents_count=4", "agents_count is given twice"),
         ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; say one of them"),
-        ("--with Boxes(count=3) --vary n_boxes=integers(1,3)", "--vary boxes_count: --with has it, too"),
-        ("--with DropLast(offset=1.0) --set drop_last_offset=2", "--set drop_last_offset: --with has it, too"),
         ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
         ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),
         ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 means nothing beside"),
         ("--vary melee_damage=integer(5,9)", "is no distribution: did you mean integers"),
-        ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'; it has: agents, "),
-        ("--without SafeZon", "ffa_2 has no module 'SafeZon'; did you mean safe_zone"),
         ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),
         ("--with DropLast(offset=__import__('os').getpid())", "numbers are given as in"),
         ("--with DropLast(2.0)", "numbers are given as in"),
         ("--with DropLast(**{})", "there is no number None"),
         ("--with DropLast(offset=2.0", "a mechanic is needed"),
         ("--with DropLast(offse=2.0)", "there is no number offse; it has: offset"),
-        ("--with DropLast(offset=-2.0)", "drop_last.offset = -2.0: must be >= 0"),
         ("--with json:loads", "json:loads is function"),
         ("--import nowhere.py", "there is no file nowhere.py"),
     ],

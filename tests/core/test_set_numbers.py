@@ -75,10 +75,7 @@ def test_a_system_that_runs_as_python_gets_them_too() -> None:
     ("numbers", "wrong"),
     [
         ({"rewards_kil": 1}, "no number 'rewards_kil'; did you mean rewards_kill"),
-        (
-            {"inventory_slots": 5},
-            r"inventory_slots cannot change .*Inventory.dims\(\) reads it.* make new worlds",
-        ),
+        ({"inventory_slots": 5}, r"inventory_slots cannot change .*Inventory.dims\(\) reads it.* make new worlds"),
         ({"n_agents": 3}, "agents_count cannot change while worlds run: it is part of what an episode begins with"),
         ({"agents_health": 50}, "agents_health cannot change .* part of what an episode begins with"),
         ({"room_size": 30.0}, "room_size cannot change while worlds run"),

@@ -17,7 +17,6 @@ from outlast.ecs import (
     Component,
     DeclarationError,
     Field,
-    Module,
     Observation,
     Offset,
     Read,
@@ -106,9 +105,6 @@ def test_what_is_kept_of_actions_replays(mode: str, tmp_path: Path) -> None:
     assert len(list(replay.ticks())) > 14
 
 
-# ---- rewards
-
-
 Pays = kind("Pays", singletons=[Reward()])
 
 
@@ -185,9 +181,6 @@ def test_a_reset_neither_pays_nor_ends(mode: str) -> None:
             env.reset(options={"reset_mask": ends})
 
 
-# ---- what a game lacks
-
-
 class Rare(Component):
     worth: Array = column("f4", fill=3)
 
@@ -221,9 +214,6 @@ def test_what_a_game_lacks_is_none(interpret: tuple[str, ...]) -> None:
     for more, paid in ((), [2, 3]), ((brings,), [24, 125]):
         env = duel(*more, game=game, interpret=interpret)
         assert env.step(idle(env))[1].tolist() == [paid]
-
-
-# ---- classes of one name, and rows that nobody writes
 
 
 def named(base: type, name: str, **columns: Any) -> Any:
@@ -281,16 +271,15 @@ def test_an_observation_that_is_not_always_written_is_not_of_the_last_episode() 
 def test_a_mechanic_hides_and_shows(shows: bool) -> None:
     """Agents see each other never, or always; all else is seen as before."""
 
-    class Fog(Module):
-        pass
+    fog = kind("Fog")
 
-    @Fog.system(Phase.SEE, after=Sight)
+    @fog.system(Phase.SEE, after=Sight)
     def veil(sight: Write[Sight], agents: Rows[Side]) -> None:
         for i in range(agents.size):
             for o in agents:
                 set_bit(sight.visible, i, o, shows)
 
-    one, other = (duel(*fog, count=64).observe() for fog in ((), (Fog(),)))
+    one, other = (duel(*mine, count=64).observe() for mine in ((), (fog(),)))
     assert 0 < one["others_mask"].mean() < 1
     assert (other["others_mask"] == shows).all()
     assert np.array_equal(one["heals_mask"], other["heals_mask"])
