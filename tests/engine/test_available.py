@@ -13,59 +13,25 @@ FREE = "MemTotal: 9000000 kB\nMemAvailable: 4096000 kB\n"  # 4,000 MiB
 OUTER = f"cache 1\nactive_file {10 * MIB}\ninactive_file 0\n"
 
 # Where control groups are mounted, the root of the mount, the process's group, files, cores of 8, MiB
+V2, V1 = "cgroup2 none rw", "cgroup none rw,cpu,memory"
 HOSTS: dict[str, tuple[str, str, str, dict[str, str], int, int]] = {
-    "no limits": ("cgroup2 none rw", "/", "0::/a", {"a/cpu.max": "max 100000", "a/memory.max": "max"}, 8, 4000),
-    "version 2": (
-        "cgroup2 none rw",
-        "/",
-        "0::/a/b",
-        {
-            "a/cpu.max": "250000 100000",
-            "a/b/cpu.max": "400000 100000",
-            "a/memory.max": str(100 * MIB),
-            "a/memory.current": str(70 * MIB),
-            "a/memory.stat": OUTER,
-        },
-        3,
-        40,
-    ),
-    "a container's own view of version 2": ("cgroup2 none rw", "/", "0::/", {"cpu.max": "20000 100000"}, 1, 4000),
-    "version 1": (
-        "cgroup none rw,cpu,memory",
-        "/",
-        "4:cpu,memory:/a",
-        {
-            "a/cpu.cfs_quota_us": "200000",
-            "a/cpu.cfs_period_us": "100000",
-            "a/memory.limit_in_bytes": str(200 * MIB),
-            "a/memory.usage_in_bytes": str(170 * MIB),
-            "a/memory.stat": f"active_file 0\ntotal_active_file {5 * MIB}",
-        },
-        2,
-        35,
-    ),
-    "a container of version 1 that sees the host's groups": (
-        "cgroup none rw,cpu",
-        "/docker/1",
-        "4:cpu:/docker/1/a",
-        {
-            "cpu.cfs_quota_us": "-1",
-            "cpu.cfs_period_us": "100000",
-            "a/cpu.cfs_quota_us": "5",
-            "a/cpu.cfs_period_us": "1",
-        },
-        5,
-        4000,
-    ),
-    "more memory used than allowed": (
-        "cgroup2 none rw",
-        "/",
-        "0::/",
-        {"memory.max": "5", "memory.current": "7", "cpu.max": "?"},
-        8,
-        0,
-    ),
-}
+    "no limits": (V2, "/", "0::/a", {"a/cpu.max": "max 100000", "a/memory.max": "max"}, 8, 4000),
+    "version 2": (V2, "/", "0::/a/b", {
+        "a/cpu.max": "250000 100000", "a/b/cpu.max": "400000 100000",
+        "a/memory.max": str(100 * MIB), "a/memory.current": str(70 * MIB), "a/memory.stat": OUTER,
+    }, 3, 40),
+    "a container's own view of version 2": (V2, "/", "0::/", {"cpu.max": "20000 100000"}, 1, 4000),
+    "version 1": (V1, "/", "4:cpu,memory:/a", {
+        "a/cpu.cfs_quota_us": "200000", "a/cpu.cfs_period_us": "100000", "a/memory.limit_in_bytes": str(200 * MIB),
+        "a/memory.usage_in_bytes": str(170 * MIB), "a/memory.stat": f"active_file 0\ntotal_active_file {5 * MIB}",
+    }, 2, 35),
+    "a container of version 1 that sees the host's groups": (V1, "/docker/1", "4:cpu:/docker/1/a", {
+        "cpu.cfs_quota_us": "-1", "cpu.cfs_period_us": "100000", "a/cpu.cfs_quota_us": "5", "a/cpu.cfs_period_us": "1",
+    }, 5, 4000),
+    "more memory used than allowed": (V2, "/", "0::/", {
+        "memory.max": "5", "memory.current": "7", "cpu.max": "?",
+    }, 8, 0),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("host", HOSTS)

@@ -2,6 +2,7 @@
 
 import enum
 from collections import namedtuple
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import llvmlite.binding
@@ -98,6 +99,33 @@ def test_constants_of_another_type_or_other_bits_have_another_key(pair: tuple[An
     for options in PRINTING.values():
         with np.printoptions(**options):
             assert [key_of(value) for value in pair] == keys
+
+
+REFERENCES = {  # definitions of another file, and how a kernel refers to the number 1 there
+    "a function": ("@kernel\ndef speed():\n    return 1", "rules.speed()"),
+    "a member of a module": ("SPEED = 1", "rules.SPEED"),
+    "a member of an enumeration": ("class Speed(IntEnum):\n    NOW = 1", "Speed.NOW.value"),
+    "only a nested function refers to it": ("SPEED = 1", "(lambda: rules.SPEED)()"),
+    "a part of a tuple": ("SPEED = (9, (1, 9))", "rules.SPEED[1][0]"),
+    "a default of a parameter": ("SPEED = 1\n@kernel\ndef speed(value=SPEED):\n    return value", "speed()"),
+    "a kernel that a kernel calls": (
+        "SPEED = 1\n@kernel\ndef inner():\n    return SPEED\n@kernel\ndef speed():\n    return inner()", "speed()",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", REFERENCES)
+def test_what_a_kernel_refers_to_in_another_file_is_in_its_key(kind: str) -> None:
+    """Which numba's own key misses. A number beside it is not."""
+    definitions, expression = REFERENCES[kind]
+    keys = []
+    for text in (definitions, f"{definitions}\nOTHER = 7", definitions.replace("1", "3")):
+        rules = ModuleType("rules")
+        vars(rules).update(kernel=kernel, IntEnum=enum.IntEnum)
+        exec(text, vars(rules))
+        exec(f"def function(k):\n    return {expression}", names := {**vars(rules), "rules": rules})
+        keys.append(CacheKey({"system": kernel(names["function"])}).key("system", "source"))
+    assert keys[0] == keys[1] != keys[2]
 
 
 # Settings of numba that change messages, threads, files, checks of numba itself, or graphics cards

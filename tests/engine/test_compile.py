@@ -3,7 +3,6 @@
 import os
 import random
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -59,9 +58,6 @@ compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-# ---- units
-
-
 def compiled_by(worlds: Worlds) -> list[str]:
     """Labels of the systems that were compiled for these worlds, and not found."""
     run(worlds, STEP)
@@ -111,12 +107,11 @@ def rest(energy: Add[Energy], rows: Rows[Energy]) -> None:
         energy.left[e] += np.int32({rest})
 """
 
-    class Local(Toy):
-        pass
+    local = kind("Local", Toy)
 
     def compiled_with(**parts: Any) -> list[str]:
-        exec(cell.format(**parts), globals() | {"Local": Local, "__name__": "notebook"})
-        return compiled_by(make(Walkers(), Local()))
+        exec(cell.format(**parts), globals() | {"Local": local, "__name__": "notebook"})
+        return compiled_by(make(Walkers(), local()))
 
     assert {"local.act", "local.rest"} < set(compiled_with(gain=1, docstring='"""Dine."""', rest=5))
     assert compiled_with(gain=1, docstring='"""Eat."""', rest=5) == []
@@ -340,59 +335,6 @@ def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) ->
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == files
 
 
-REFERENCES = {  # how a kernel refers to a number in another file: that file, the import and the expression
-    "a function": ("@kernel\ndef speed():\n    return 1\n", "from their.rules import speed", "speed()"),
-    "a member of a module in a package": ("SPEED = 1\n", "import their.rules", "their.rules.SPEED"),
-    "a member of an enumeration": (
-        "from enum import IntEnum\n\n\nclass Speed(IntEnum):\n    NOW = 1\n",
-        "from their.rules import Speed",
-        "Speed.NOW.value",
-    ),
-    "only a nested function refers to it": (
-        "SPEED = 1\n",
-        "from their import rules",
-        "(lambda: rules.SPEED)()",
-    ),
-    "a part of a tuple": ("SPEED = (9, (1, 9))\n", "from their import rules", "rules.SPEED[1][0]"),
-    "a default of a parameter": (
-        "SPEED = 1\n\n\n@kernel\ndef speed(value=SPEED):\n    return value\n",
-        "from their.rules import speed",
-        "speed()",
-    ),
-    "a kernel that a kernel calls": (
-        "SPEED = 1\n\n\n@kernel\ndef inner():\n    return SPEED\n\n\n@kernel\ndef speed():\n    return inner()\n",
-        "from their.rules import speed",
-        "speed()",
-    ),
-}
-
-
-def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
-    """The toy game with a speed from another file, whose path is returned."""
-    (folder / "their").mkdir(parents=True)
-    (folder / "their" / "__init__.py").write_text("")
-    file = folder / "their" / "rules.py"
-    file.write_text(f"from outlast.ecs import kernel\n\n\n{rules}")
-    text = Path(toy_game.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {expression}")
-    (folder / "their_game.py").write_text(f"{line}\n{text}")
-    return file
-
-
-@pytest.mark.nightly
-@compiled_only
-@pytest.mark.parametrize("kind", REFERENCES)
-def test_an_edited_game_is_compiled_anew(tmp_path: Path, kind: str) -> None:
-    """Also where the edit is in another file than the systems', which numba's own key misses."""
-    game, cache = tmp_path / "game", tmp_path / "cache"
-    rules = their_game(game, *REFERENCES[kind])
-    first = in_process(cache, game, "their_game")
-    rules.write_text(re.sub(r"\b1\b", "3", rules.read_text()))
-    shutil.rmtree(rules.parent / "__pycache__", ignore_errors=True)
-    second = in_process(cache, game, "their_game")
-    assert int(first[0]) > int(second[0]) >= 1  # of the second, only what refers to it
-    assert first[2] != second[2]
-
-
 STEPS = SimpleNamespace(length=1)
 
 
@@ -460,36 +402,6 @@ def test_generators_with_a_state_are_refused(expression: str, compiled: bool) ->
     with pytest.raises(DeclarationError, match=r"local\.act refers to .*the same seed.*ecs\.kernels\.random"):
         local.system(Phase.MOVE, compiled=compiled)(writing(expression))
     assert local.registered == []
-
-
-# ---- processes
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_fork_is_independent_of_its_parent() -> None:
-    """It has threads of its own, and changes nothing in the parent."""
-    worlds = make(count=100, threads=3)
-    run(worlds, STEP)
-    before = digest(worlds)
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            os.write(writing, digest(run(worlds, STEP)).encode())
-            worlds.close()
-            code = 0
-        finally:
-            os._exit(code)
-    os.close(writing)
-    _, status = os.waitpid(child, 0)
-    with os.fdopen(reading) as pipe:
-        found = pipe.read()
-    assert os.waitstatus_to_exitcode(status) == 0
-    assert digest(worlds) == before
-    assert digest(run(worlds, STEP)) == found
-    worlds.close()
 
 
 @compiled_only

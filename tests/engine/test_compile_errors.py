@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,19 +14,14 @@ import pytest
 from numba.core.errors import TypingError
 from numba.np import arrayobj
 
-from outlast.ecs import (
-    DeclarationError,
-    EngineError,
-    Rows,
-    Worlds,
-    Write,
-    kernel,
-)
+from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
 from outlast.ecs.compilation.compile_errors import explained, of_numba
 from tests.conftest import COMPILED
+from tests.helpers.mechanics import written
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 HOME = Path(__file__).name
+USED = np, Rows, Write  # by lines of systems
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 
 
@@ -39,13 +35,6 @@ def join(place: Any, e: int) -> Any:
     return place.x[e] + "s"
 
 
-def makes_a_class(place: Write[Place]) -> None:
-    class Empty:
-        pass
-
-    place.x[0] = Empty is None
-
-
 class Gait(IntEnum):
     SLOW = 3
 
@@ -55,9 +44,11 @@ class Pair(NamedTuple):
     second: int
 
 
-def casts(place: Write[Place], rows: Rows[Place]) -> None:
-    for e in rows:
-        place.x[e] = Gait.SLOW
+def lines(*body: str, rows: str = "rows") -> Callable[..., None]:
+    """A system of these lines, from the second one of mine.py on."""
+    text = "\n    ".join([f"def act(place: Write[Place], {rows}: Rows[Place]) -> None:", *body])
+    act: Callable[..., None] = written(text, globals())
+    return act
 
 
 @compiled_only
@@ -72,41 +63,9 @@ def test_numba_s_error_in_a_line() -> None:
     assert type(caught.value.__cause__).__name__ == "TypingError"
 
 
-def norms(place: Write[Place]) -> None:
-    place.x[0] = np.linalg.norm(place.x)
-
-
-def repeats(place: Write[Place]) -> None:
-    place.x[0] = np.repeat(place.x, 2)[0]
-
-
-def sets_a_field(place: Write[Place]) -> None:
-    Pair(1, 2).first = place.x[0]
-
-
-def clips(place: Write[Place]) -> None:
-    place.x[0] = np.clip(place.x[0], 0.0, 1.0)
-
-
-def chains(place: Write[Place]) -> None:
-    place.x[0] = 1 if 0 < (x := place.x[0]) < 3 else x
-
-
-def hides(place: Write[Place], max: Rows[Place]) -> None:  # noqa: A002
-    place.x[0] = max(place.x[0], 3)
-
-
-def formats(place: Write[Place]) -> None:
-    place.x[0] = len(f"{place.x[0]:.2f}")
-
-
 @kernel
 def factorial(n: int) -> int:
     return 1 if n < 2 else n * factorial(n - 1)
-
-
-def counts_down(place: Write[Place]) -> None:
-    place.x[0] = factorial(5)
 
 
 @pytest.mark.usefixtures("untried")
@@ -114,15 +73,31 @@ def counts_down(place: Write[Place]) -> None:
 @pytest.mark.parametrize(
     ("function", "line", "sentence"),
     [
-        (norms, 1, r"scipy .* \(ImportError\); install scipy, or write it out, as in math\.sqrt.*"),
-        (repeats, 1, r"\(AssertionError\)"),
-        (sets_a_field, 1, r"No definition for lowering Pair.* \(NotImplementedError\)"),
-        (casts, 2, "Cannot cast IntEnum.*"),  # of "native lowering", which says where in another form
-        (clips, 1, r"No implementation of function clip .* clip\(float32, float64, float64\); .* np\.float32\(x\)"),
-        (chains, 0, r"the type of a part of this line cannot be determined; split the line .*\(:=\) goes ahead.*"),
-        (hides, 1, r"something that is a readonly array\(int32, 1d, C\) is called .* hide that of a function, such.*"),
-        (formats, 1, "format spec in f-strings not supported yet"),
-        (counts_down, 0, ".* calls itself: write a loop.*"),
+        (
+            lines("place.x[0] = np.linalg.norm(place.x)"),
+            2,
+            r"scipy .* \(ImportError\); install scipy, or write it out.*",
+        ),
+        (lines("place.x[0] = np.repeat(place.x, 2)[0]"), 2, r"\(AssertionError\)"),
+        (lines("Pair(1, 2).first = 3"), 2, r"No definition for lowering Pair.* \(NotImplementedError\)"),
+        (lines("for e in rows:", "    place.x[e] = Gait.SLOW"), 3, "Cannot cast IntEnum.*"),  # of "native lowering"
+        (
+            lines("place.x[0] = np.clip(place.x[0], 0.0, 1.0)"),
+            2,
+            r"No .* clip\(float32, float64, float64\); .* np\.float3.*",
+        ),
+        (
+            lines("place.x[0] = 1 if 0 < (x := place.x[0]) < 3 else x"),
+            1,
+            r"the type of .*; split the line .*\(:=\) goes .*",
+        ),
+        (
+            lines("place.x[0] = max(place.x[0], 3)", rows="max"),
+            2,
+            "something that is .* is called .* hide that of a f.*",
+        ),
+        (lines('place.x[0] = len(f"{place.x[0]:.2f}")'), 2, "format spec in f-strings not supported yet"),
+        (lines("place.x[0] = factorial(5)"), 1, ".* calls itself: write a loop.*"),
     ],
 )
 def test_whatever_the_compiler_raises_has_the_system_the_line_and_a_sentence(
@@ -130,7 +105,7 @@ def test_whatever_the_compiler_raises_has_the_system_the_line_and_a_sentence(
 ) -> None:
     """Errors of numba, and those that its parts raise as ImportError, AssertionError and so on."""
     monkeypatch.setitem(sys.modules, "scipy", None)
-    place = rf"local\.{function.__name__} \({HOME}, line {function.__code__.co_firstlineno + line}.*\)"
+    place = rf"local\.act \(mine\.py, line {line}.*\)"
     with pytest.raises(DeclarationError, match=rf"^{place} cannot be compiled: {sentence}\ninterpret=.*$") as caught:
         run(Worlds([Walkers(), system_of(function)], 1), RESET)
     assert caught.value.__cause__ is not None
@@ -140,49 +115,44 @@ def test_colours_in_a_message_are_left_out() -> None:
     """Numba writes them if colorama is installed."""
     text = "\x1b[1m\x1b[1mFailed in nopython mode pipeline (step: frontend)\n\x1b[1mno \x1b[31msuch name\x1b[0m\n"
     text += f'\x1b[1m\nFile "{HOME}", line 3:\x1b[0m\nsource'
-    (system,) = system_of(casts).systems()
+    (system,) = system_of(adds_text).systems()
     with pytest.raises(DeclarationError) as caught, explained(system):
         raise TypingError(text)
-    assert str(caught.value).splitlines()[0] == f"local.casts ({HOME}, line 3) cannot be compiled: no such name"
+    assert str(caught.value).splitlines()[0] == f"local.adds_text ({HOME}, line 3) cannot be compiled: no such name"
 
 
 def test_memory_that_is_lacking_is_not_an_error_of_the_system() -> None:
-    (system,) = system_of(casts).systems()
+    (system,) = system_of(adds_text).systems()
     with pytest.raises(MemoryError), explained(system):
         raise MemoryError
 
 
-# ---- errors of systems that run
-
-
-def reads_far(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[0] = place.x[rows[0] + 300]
-
-
-def compares(place: Write[Place]) -> None:
-    if place.x > 0:
-        place.x[0] = 1
-
-
-def fails(place: Write[Place], rows: Rows[Place]) -> None:
-    for e in rows:
-        raise ValueError("row", e)
-
-
 @pytest.mark.usefixtures("untried")
 @pytest.mark.parametrize(
-    ("function", "error", "words"),
+    ("line", "error", "words"),
     [
-        (reads_far, IndexError, r'; interpret=\("local\.reads_far",\) runs .* the line, the array and the index'),
-        (compares, ValueError, r"^(local\.compares: )?The truth value of an array with more than one element is amb"),
-        (fails, ValueError, rf"local\.fails \({HOME}, line \d+\): row \.\.\."),  # values are left to Python
+        (
+            "place.x[0] = place.x[rows[0] + 300]",
+            IndexError,
+            r'; interpret=\("local\.act",\) runs .* the line, the array',
+        ),
+        (
+            "if place.x > 0: place.x[0] = 1",
+            ValueError,
+            r"^(local\.act: )?The truth value of an array with more than one",
+        ),
+        (
+            'if rows[0] == 0: raise ValueError("row", rows[0])',
+            ValueError,
+            r"local\.act \(mine\.py, line 2\): row \.\.\.",
+        ),
     ],
 )
 @compiled_only
 def test_what_machine_code_raises_names_the_system_and_a_line_of_its_own(
-    function: Any, error: type[Exception], words: str
+    line: str, error: type[Exception], words: str
 ) -> None:
-    worlds = run(Worlds([Walkers(), system_of(function)], 1), RESET)
+    worlds = run(Worlds([Walkers(), system_of(lines(line))], 1), RESET)
     with pytest.raises(error, match=words):
         run(worlds, STEP)
 
@@ -201,13 +171,11 @@ def test_files_of_numba_are_known_wherever_it_is_installed(file: str, own: bool)
 
 
 def test_syntax_that_numba_lacks_is_refused_where_it_would_be_compiled() -> None:
+    makes_a_class = lines("class Empty: pass", "place.x[0] = Empty is None")
     Worlds([Walkers(), system_of(makes_a_class, compiled=False)], 1)
     if COMPILED:
-        with pytest.raises(DeclarationError, match=r"local\.makes_a_class .* cannot be compiled: Use of unsupp"):
+        with pytest.raises(DeclarationError, match=r"local\.act .* cannot be compiled: Use of unsupp"):
             run(Worlds([Walkers(), system_of(makes_a_class)], 1), RESET)
-
-
-# ---- the loop of an edit and a run
 
 
 MECHANIC = """

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import outlast
 from outlast.components import Bag, Body, Phase, Shape, Solid
 from outlast.components.body import face
-from outlast.ecs import Archetype, Array, Component, Coupled, DeclarationError, Module, Rows, Write, column
+from outlast.ecs import Archetype, Array, Component, Coupled, DeclarationError, Rows, Write, column
+from tests.helpers.mechanics import duel, idle, kind, written
 
 ANGLE = 0.7
 ORDERS: dict[Any, dict[str, Any]] = {
@@ -22,78 +22,66 @@ class Door(Component):
     """A marker."""
 
 
-def turn(body: Write[Body], doors: Rows[Door]) -> None:
-    for e in doors:
-        body.angle[e] += np.float32(0.1)
-
-
-def mirror(body: Write[Body], doors: Rows[Door]) -> None:
-    for e in doors:
-        body.sine[e] = -body.sine[e]
-
-
-def grow(shape: Write[Shape], doors: Rows[Door]) -> None:
-    for e in doors:
-        shape.half_width[e] += np.float32(0.1)
-
-
-def lighten(solid: Write[Solid], doors: Rows[Door]) -> None:
-    for e in doors:
-        solid.density[e] = np.float32(0.5)
-
-
-def empty(bag: Write[Bag], doors: Rows[Door]) -> None:
-    for e in doors:
-        bag.count[e] = 0
-
-
 def turn_all(body: Write[Body], doors: Rows[Door]) -> None:
     for e in doors:
         face(body, e, body.angle[e] + np.float32(0.1))
 
 
+def setting(line: str) -> Any:
+    """A system that runs a line for doors."""
+    table = line.partition(".")[0]
+    source = (
+        f"def act({table}: Write[{table.title()}], doors: Rows[Door]) -> None:\n    for e in doors:\n        {line}\n"
+    )
+    return written(source, globals())
+
+
 def played(function: Any, phase: Any, **order: Any) -> Any:
     """A game with a turned door, after its reset and a step."""
-
-    class Doors(Module):
-        def archetypes(self) -> Any:
-            solid = Body(x=2.0, angle=ANGLE), Shape(half_width=1.0, half_height=0.1), Solid(), Bag(), Door()
-            return [Archetype("door", solid, 1)]
-
-    Doors.system(phase, **(order or ORDERS[phase]))(function)
-    env = outlast.make_vec(outlast.variant("ffa_1").with_(Doors()), 1, seed=0)
-    env.reset()
-    env.step(np.tile(env.noop, (1, env.num_agents, 1)))
+    solid = Body(x=2.0, angle=ANGLE), Shape(half_width=1.0, half_height=0.1), Solid(), Bag(), Door()
+    doors = kind("Doors", archetypes=[Archetype("door", solid, 1)])
+    doors.system(phase, **(order or ORDERS[phase]))(function)
+    env = duel(doors())
+    env.step(idle(env))
     return env
 
 
+GROW, LIGHTEN = "shape.half_width[e] += np.float32(0.1)", "solid.density[e] = np.float32(0.5)"
+
+
 @pytest.mark.parametrize(
-    ("function", "phase", "words"),
+    ("line", "phase", "words"),
     [
-        (turn, Phase.MOVE, "Body.angle, but not cosine and sine, which must fit it: turn a body by face"),
-        (turn, Phase.SPAWN, "Body.angle, but not cosine and sine"),
-        (mirror, Phase.MOVE, "Body.sine, but not angle and cosine"),
-        (grow, Phase.MOVE, "Shape.half_width, but not bound, .* how close to walls it may stand$"),
-        (lighten, Phase.MOVE, "Solid.density, but not mass and inertia, .*: by itself, it changes nothing$"),
-        (empty, Phase.GIVE, "Bag.count, but not items, .*: put items in and take them out by push and pop"),
+        (
+            "body.angle[e] += np.float32(0.1)",
+            Phase.MOVE,
+            "Body.angle, but not cosine and sine, .*: turn a body by face",
+        ),
+        ("body.angle[e] += np.float32(0.1)", Phase.SPAWN, "Body.angle, but not cosine and sine"),
+        ("body.sine[e] = -body.sine[e]", Phase.MOVE, "Body.sine, but not angle and cosine"),
+        (GROW, Phase.MOVE, "Shape.half_width, but not bound, .* how close to walls it may stand$"),
+        (LIGHTEN, Phase.MOVE, "Solid.density, but not mass and inertia, .*: by itself, it changes nothing$"),
+        (
+            "bag.count[e] = 0",
+            Phase.GIVE,
+            "Bag.count, but not items, .*: put items in and take them out by push and pop",
+        ),
     ],
 )
-def test_a_column_that_is_written_without_what_must_fit_it_is_refused(function: Any, phase: Any, words: str) -> None:
-    with pytest.raises(DeclarationError, match=rf"^doors.{function.__name__} writes {words}"):
-        played(function, phase)
-
-
-def test_the_system_that_computes_what_must_fit_comes_later() -> None:
-    words = r"^doors.grow writes Shape.half_width, but not bound, .*; or run before room.compute_bounds, which computes"
-    with pytest.raises(DeclarationError, match=words):
-        played(grow, Phase.SPAWN, after=("room.compute_bounds", Body))
+def test_a_column_that_is_written_without_what_must_fit_it_is_refused(line: str, phase: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"^doors.act writes {words}"):
+        played(setting(line), phase)
 
 
 def test_mechanics_compute_bounds_and_masses_behind_a_system_of_a_reset() -> None:
-    env = played(grow, Phase.SPAWN)
+    env = played(setting(GROW), Phase.SPAWN)
     door = env.worlds.span("door").start
     assert env.worlds[Shape].bound[0, door] == pytest.approx(np.hypot(1.1, 0.1))
-    assert played(lighten, Phase.SPAWN).worlds[Solid].mass[0, door] == pytest.approx(2 * 0.2 * 0.5)
+    mass = played(setting(LIGHTEN), Phase.SPAWN).worlds[Solid].mass[0, door]
+    assert mass == pytest.approx(2 * 0.2 * 0.5)
+    words = r"^doors.act writes Shape.half_width, but not bound, .*; or run before room.compute_bounds, which computes"
+    with pytest.raises(DeclarationError, match=words):
+        played(setting(GROW), Phase.SPAWN, after=("room.compute_bounds", Body))
 
 
 @pytest.mark.parametrize("phase", [Phase.MOVE, Phase.SPAWN])

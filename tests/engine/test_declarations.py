@@ -243,20 +243,17 @@ def test_what_has_health_can_be_hurt() -> None:
     [
         (lambda: Walkers(count=0), "walkers.count = 0: must be >= 1"),
         (lambda: Walkers(count=1.5), "walkers.count = 1.5: an integer"),
-        (lambda: Walkers(count=True), "walkers.count = True: an integer"),
         (lambda: Walkers(count=2**31), "walkers.count = 2147483648: an integer below"),
         (lambda: Walkers(stride=0), "walkers.stride = 0: must be > 0 and <= 10"),
         (lambda: Walkers(stride=10.5), "walkers.stride = 10.5: must be > 0 and <= 10"),
         (lambda: Walkers(stride=float("nan")), "walkers.stride = nan: a finite number"),
         (lambda: Walkers(stride=10**400), "walkers.stride = 1000*: a finite number"),
-        (lambda: Walkers(stride=None), "walkers.stride = None: a finite number"),
         (lambda: Weather(gusts=(0.5, 2.0)), r"weather.gusts\[1\] = 2.0: must be >= -1 and <= 1"),
         (lambda: Weather(gusts=0.5), "weather.gusts = 0.5: a tuple of numbers"),
         (lambda: Weather(wild=1), "weather.wild = 1: True or False"),
         (lambda: Weather(sky="green"), "weather.sky = 'green': allowed are 'blue', 'grey', 'black'"),
         (lambda: Walkers().replace(pace=3), "walkers has no number 'pace'; it has: count, stride"),
         (lambda: Archetype("stone", (Mark(),), -2), "a whole number, 0 or more, is needed"),
-        (lambda: Archetype("stone", (Mark(),), 2.0), "a whole number, 0 or more, is needed"),
         (lambda: Worlds([Walkers()], 0), "at least 1 is needed"),
         (lambda: Worlds([Walkers()], 1, threads=0), "at least 1 is needed"),
         (lambda: worlds(Walkers()).number("walkers_fields"), "no number 'walkers_fields'"),
@@ -347,12 +344,10 @@ def annotated(base: type, hint: Any) -> Any:
         (lambda: component(Action, go=column("i1", "walkers")), "finite low below a finite high"),
         (lambda: component(Action, go=column("i1", "walkers", low=0, high=300)), "0 to 300, and int8 from -128 to 127"),
         (lambda: component(Action, go=column("i1", "walkers", low=1, high=3)), "0 must be in it, which does nothing"),
-        (lambda: component(Action, go=column("i1", "walkers", low=-3, high=-1)), "0 must be in it"),
         (lambda: annotated(Component, np.ndarray), "Odd.amount is no column"),
         (lambda: annotated(Component, Array), "Odd.amount is no column: declare it as in amount: Array = column"),
         (lambda: type("Odd", (Component,), {}, packed=False), "Odd: packed is for outlast's own components"),
         (lambda: type("Odd", (Component,), {"requires": Energy}), r"Odd.requires = .*: a tuple .* as in \(Health,\)"),
-        (lambda: type("Odd", (Component,), {"requires": (3,)}), r"Odd.requires = .*: a tuple is needed"),
         (extended, "Derived extends Mark, which has columns"),
         (lambda: component(Singleton)(), "Odd has no columns: declare one"),
         (lambda: Energy(letf=3), "Energy has no column 'letf'; it has: left"),
@@ -439,7 +434,6 @@ def remembering(memory: Any) -> Module:
         (lambda: worlds(parts("ghost", Wind(), count=1)), "Wind is per world and cannot be part of 'ghost'"),
         (lambda: worlds(parts("ghost", Place(), count=1)), "no module defines the dimension 'memory'; known: blo"),
         (lambda: layout(agent(Mark(mark=7.5))), "agent: Mark.mark is uint8, which cannot hold 7.5"),
-        (lambda: layout(agent(Mark(mark=300))), "agent: Mark.mark is uint8, which cannot hold 300"),
         (lambda: layout(agent(Mark(mark=np.nan))), "cannot hold nan"),
         (lambda: layout(agent(Mark(mark=(1, 2, 3)))), r"Mark.mark: a value of the shape \(3,\) is no prefab of \(2,\)"),
         (lambda: layout(agent(Mark(mark=1), Mark(mark=2))), r"Archetype\('agent', ...\) has Mark twice"),
@@ -577,18 +571,11 @@ def test_two_systems_of_one_name_in_a_file() -> None:
 
 
 def test_the_name_of_a_mechanic_is_its_class_in_snake_case_or_the_attribute_name() -> None:
-    class HTTPServerOf2(Toy):
-        pass
-
     class Named(Toy):
         name = "other"
 
-    class Subclass(Named):
-        pass
-
-    assert [kind.name for kind in (Walkers, HTTPServerOf2, Named, Subclass)] == [
-        "walkers", "http_server_of2", "other", "subclass",
-    ]  # fmt: skip
+    kinds = Walkers, kind("HTTPServerOf2", Toy), Named, kind("Subclass", Named)
+    assert [each.name for each in kinds] == ["walkers", "http_server_of2", "other", "subclass"]
     for attribute, value in product(("name", "stream"), ("Big Swamp", "", 3)):
         with pytest.raises(DeclarationError, match=f"has the {attribute} {value!r}: it must be lower-case"):
             type("Swamp", (Toy,), {attribute: value})
@@ -621,10 +608,7 @@ def test_a_subclass_has_the_systems_of_its_base_and_replaces_those_that_it_names
     assert (worlds[toy_game.Line].line == -1).all()
 
 
-class Sprinters(Marchers):
-    pass
-
-
+Sprinters = kind("Sprinters", Marchers)
 Sprinters.system(Phase.MOVE)(taking("walk", place=Write[Place], walkers=Rows[Energy]))
 
 
@@ -641,19 +625,15 @@ def test_a_label_stands_for_systems_that_inherit_or_replace_it() -> None:
 def test_a_component_without_columns_marks_entities() -> None:
     """A marker has rows, and no table."""
 
-    class Late(Component):
-        pass
+    Late = type("Late", (Component,), {})  # noqa: N806
+    marks = kind("Marks", Toy, archetypes=[Archetype("walker", (Late(),))])
 
-    class Marks(Toy):
-        def archetypes(self) -> list[Archetype]:
-            return [Archetype("walker", (Late(),))]
-
-    @Marks.system(Phase.MOVE)
+    @marks.system(Phase.MOVE)
     def hurry(energy: Write[Energy], late: Rows[Late]) -> None:
         for e in late:
             energy.left[e] += 100
 
-    worlds = Worlds([Walkers(), Marks()], 1)
+    worlds = Worlds([Walkers(), marks()], 1)
     run(worlds, toy_game.STEP)
     assert worlds.layout.rows(Late).tolist() == worlds.layout.rows(Energy).tolist() != []
     assert (worlds[Energy].left[0, worlds.layout.rows(Late)] > 100).all()
@@ -661,7 +641,7 @@ def test_a_component_without_columns_marks_entities() -> None:
     assert "\n  Late\n" in repr(worlds.entity(int(worlds.layout.rows(Late)[0]))) + "\n"
     for hint in (Read[Late], Write[Late]):
         with pytest.raises(DeclarationError, match=r"Late\], which has no columns; Rows\[Late\] are the entities"):
-            Marks.system(Phase.MOVE)(taking(late=hint))
+            marks.system(Phase.MOVE)(taking(late=hint))
 
 
 def test_kernels_get_what_they_declare() -> None:

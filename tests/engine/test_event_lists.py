@@ -247,9 +247,6 @@ def test_a_capacity_that_nobody_defines_is_nothing() -> None:
     assert make(*GAME, mechanic("Bare", Toy, singletons=[Ring()]))[Ring].agent.shape == (4, 0)
 
 
-# ---- declarations
-
-
 def declared(capacity: Any = 3, **more: Any) -> type[Event]:
     columns = more.pop("columns", {"agent": column("i4")})
     return type("Odd", (Event,), columns, capacity=capacity, **more)
@@ -272,23 +269,13 @@ def test_impossible_events_are_refused(declaration: dict[str, Any], words: str) 
         declared(**declaration)
 
 
-@pytest.mark.parametrize(
-    ("target", "whom"),
-    [
-        (column("i4", unit="entity"), "target"),
-        (column("i4"), "target"),
-        (column("i4", unit="side"), ""),
-        (column("f4"), ""),
-        (column("i4", 2), ""),
-    ],
-)
-def test_a_target_that_is_no_entity_is_not_whom(target: Any, whom: str) -> None:
-    assert declared(columns={"target": target}).whom == whom
-
-
 def test_names_and_roles_have_defaults() -> None:
     assert (Ring.name, Ring.who, Ring.whom) == ("ring", "agent", "")
     assert declared(whom="agent", who="target").whom == "agent"
+    for target in (column("i4", unit="entity"), column("i4")):
+        assert declared(columns={"target": target}).whom == "target"
+    for target in (column("i4", unit="side"), column("f4"), column("i4", 2)):  # which are no entities
+        assert declared(columns={"target": target}).whom == ""
 
 
 def test_two_events_of_one_name_are_refused() -> None:

@@ -13,18 +13,7 @@ import pytest
 
 from outlast import Scenario
 from outlast.components import Body, Health, Phase, Side
-from outlast.ecs import (
-    DeclarationError,
-    Module,
-    Read,
-    Rows,
-    ScheduleError,
-    Statistic,
-    Worlds,
-    Write,
-    column,
-    kernel,
-)
+from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Statistic, Worlds, Write, column, kernel
 from outlast.ecs.checks.trial import python_refusal
 from outlast.ecs.compilation.cache_key import CacheKey
 from outlast.ecs.kernels import jit
@@ -38,7 +27,7 @@ from tests.helpers import toy_game
 from tests.helpers.execution_modes import short
 from tests.helpers.mechanics import duel, idle, kind
 from tests.helpers.sines import sines_of_c
-from tests.helpers.toy_game import Place, Toy, Walkers
+from tests.helpers.toy_game import Place
 
 TICKS = 40
 compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine code")
@@ -72,16 +61,12 @@ def test_every_system_gives_the_same_bytes_as_python() -> None:
 def test_single_systems_run_as_python(capsys: pytest.CaptureFixture[str], threads: int) -> None:
     """With Python's own print and errors, among others that stay machine code."""
 
-    class Local(Toy):
-        pass
-
-    @Local.system(toy_game.Phase.FEED)
     def act(place: Read[Place], rows: Rows[Place]) -> None:
         print("rows", rows.size)
         if place.x[rows[0]] < -1000:
             raise KeyError("far away")
 
-    worlds = Worlds((*toy_game.GAME, Local()), 40, threads, interpret=["local.act", "walkers.walk"])
+    worlds = Worlds((*toy_game.GAME, toy_game.system_of(act)), 40, threads, interpret=["local.act", "walkers.walk"])
     toy_game.run(worlds, RESET, STEP)
     assert {segment.compiled for segment in worlds.runner._segments} == {True, False}
     assert capsys.readouterr().out.count("rows ") == 40  # machine code prints past Python's stdout
@@ -164,9 +149,6 @@ def test_the_native_backend_is_not_for_python() -> None:
         Worlds(short("ffa_1").modules, 1, interpret=["physics.collide"])
 
 
-# ---- bounds checks
-
-
 def reaches_out(place: Write[Place], rows: Rows[Place]) -> None:
     for e in rows:
         place.x[e + 100_000] = 0
@@ -175,27 +157,6 @@ def reaches_out(place: Write[Place], rows: Rows[Place]) -> None:
 @kernel
 def far(place: Any, e: int) -> Any:
     return place.x[e + 100_000]
-
-
-def reaches_out_in_a_kernel(place: Write[Place], rows: Rows[Place]) -> None:
-    for e in rows:
-        place.x[e] = far(place, e)
-
-
-@pytest.mark.usefixtures("untried")
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("function", [reaches_out, reaches_out_in_a_kernel])
-def test_an_index_out_of_range_raises(function: Any, threads: int) -> None:
-    """In systems and kernels from outside of outlast; without the check, the process would end."""
-
-    class Local(Toy):
-        pass
-
-    Local.system(toy_game.Phase.FEED)(function)
-    worlds = Worlds([Walkers(), Local()], 40, threads)
-    toy_game.run(worlds, RESET)
-    with pytest.raises(IndexError, match="out of bounds"):
-        toy_game.run(worlds, STEP)
 
 
 def test_a_kernel_that_python_calls_checks_its_indices() -> None:
@@ -207,13 +168,8 @@ def test_a_kernel_that_python_calls_checks_its_indices() -> None:
 def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
     keys = []
     for checks in (True, False):
-
-        class Local(Toy):
-            pass
-
         monkeypatch.setattr(jit, "BOUNDS_CHECKS", checks)
-        Local.system(toy_game.Phase.FEED)(reaches_out)
-        (system,) = Local.registered
+        (system,) = toy_game.system_of(reaches_out).registered
         assert bool(system.kernel.targetoptions["boundscheck"]) is checks
         keys.append(CacheKey({system.label: system.kernel}).key(system.label, ""))
     assert keys[0] != keys[1]

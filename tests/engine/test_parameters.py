@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import components, systems
+from outlast import components
 from outlast.components import Seconds
 from outlast.ecs import (
     RESET,
@@ -33,19 +33,7 @@ from outlast.ecs import (
 from outlast.ecs.compilation.segments import stale_services
 from tests.engine.test_per_agent import MODULES, Pace, made, roles
 from tests.helpers.mechanics import kind, taking
-from tests.helpers.toy_game import (
-    GAME,
-    Food,
-    Phase,
-    Place,
-    Toy,
-    Walkers,
-    Weather,
-    make,
-    run,
-    system_of,
-    walked,
-)
+from tests.helpers.toy_game import GAME, Food, Phase, Place, Toy, Walkers, Weather, make, run, system_of, walked
 
 TICKS = 12
 
@@ -166,10 +154,6 @@ def test_a_tick_in_seconds() -> None:
     env.reset()
     env.step(np.zeros((1, 2, 6), int))
     assert env.worlds[Shown].seen[0, 0] == np.float32(0.08)
-    with pytest.raises(
-        DeclarationError, match=r"'physics_rate', which timed\.note asks for; add Physics, which has it"
-    ):
-        Worlds([timed(), systems.Room()], 1)
 
 
 def test_what_services_cannot_be_made_of_is_refused() -> None:

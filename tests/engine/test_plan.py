@@ -35,8 +35,7 @@ def test_batches_of_a_game_share_its_layout_and_machine_code() -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"specialize": True}, {"split": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}],
+    "options", [{"specialize": True}, {"split": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}]
 )
 def test_what_is_made_otherwise_has_a_plan_of_its_own(options: dict[str, Any]) -> None:
     scenario = outlast.variant("ffa_1")

@@ -125,10 +125,7 @@ def test_the_cure_is_addressed_to_the_users_mechanic() -> None:
     acid = kind("Acid")
     acid.system(DuelPhase.DRIVE)(taking("wade", body=Write[Body]))
     for make_worlds, words in (
-        (
-            lambda: duel(acid()),
-            r'Say after="motors.drive" on acid.wade \(or after=Body, .*ordered\("motors.drive"',
-        ),
+        (lambda: duel(acid()), r'Say after="motors.drive" on acid.wade \(or after=Body, .*ordered\("motors.drive"'),
         (lambda: labels(module("ape.act", reads), module("zoo.act", writes)), r"on zoo\.act \(or before=Place,"),
         (lambda: labels(module("ape.act", reads), module("zoo.act", writes, after=Place)), r"zoo\.act \(or the other"),
         (
@@ -271,25 +268,15 @@ def test_a_system_without_rows_is_inactive() -> None:
 
 
 def test_a_scenario_may_have_no_system_at_all() -> None:
-    class Still(Toy):
-        def archetypes(self) -> list[Any]:
-            return [toy_game.Archetype("stone", (Energy(),), 2)]
-
-    worlds = make(Still())
+    worlds = make(kinds(Archetype("stone", (Energy(),), 2)))
     run(worlds, toy_game.STEP)
     assert worlds[Energy].left.tolist() == [[10, 10]] * 4
     assert worlds[toy_game.Clock].tick.tolist() == [[1]] * 4
 
 
-# ---- names, slots and components that an order may refer to
-
-
 def kinds(*archetypes: Archetype) -> Module:
     """A mechanic with these archetypes."""
     return mechanic("Kinds", Toy, archetypes=archetypes)
-
-
-# ---- rows
 
 
 def test_rows_follow_the_orders_then_the_names() -> None:
@@ -327,9 +314,6 @@ def test_kinds_of_other_mechanics_move_neither_rows_nor_spawn_places_nor_draws()
                 assert (two[:, :rows] == one).all(), component
     assert (after[Spawned].cell[:, rows:] >= 0).all()
     assert after[Entity].alive[:, rows:].all()
-
-
-# ---- systems by components
 
 
 def test_a_component_stands_for_the_other_systems_that_write_or_read_it() -> None:
@@ -371,9 +355,6 @@ def test_what_is_neither_label_nor_component_is_refused(given: Any) -> None:
     for keyword in ("after", "before"):
         with pytest.raises(DeclarationError, match=rf"ape\.act has {keyword}=.*after=|ape\.act has before=.*Health"):
             module("ape.act", reads, **{keyword: given})
-
-
-# ---- an error says what to write, and where
 
 
 def in_phase(scenario: Any, phase: Any, parameters: dict[str, Any], **options: Any) -> list[str]:

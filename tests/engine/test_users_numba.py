@@ -40,26 +40,18 @@ KERNELS = {  # definitions, what the system computes for row 2, its value, and w
     "text": ("", "len(str(e) + 'abc')", 4, "0"),
     "an array in a helper of a helper": (
         "@kernel\ndef inner(n):\n    a = np.zeros(4)\n    return a.sum() + n\n"
-        "@kernel\ndef outer(n):\n    return inner(n) + 1 if n > 0 else 0.0\n",
-        "int(outer(e)) + int(inner(e))",
-        5,
-        "0",
+        "@kernel\ndef outer(n):\n    return inner(n) + 1 if n > 0 else 0.0\n", "int(outer(e)) + int(inner(e))", 5, "0",
     ),
     "a function that Python calls, too": (
         "@numba.njit\ndef inner(n):\n    return np.ones(3).sum() + n\n"
         "@numba.njit\ndef half(n):\n    return np.sqrt(inner(n)) / 2\n",
-        "int(4 * half(np.int64(6)))",
-        6,
-        "[half(6), numba.njit(lambda n: half(n) + 1)(6)]",
+        "int(4 * half(np.int64(6)))", 6, "[half(6), numba.njit(lambda n: half(n) + 1)(6)]",
     ),
     "a function with numba's cache": (
-        "from theirs import middle",
-        "middle(e)",
-        3,
-        "[middle(2), numba.njit(lambda n: middle(n) + 1)(2)]",
+        "from theirs import middle", "middle(e)", 3, "[middle(2), numba.njit(lambda n: middle(n) + 1)(2)]",
     ),
     "a large array": ("TABLE = np.arange(300_000)", "TABLE[-1 - e]", 299_997, "0"),
-}
+}  # fmt: skip
 PYTHON = {"a function that Python calls, too": "[1.5, 2.5]", "a function with numba's cache": "[3, 4]"}
 THEIRS = """
 import numba

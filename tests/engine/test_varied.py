@@ -31,9 +31,9 @@ from outlast.ecs import (
     ref,
 )
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from tests.helpers.mechanics import DUEL, mechanic
 
 WORLDS = 16
-DUEL = outlast.variant("ffa_1")
 
 
 class Note(Singleton):
@@ -135,7 +135,6 @@ def test_systems_and_prefabs_get_numbers_of_every_type() -> None:
     np.testing.assert_array_equal(notes.row, drawn["lab_row"])
     assert (env.worlds[Coin].worth[:, coins] == drawn["lab_worth"][:, None]).all()
     assert ((env.worlds[Entity].identity[:, coins] >= 0).sum(1) == drawn["lab_coins"]).all()
-    env.close()
 
 
 class Pile(Singleton):
@@ -178,14 +177,6 @@ def add(pile: Write[Pile]) -> None:
     pile.half[0] += 1
 
 
-@dataclass(frozen=True)
-class Others(Module):
-    """More entities of a kind."""
-
-    def archetypes(self) -> Any:
-        return [Archetype("coin", (), 2)]
-
-
 @pytest.mark.parametrize(
     ("name", "drawn", "reason"),
     [
@@ -204,7 +195,7 @@ def test_what_is_decided_once_cannot_vary_or_differ_by_role(name: str, drawn: An
 
 
 def test_a_count_among_others_of_a_kind_cannot_vary() -> None:
-    scenario = DUEL.with_(Lab(), Others())
+    scenario = DUEL.with_(Lab(), mechanic("Others", archetypes=[Archetype("coin", (), 2)]))
     with pytest.raises(NumberError, match="lab_coins cannot vary: it is not the only count of the entities 'coin'"):
         scenario.vary(lab_coins=integers(1, 4)).worlds(1)
 

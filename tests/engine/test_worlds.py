@@ -2,8 +2,6 @@
 
 import copy
 import ctypes
-import dataclasses
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -27,7 +25,7 @@ from outlast.ecs.compilation.arguments import COUNT, LINES
 from outlast.ecs.kernels.random import uniform
 from outlast.ecs.memory.column_places import ALIGN
 from tests.conftest import COMPILED, digest, draw_actions, scaled
-from tests.helpers import toy_game
+from tests.helpers.mechanics import mechanic
 from tests.helpers.toy_game import (
     RESET,
     SKIP,
@@ -57,25 +55,16 @@ def walkers(worlds: Worlds) -> Any:
     return worlds[Place].x[:, worlds.span("walker")]
 
 
-# ---- one entity
-
-ENTITY = """entity 4 of world 1 (walker 2), alive
-  Entity       alive              1
-               identity           {identity}
-  Place        x                  1.5
-               trail              [ 7, -1, -1]
-  Energy       left               20"""
-
-
 def test_an_entity_can_be_looked_at() -> None:
     """All that it has, as it is now."""
     worlds = make(count=2)
     entity = worlds.entity(4, world=1)
     worlds[Place].x[1, 4], worlds[Place].trail[1, 4, 0] = 1.5, 7
-    assert repr(entity) == ENTITY.format(identity=worlds[Entity].identity[1, 4])
+    lines = [line.split() for line in repr(entity).splitlines()]
+    assert lines[0] == ["entity", "4", "of", "world", "1", "(walker", "2),", "alive"]
+    assert lines[3:] == [["Place", "x", "1.5"], ["trail", "[", "7,", "-1,", "-1]"], ["Energy", "left", "20"]]
     assert (entity.archetype, entity.index, entity.Energy.left, entity[Place].x) == ("walker", 2, 20, 1.5)
-    assert worlds.entity(0).Place.trail.tolist() == [-1, -1, -1]
-    assert "not in the world" not in repr(entity)
+    assert repr(copy.deepcopy(entity)) == repr(copy.copy(entity)) == repr(entity)
     worlds[Entity].alive[1, 4] = 0
     assert repr(entity).splitlines()[0] == "entity 4 of world 1 (walker 2), not in the world"
     assert {"Place", "Energy"} <= set(dir(entity))
@@ -91,35 +80,18 @@ def test_an_unknown_row_is_refused(row: Any) -> None:
 
 
 def test_what_an_entity_lacks_is_named() -> None:
-    food = make().entity(0)
-    with pytest.raises(AttributeError, match=r"\(food 0\) has no Energy; it has: Entity, Place"):
-        _ = food.Energy
-    with pytest.raises(AttributeError, match="did you mean Place"):
-        _ = food.Plaec
-    with pytest.raises(DeclarationError, match=r"\(food 0\) has no Energy; it has: Entity, Place"):
-        food[Energy]
-
-
-def test_components_of_an_entity_with_one_name_are_told_apart_by_their_classes() -> None:
     kinds = [type("Twin", (Component,), {name: column("f4")}) for name in ("one", "two")]
-
-    class Twins(Module):
-        def archetypes(self) -> list[Archetype]:
-            return [Archetype("twin", tuple(kind() for kind in kinds), 1)]
-
-    twin = Worlds((Twins(),), 1).entity(0)
+    twins = mechanic("Twins", archetypes=[Archetype("twin", tuple(kind() for kind in kinds), 1)])
+    food, twin = make().entity(0), Worlds([twins], 1).entity(0)
     assert [twin[kind]._fields for kind in kinds] == [("one",), ("two",)]
-    with pytest.raises(AttributeError, match=r"\(twin 0\) has 2 components called Twin: take entity\[its class\]"):
-        _ = twin.Twin
-
-
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
-def test_entities_can_be_copied(copied: Callable[[Any], Any]) -> None:
-    food = make().entity(0)
-    assert repr(copied(food)) == repr(food)
-
-
-# ---- modes
+    for look, error, words in (
+        (lambda: food.Energy, AttributeError, r"\(food 0\) has no Energy; it has: Entity, Place"),
+        (lambda: food.Plaec, AttributeError, "did you mean Place"),
+        (lambda: food[Energy], DeclarationError, r"\(food 0\) has no Energy; it has: Entity, Place"),
+        (lambda: twin.Twin, AttributeError, r"has 2 components called Twin: take entity\[its class\]"),
+    ):
+        with pytest.raises(error, match=words):
+            look()
 
 
 def test_modes_are_per_world() -> None:
@@ -136,23 +108,6 @@ def test_modes_are_per_world() -> None:
     assert (worlds[Place].trail[2] == -1).all()
     assert np.array_equal(worlds[Line].line, walkers(worlds))  # SHOW runs on both
     assert worlds[Pay].pay[:, 0].tolist() == [2, 3, 0]
-
-
-def test_resetting_some_worlds_leaves_the_others_untouched() -> None:
-    """Any subset, at any tick, bit for bit."""
-    rng = np.random.default_rng(0)
-    worlds, other = make(count=7), make(count=7)
-    untouched = np.ones(7, bool)
-    for tick in range(30):
-        modes = rng.choice([STEP, RESET], 7, p=[0.9, 0.1])
-        modes[rng.integers(7)] = STEP
-        untouched &= modes == STEP
-        worlds[Pace].pace[:] = other[Pace].pace[:] = rng.integers(-1, 2, (7, 3))
-        run(worlds, modes)
-        run(other, STEP)
-        assert digest(worlds, untouched) == digest(other, untouched)
-        if tick == 5:
-            assert 0 < untouched.sum() < 7
 
 
 def test_a_reset_world_is_as_good_as_new() -> None:
@@ -189,10 +144,10 @@ def draw(wind: Write[Wind], key: Random) -> None:
 def drawing(name: str, base: type[Module] = Toy, **attributes: Any) -> Module:
     """A mechanic of that name; with Toy as its base it has a system of its own, which draws."""
     attributes |= {"name": name, "singletons": lambda self: [Wind()]}
-    mechanic = type(name.title(), (base,), attributes)
+    made = type(name.title(), (base,), attributes)
     if base is Toy:
-        mechanic.system(Phase.BEGIN)(draw)
-    return mechanic()
+        made.system(Phase.BEGIN)(draw)
+    return made()
 
 
 def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
@@ -250,27 +205,6 @@ def test_more_entities_move_no_draw_of_those_before() -> None:
     assert np.array_equal(few[Place].x[:, few.span("food")], many[Place].x[:, many.span("food")][:, :2])
 
 
-def test_changed_numbers_reach_the_kernels() -> None:
-    """Every kind of number: float, int, bool, choice, tuple."""
-    still = Weather(wild=False)
-    for stride in (0.5, 2.0):
-        worlds = make(Walkers(stride=stride), Food(), still)
-        before = walkers(worlds).copy()
-        worlds[Pace].pace[:] = 1
-        assert np.allclose(walkers(run(worlds, STEP)) - before, stride, atol=1e-5)
-    for worth in (0, 40):
-        worlds = run(make(Walkers(), Food(9, worth=worth), still), STEP)
-        meals = (worlds[Energy].left[:, worlds.span("walker")] - 19).sum(axis=1)
-        assert meals.tolist() == (worth * worlds[toy_game.Meals].meals[:, 0]).tolist()
-        assert meals.any() == (worth > 0)
-    for sky, number in (("blue", 0), ("black", 2)):
-        assert (run(make(Walkers(), dataclasses.replace(still, sky=sky)), STEP)[Wind].felt[:, 0, 1] == number).all()
-    worlds = make(Walkers(), Weather(gusts=(0.5,)))
-    before = walkers(worlds).copy()
-    run(worlds, STEP)
-    assert np.allclose(walkers(worlds) - before, 0.5 * worlds[Wind].push, atol=1e-5)
-
-
 # ---- threads
 
 
@@ -301,14 +235,12 @@ def test_scratch_memory_belongs_to_one_thread() -> None:
     """The toy's Weather counts in it the ticks of its thread: together, each world's once."""
     made: list[Any] = []
 
-    class Gale(Weather):
-        name = "weather"
+    def remember(self: Any, name: str, dims: dict[str, int]) -> Any:
+        made.append(Weather.scratch(self, name, dims))
+        return made[-1]
 
-        def scratch(self, name: str, dims: dict[str, int]) -> Any:
-            made.append(super().scratch(name, dims))
-            return made[-1]
-
-    worlds = Worlds([Walkers(), Food(), Gale()], MANY, 3)
+    gale = type("Gale", (Weather,), {"name": "weather", "scratch": remember})
+    worlds = Worlds([Walkers(), Food(), gale()], MANY, 3)
     made.clear()  # one was made for its type only
     run(worlds, RESET, STEP, STEP)
     worlds.close()
@@ -352,7 +284,7 @@ def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: py
     monkeypatch.setattr("outlast.ecs.running.execution.CACHED", 0)
     worlds = walked(make(count=100), 10)
     assert digest(worlds) == expected
-    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.runner.single().blocks]  # type: ignore[union-attr]
+    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.runner.single().blocks]
     assert sorted(np.concatenate(found).tolist()) == worlds.layout.touched_lines(worlds.schedule.touched).tolist()
 
 

@@ -1,5 +1,7 @@
 """Mechanics of a line, for tests of what may be declared, and a duel to try them in."""
 
+import linecache
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,13 @@ def taking(name: str = "act", /, **hints: Any) -> Any:
     exec(f"def {name}({', '.join(hints)}): ...", names)
     names[name].__annotations__ = {**hints, "return": None}
     return names[name]
+
+
+def written(source: str, names: Mapping[str, Any], file: str = "mine.py") -> Any:
+    """Return the function that a source defines, as if it were in a file, where checks find it."""
+    linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
+    exec(compile(source, file, "exec"), defined := {**names, "__name__": __name__})
+    return defined[source.partition("def ")[2].partition("(")[0]]
 
 
 def duel(*mechanics: Module, game: outlast.Scenario = DUEL, count: int = 1, **options: Any) -> Any:
