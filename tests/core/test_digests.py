@@ -30,11 +30,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def check(name: str, ticks: int) -> None:
     if environment(name) not in golden().get(platform_name(), {}):
         pytest.skip(f"no digests of {environment(name)} on {platform_name()}; {COMMAND} adds them")
-    assert changed(name, ticks) == ""
-
-
-def changed(name: str, ticks: int) -> str:
-    return digests.changed(name, behaviour_digests(name, ticks))
+    assert digests.changed(name, behaviour_digests(name, ticks)) == ""
 
 
 @pytest.mark.skipif(not COMPILED, reason="its sines are others: see tests/core/test_determinism.py")

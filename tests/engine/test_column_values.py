@@ -49,12 +49,7 @@ class Marked(Singleton):
     marked: Any = column("i4", 2, below="rows")
 
 
-class Marker(Module):
-    def archetypes(self) -> list[Archetype]:
-        return [Archetype("agent", (Marks(),))]
-
-    def singletons(self) -> list[Singleton]:
-        return [Marked()]
+Marker = kind("Marker", archetypes=[Archetype("agent", (Marks(),))], singletons=[Marked()])
 
 
 def acting(function: Any, phase: Phase, interpret: bool, game: outlast.Scenario = DUEL) -> Any:

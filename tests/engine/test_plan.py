@@ -3,7 +3,6 @@
 import contextlib
 import gc
 import weakref
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,20 +10,16 @@ import pytest
 
 import outlast
 from outlast.components import Phase
-from outlast.ecs import Module, NumberError
+from outlast.ecs import NumberError
 from outlast.ecs.running.compiled_game import KEPT
 from outlast.systems import Heals
 from tests.conftest import digest
+from tests.helpers.mechanics import kind
 
 SIZE = 1
 
 
-@dataclass(frozen=True)
-class Sized(Module):
-    """A mechanic whose tables depend on a global."""
-
-    def dims(self) -> dict[str, int | str]:
-        return {"sized": SIZE}
+Sized = kind("Sized", dims=lambda self: {"sized": SIZE})  # tables that depend on a global
 
 
 def test_batches_of_a_game_share_its_layout_and_machine_code() -> None:

@@ -16,6 +16,7 @@ from outlast.ecs.kernels.jit import entry_point
 from outlast.ecs.kernels.machine_code import atomic_add
 from outlast.ecs.running.team import MIN_RANGE
 from tests.conftest import COMPILED, digest, scaled
+from tests.helpers.mechanics import kind
 from tests.helpers.toy_game import STEP, Clock, Phase, Toy, Walkers, make, run, walked
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,12 +70,7 @@ class Count(Singleton):
     ticks: Any = column("i4")
 
 
-@dataclass(frozen=True)
-class Counting(Toy):
-    """A world counts its ticks."""
-
-    def singletons(self) -> list[Singleton]:
-        return [Count()]
+Counting = kind("Counting", Toy, singletons=[Count()])  # a world counts its ticks
 
 
 @Counting.system(Phase.FEED)
