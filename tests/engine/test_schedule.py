@@ -142,11 +142,6 @@ def test_orders_that_cannot_matter_are_free(one: Any, two: Any) -> None:
     assert labels(module("zebra.act", one), module("ape.act", two)) == ["ape.act", "zebra.act"]
 
 
-def test_systems_of_different_phases_never_conflict() -> None:
-    ape = module("ape.act", writes, Phase.SHOW, before="walkers.show")
-    assert labels(module("zebra.act", writes), ape) == ["zebra.act"]
-
-
 def test_after_and_before_are_honoured() -> None:
     """Also through systems in between, and against the alphabet that orders the rest."""
     ape = module("ape.act", writes, after="zebra.act")
