@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Guard, Health, Shape, Side, Spawned
+from outlast.components import Body, DamageType, Guard, Health, Shape, Side, Spawned
 from outlast.components import Phase as DuelPhase
 from outlast.ecs import (
     Action,

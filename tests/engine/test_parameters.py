@@ -1,4 +1,4 @@
-"""What systems get: services, whose memory is filled anew when it is stale, and numbers of other mechanics."""
+"""What systems get: services, and numbers of other mechanics."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -30,7 +30,6 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.compilation.segments import stale_services
 from tests.engine.test_per_agent import MODULES, Pace, made, roles
 from tests.helpers.mechanics import kind, taking
 from tests.helpers.toy_game import GAME, Food, Phase, Place, Toy, Walkers, Weather, make, run, system_of, walked
@@ -160,7 +159,7 @@ def test_what_services_cannot_be_made_of_is_refused() -> None:
     with pytest.raises(DeclarationError, match="'place' is write, but a service is made of read, "):
         Service(taking(place=Write[Place]))
     with pytest.raises(
-        DeclarationError, match=r"parameter 'total' .*; allowed are .*, tuple, Annotated\[\.\.\., Service"
+        DeclarationError, match=r"parameter 'total' .*; allowed are .*, tuple, Annotated\[\.\.\.\] with "
     ):
         system_of(taking(one=Annotated[Real, Service(lambda: np.float32(1))], total=Annotated[Any, 3]))
 
