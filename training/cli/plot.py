@@ -51,10 +51,7 @@ def add(commands: Any) -> None:
     text = "with --paper: also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
     command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.arrange(
-        {
-            "what is drawn": ("runs", "--by", "--curves", "--x", "--paper"),
-            "output": ("--out", "--format", "--keep"),
-        }
+        {"what is drawn": ("runs", "--by", "--curves", "--x", "--paper"), "output": ("--out", "--format", "--keep")}
     )
     command.set_defaults(run=run)
 

@@ -319,8 +319,7 @@ CLAIMS: tuple[Claim, ...] = (
         (*FFA, *TEAMS),
         "the shortest episodes of these over the longest of the others, at the end",
         lambda runs: over(
-            min(end(runs, name, LENGTH) for name in FFA[:3]),
-            max(end(runs, name, LENGTH) for name in (FFA[3], *TEAMS)),
+            min(end(runs, name, LENGTH) for name in FFA[:3]), max(end(runs, name, LENGTH) for name in (FFA[3], *TEAMS))
         ),
         low=1.1,
     ),

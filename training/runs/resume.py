@@ -48,11 +48,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
     }
     if trainer.curriculum is not None:
         rest["levels"] = trainer.curriculum.state()
-    return {
-        **trainer.policy_files(header),
-        REST: tree_content(rest),
-        WORLDS: _state_bytes(worlds),
-    }
+    return {**trainer.policy_files(header), REST: tree_content(rest), WORLDS: _state_bytes(worlds)}
 
 
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
