@@ -24,10 +24,8 @@ AGE = "agent_steps"  # what checkpoints of one run differ in
 class PolicyGroup:
     """Policies that differ by the seeds of their training only; or a single other policy.
 
-    Attributes:
-        label: What sets the group apart, see plots.groups.RunGroup; for a policy that is no run, its own label.
-        members: The indices of its policies.
-        trained: Whether they are runs.
+    label: What sets the group apart, see plots.groups.RunGroup; for a policy that is no run, its own label. members:
+    The indices of its policies. trained: Whether they are runs.
     """
 
     label: str

@@ -89,9 +89,8 @@ class OpponentPool:
     Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
     as long as they play in some world.
 
-    Attributes:
-        dropped: Games against past selves that are no longer in the pool.
-        memory: Width of the widest memory among all policies that play.
+    dropped: Games against past selves that are no longer in the pool. memory: Width of the widest memory among all
+    policies that play.
     """
 
     def __init__(
@@ -152,10 +151,8 @@ class OpponentPool:
     def remember(self, policies: Sequence[Networks], steps: int, playing: set[int]) -> None:
         """Add the learners as they are now to the past selves.
 
-        Args:
-            policies: The policies of the learners.
-            steps: Agent-steps that they were trained for.
-            playing: Indices of the opponents that play in some world.
+        policies: The policies of the learners. steps: Agent-steps that they were trained for. playing: Indices of the
+        opponents that play in some world.
         """
         if PAST not in self.weights:
             return

@@ -29,10 +29,8 @@ Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a r
 class Contender:
     """A policy with a label that can be part of file names.
 
-    Attributes:
-        label: Its name in tables and files.
-        text: What it is: a name, the path of its checkpoint, or the name of a function.
-        player: The player of a checkpoint; None for any other policy.
+    label: Its name in tables and files. text: What it is: a name, the path of its checkpoint, or the name of a
+    function. player: The player of a checkpoint; None for any other policy.
     """
 
     def __init__(self, label: str, policy: str | Policy) -> None:

@@ -161,9 +161,7 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         """Check all values.
 
-        Raises:
-            ScenarioError: There is no such preset.
-            TrainingError: Another value is not possible.
+        Raises ScenarioError: there is no such preset. Raises TrainingError: another value is not possible.
         """
         for name, least in LEAST.items():
             value, most = as_whole(getattr(self, name)), MOST.get(name, 2**62 - 1)

@@ -131,8 +131,7 @@ def format_curves(runs: Mapping[str, Described]) -> bytes:
 
     Numbers have the fewest digits that give the same float32. Equal runs give equal bytes.
 
-    Args:
-        runs: What each run is, and its curves, by a name that may be that of a file.
+    runs: What each run is, and its curves, by a name that may be that of a file.
     """
     text, tags = io.StringIO(), sorted({tag for _, curves in runs.values() for tag in curves.values})
     about = {name: about for name, (about, _) in runs.items()}

@@ -6,8 +6,7 @@ from outlast.envs.errors import UsageError
 class TrainingError(UsageError):
     """A run cannot begin or go on: its folder is in use, or a checkpoint is damaged or belongs to something else.
 
-    Attributes:
-        lost: Whether the only problem is that another process of the run has ended.
+    lost: Whether the only problem is that another process of the run has ended.
     """
 
     def __init__(self, text: str = "", *, lost: bool = False) -> None:

@@ -34,11 +34,8 @@ def colour(rgb: tuple[int, int, int]) -> str:
 def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colours: int) -> bytes:
     """Encode a figure as a file: the same figure gives the same bytes.
 
-    Args:
-        draw: Makes the figure.
-        form: "png" or "svg".
-        about: Kept in the file: "Title", and "Source", a digest of what is shown.
-        colours: How many colours a PNG has, at most 256: it takes a quarter of the bytes that it would with all.
+    form: "png" or "svg". about: Kept in the file: "Title", and "Source", a digest of what is shown. colours: How many
+    colours a PNG has, at most 256: it takes a quarter of the bytes that it would with all.
     """
     content = io.BytesIO()
     with matplotlib.rc_context(STYLE):

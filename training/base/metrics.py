@@ -63,9 +63,8 @@ class EpisodeMetrics:
     def add(self, statistics: dict[str, Array], learns: Array) -> None:
         """Add episodes that ended. Call before resets.
 
-        Args:
-            statistics: info["statistics"], in which the rows of other worlds are zero.
-            learns: Which agents are played by learners, bool (worlds, agents): only their returns count.
+        statistics: info["statistics"], in which the rows of other worlds are zero. learns: Which agents are played by
+        learners, bool (worlds, agents): only their returns count.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)

@@ -22,11 +22,8 @@ class ActionNoise:
     def __init__(self, seed: int, worlds: Array, agents: int, actions: int) -> None:
         """Derive the key of each agent's numbers.
 
-        Args:
-            seed: Seed of the run.
-            worlds: Numbers of the worlds, int (worlds,).
-            agents: How many agents a world has.
-            actions: How many actions an agent has.
+        seed: Seed of the run. worlds: Numbers of the worlds, int (worlds,). agents: How many agents a world has.
+        actions: How many actions an agent has.
         """
         (key,) = np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)
         world = mix64(key + worlds.astype(np.uint64))[:, None]

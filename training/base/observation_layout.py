@@ -39,9 +39,8 @@ class ObservationLayout:
     def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
         """Lay them out.
 
-        Args:
-            shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind.
-            fields: What the rows hold, where that matters.
+        shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind. fields: What the
+        rows hold, where that matters.
         """
         self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))

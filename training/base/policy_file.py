@@ -54,8 +54,7 @@ def weights_content(policies: Sequence[Weights]) -> bytes:
 def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | None = None) -> None:
     """Write the policies of a checkpoint, completely or not at all; see `content`.
 
-    Raises:
-        TrainingError: The file cannot be written.
+    Raises TrainingError: the file cannot be written.
     """
     write_files({path: content(header, policies, exact)})
 
@@ -63,8 +62,7 @@ def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
     """Return run.json and the weights of each policy by name: of a file of weights as float32, of a checkpoint as is.
 
-    Raises:
-        TrainingError: The file cannot be read, or holds something else; or safetensors is not installed.
+    Raises TrainingError: the file cannot be read, or holds something else; or safetensors is not installed.
     """
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
@@ -77,12 +75,7 @@ def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
 def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
     """Return the weights of each policy in a checkpoint by name, unchecked.
 
-    Args:
-        data: What `weights_content` returned.
-        name: What errors call it.
-
-    Raises:
-        TrainingError: It is something else; or safetensors is not installed.
+    name: What errors call it. Raises TrainingError: it is something else; or safetensors is not installed.
     """
     try:
         return _by_policy(tensor_file.parse(data)[1], name)
@@ -93,8 +86,7 @@ def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]
 def read_header(path: Path, needed: Collection[str]) -> Header:
     """Return run.json of a saved policy, which must have these keys: of a file of weights, or of a checkpoint.
 
-    Raises:
-        TrainingError: The file cannot be read, or holds something else; or safetensors is not installed.
+    Raises TrainingError: the file cannot be read, or holds something else; or safetensors is not installed.
     """
     if path.suffix == SUFFIX:
         return parse_header(path, _opened(path)[0].encode(), needed)

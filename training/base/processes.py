@@ -21,8 +21,7 @@ T = TypeVar("T")
 def spawning() -> Any:
     """Return the context of multiprocessing in which processes are started; a fork would share PyTorch's threads.
 
-    Raises:
-        TrainingError: The program that runs cannot be imported by other processes, as it is not in a file.
+    Raises TrainingError: the program that runs cannot be imported by other processes, as it is not in a file.
     """
     place = str(getattr(sys.modules["__main__"], "__file__", ""))
     if place.startswith("<"):

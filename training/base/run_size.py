@@ -9,10 +9,7 @@ from .config import TrainingConfig
 class Workload:
     """The agent-steps of a run, including those of opponents, in rollouts that are always collected completely.
 
-    Attributes:
-        asked: Agent-steps that were requested.
-        each: Agent-steps of a rollout: worlds x steps of each world x agents.
-        sizes: These three factors.
+    asked: Agent-steps that were requested. each: Agent-steps of a rollout: worlds x steps of each world x agents.
     """
 
     asked: int

@@ -21,8 +21,7 @@ Array = np.ndarray[Any, Any]
 def content(tensors: Mapping[str, Array], text: str = "") -> bytes:
     """Return the content of a file with these tensors; equal ones give equal bytes.
 
-    Raises:
-        TrainingError: safetensors is not installed.
+    Raises TrainingError: safetensors is not installed.
     """
     _check_installed()
     from safetensors.numpy import save
@@ -33,9 +32,7 @@ def content(tensors: Mapping[str, Array], text: str = "") -> bytes:
 def parse(data: bytes) -> tuple[str, dict[str, Array]]:
     """Return the text and the tensors of a file's content, in order of their names. Memory is bounded by its length.
 
-    Raises:
-        ValueError: It is something else.
-        TrainingError: safetensors is not installed.
+    Raises ValueError: it is something else. Raises TrainingError: safetensors is not installed.
     """
     _check_installed()
     from safetensors import SafetensorError

@@ -56,14 +56,8 @@ def play_all(
 ) -> None:
     """Play the matches that are missing, or were played by other policies.
 
-    Args:
-        folder: The folder of the task, with its results of one budget.
-        entries: All entries in it.
-        progress: Called with how many more games are done.
-        at_once: How many processes play.
-
-    Raises:
-        TrainingError: A policy is not there.
+    folder: The folder of the task, with its results of one budget. entries: All entries in it. progress: Called with
+    how many more games are done. at_once: How many processes play. Raises TrainingError: a policy is not there.
     """
     known, missing = load(folder), []
     for one, other in pairs(entries):

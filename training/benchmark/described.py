@@ -64,14 +64,7 @@ def response_config(task: Task, seed: int, budget: int, policy: Path, threads: i
 def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
     """How the training that a file describes differs from that of a best response to a policy; "" if it does not.
 
-    Args:
-        path: The file.
-        task: The task.
-        seed: The seed of the entry.
-        budget: The budget of the entry.
-
-    Raises:
-        TrainingError: It is no policy.
+    seed: The seed of the entry. budget: The budget of the entry. Raises TrainingError: it is no policy.
     """
     header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]

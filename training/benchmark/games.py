@@ -39,9 +39,8 @@ FORM = {"digests": ("<u4", 1), "doubtful": ("<u4", 2)}  # type and number of axe
 class Games:
     """A match in short.
 
-    Attributes:
-        digests: uint32 (ticks,), see `_digest`.
-        doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions that this agent took there.
+    digests: uint32 (ticks,), see `_digest`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions that
+    this agent took there.
     """
 
     digests: Array
@@ -149,8 +148,7 @@ class _Choices:
 def _compared(path: Path, digests: Array, again: Path, env: SurvivalVectorEnv) -> Iterator[None]:
     """Record what happens inside, and compare its ticks, those before an action that is wrong, too.
 
-    Raises:
-        RecordingError: A tick is not as it was.
+    Raises RecordingError: a tick is not as it was.
     """
     try:
         with record(env, again):

@@ -55,11 +55,7 @@ def keep(places: Path, folder: Path) -> list[Path]:
 def _kept(entry: Result, folder: Path, known: dict[str, Path], first: bool) -> KeptResult:
     """Write what is kept of an entry beside its numbers, and return it as it is kept.
 
-    Args:
-        entry: The entry.
-        folder: Of kept results.
-        known: Policies beside the folder by their digests.
-        first: Whether its seed is the first one of its agent.
+    known: Policies beside the folder by their digests. first: Whether its seed is the first one of its agent.
     """
     name, content, match = place_of(entry), entry.content, entry.against[kept.TRAINED, SELF]
     policy, there = dict(content["policy"]), first and entry.policy.exists()

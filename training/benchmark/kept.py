@@ -56,11 +56,8 @@ def place_of(entry: Result) -> tuple[str, str, str, str]:
 def find(place: Path) -> list[Result]:
     """Return the results in a folder and all folders in it, in order of paths: those of runs, and kept ones.
 
-    Args:
-        place: The folder; of kept results also one that is only described, such as KEPT/BUDGET/TASK.
-
-    Raises:
-        TrainingError: There are none, or one cannot be read.
+    place: The folder; of kept results also one that is only described, such as KEPT/BUDGET/TASK. Raises TrainingError:
+    there are none, or one cannot be read.
     """
     files = [*place.rglob(NAME)] or above(place)
     found = {entry.folder.resolve(): entry for file in files for entry in _entries(file.parent)}
@@ -90,13 +87,8 @@ def cross_play(folder: Path) -> dict[tuple[str, str], Content]:
 def write(place: Path, entries: Iterable[Result], cross: Cross) -> None:
     """Write results, completely or not at all; equal results give equal bytes.
 
-    Args:
-        place: The folder.
-        entries: Complete results.
-        cross: Their matches against each other.
-
-    Raises:
-        TrainingError: The file cannot be written, or two results of a task have other games or opponents.
+    cross: Their matches against each other. Raises TrainingError: the file cannot be written, or two results of a task
+    have other games or opponents.
     """
     tasks = dict[str, Content]()
     for entry in entries:

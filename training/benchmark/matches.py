@@ -188,8 +188,7 @@ class _Script:
 
         Scripted styles do not round, and have a single choice, (agents, 1, actions).
 
-        Raises:
-            RecordingError: An action is not within rounding of the choice.
+        Raises RecordingError: an action is not within rounding of the choice.
         """
         first, choice, last = (choices[:, k] for k in (0, choices.shape[1] // 2, -1))
         self.differing += int((actions != choice).any(1).sum())

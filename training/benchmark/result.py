@@ -34,9 +34,7 @@ Content = dict[str, Any]
 class Result:
     """A result in its folder, RESULTS/BUDGET/TASK/AGENT/SEED, together with its policies and recordings.
 
-    Attributes:
-        folder: The folder of result.json.
-        content: The content of result.json.
+    folder: The folder of result.json. content: The content of result.json.
     """
 
     folder: Path
@@ -119,12 +117,8 @@ def write_json(path: Path, content: Any) -> None:
 def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """Read the content of a JSON file.
 
-    Args:
-        path: The file; with the ending .xz, it is compressed.
-        wrong: Says what is wrong with the content; empty if nothing is.
-
-    Raises:
-        TrainingError: It cannot be read, or is not what it should be.
+    path: The file; with the ending .xz, it is compressed. wrong: Says what is wrong with the content; empty if nothing
+    is. Raises TrainingError: it cannot be read, or is not what it should be.
     """
     try:
         content = json.loads((read_xz if path.suffix == ".xz" else read_bytes)(path, LONGEST))

@@ -92,8 +92,7 @@ def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]
     Of all such choices with several agents, the one with the most results is taken. If no two agents share a task,
     there are no tasks.
 
-    Args:
-        played: The tasks of each agent.
+    played: The tasks of each agent.
     """
     choices = {frozenset(own) for own in played.values()}
     while more := {one & other for one in choices for other in choices} - choices:

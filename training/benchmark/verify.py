@@ -73,12 +73,8 @@ Check = Callable[[], Verification]  # can be pickled
 def verify(place: Path, at_once: int = 1) -> Iterator[Verification]:
     """Verify all results in a folder, and yield the findings: of matches and then of what they belong to.
 
-    Args:
-        place: A folder of results, or one in it, such as that of an entry.
-        at_once: How many processes play.
-
-    Raises:
-        TrainingError: There are no results, or what is there cannot be read.
+    place: A folder of results, or one in it, such as that of an entry. at_once: How many processes play. Raises
+    TrainingError: there are no results, or what is there cannot be read.
     """
     plans: list[list[Check]] = []
     for own in scores.by_budget(place).values():
@@ -125,10 +121,7 @@ def checks(entry: Result) -> list[Check]:
 def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str]) -> list[Check]:
     """The checks of a task's cross-play, each with one finding: first all of it, then its matches.
 
-    Args:
-        folder: Of the task.
-        entries: All entries of the task.
-        chosen: Names of entries, whose matches are checked.
+    entries: All entries of the task. chosen: Names of entries, whose matches are checked.
     """
     try:
         task = task_of(folder.name)

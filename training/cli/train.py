@@ -186,14 +186,8 @@ def _train_several(
 
     `--resume` goes on with runs that were stopped, and begins those that had not begun.
 
-    Args:
-        command: Whose options these are.
-        options: All of them.
-        chosen: Names, as the user gave them, and their scenarios.
-        settings: Of PPO.
-
-    Raises:
-        TrainingError: Two runs would be the same; nothing has begun then.
+    command: Whose options these are. chosen: Names, as the user gave them, and their scenarios. Raises TrainingError:
+    two runs would be the same; nothing has begun then.
     """
     pairs, folder = list(itertools.product(chosen, options.seed)), Path(options.out or "runs")
     common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if options.threads is None else [])]

@@ -23,9 +23,7 @@ AXES = ("steps", "time")
 class EndValues:
     """The end values of a curve in a group: for each run, the mean of the last tenth of its points.
 
-    Attributes:
-        panel: The curve.
-        each: A value for each run that counts, in order of seeds; empty if none has the curve.
+    each: A value for each run that counts, in order of seeds; empty if none has the curve.
     """
 
     panel: Panel

@@ -18,10 +18,8 @@ OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # 
 class RunGroup:
     """Runs of one setting, in order of seeds.
 
-    Attributes:
-        runs: At least one.
-        values: The settings that set it apart, as texts by name; empty if there is only one group.
-        mixed: Settings in which its own runs differ, which happens if groups are asked for by other settings.
+    values: The settings that set it apart, as texts by name; empty if there is only one group. mixed: Settings in which
+    its own runs differ, which happens if groups are asked for by other settings.
     """
 
     runs: tuple[Run, ...]
@@ -50,12 +48,8 @@ class RunGroup:
 def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
     """Put runs into groups, in order of their values.
 
-    Args:
-        runs: At least one.
-        by: Names of settings that set groups apart; if there are none, runs of a group differ by seeds only.
-
-    Raises:
-        TrainingError: There is no such setting, or two runs are the same one.
+    by: Names of settings that set groups apart; if there are none, runs of a group differ by seeds only. Raises
+    TrainingError: there is no such setting, or two runs are the same one.
     """
     if by:
         _check_names(runs, by)

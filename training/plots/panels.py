@@ -40,13 +40,8 @@ class Panel:
 def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
     """The panels of these names or, without names, the usual ones.
 
-    Args:
-        runs: At least one.
-        names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted",
-            "rollout/kills0", "train/entropy".
-
-    Raises:
-        TrainingError: No run has such a curve.
+    names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted", "rollout/kills0",
+    "train/entropy". Raises TrainingError: no run has such a curve.
     """
     logs = [run.curves.values for run in runs]
     tags = list(dict.fromkeys(tag for log in logs for tag in log))

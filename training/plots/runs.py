@@ -95,12 +95,8 @@ def shown(value: Any) -> str:
 def load(places: Iterable[Path]) -> list[Run]:
     """Read all runs. Those in which no episode has ended yet are left out, and named in a warning.
 
-    Args:
-        places: Folders of runs, folders around them, studies (folders with runs that are kept), or single runs of a
-            study, as if they were folders in it.
-
-    Raises:
-        TrainingError: A place holds no runs, or none with a curve.
+    places: Folders of runs, folders around them, studies (folders with runs that are kept), or single runs of a study,
+    as if they were folders in it. Raises TrainingError: a place holds no runs, or none with a curve.
     """
     found, reasons = list[Run](), list[str]()
     for path in dict.fromkeys(path for place in places for path in _found(place)):

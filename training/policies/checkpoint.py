@@ -77,8 +77,7 @@ def policies_content(policies: Sequence[Mapping[str, Tensor]]) -> bytes:
 def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]]]:
     """Read what a saved policy plays with, from a checkpoint or a file of weights. Raises TrainingError.
 
-    Returns:
-        run.json, and the weights of each policy by name, unchecked.
+    Returns run.json, and the weights of each policy by name, unchecked.
     """
     header, policies = policy_file.read(path)
     return {"plan": {}, **header}, _as_tensors(policies)

@@ -48,10 +48,8 @@ class Egocentric:
     def __call__(self, own: Array, entities: Array, agent: Array) -> None:
         """Bring rows into the frames of their agents, in place.
 
-        Args:
-            own: float32 (agents, layout.own), the agents' own numbers.
-            entities: float32 (rows, layout.columns), as in Rows.
-            agent: int (rows,), the agent that each row belongs to.
+        own: float32 (agents, layout.own), the agents' own numbers. entities: float32 (rows, layout.columns), as in
+        Rows. agent: int (rows,), the agent that each row belongs to.
         """
         me = own[:, self.me]
         turn = np.cos(me[:, 4:]), np.sin(me[:, 4:])
@@ -70,10 +68,8 @@ class Columns:
     def add(self, columns: Mapping[str, int], kind: int, factors: Mapping[str, float]) -> None:
         """Add the vectors and angles among the fields of one kind of row.
 
-        Args:
-            columns: The column of each field, by the name of the field.
-            kind: The column that is 1 in rows of the kind.
-            factors: How often the agent's place, velocity or angle is subtracted, by field; once unless given.
+        columns: The column of each field, by the name of the field. kind: The column that is 1 in rows of the kind.
+        factors: How often the agent's place, velocity or angle is subtracted, by field; once unless given.
         """
         for (x, y), origin in VECTORS.items():
             if x in columns and y in columns:

@@ -26,9 +26,7 @@ Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer] 
 class Explainer:
     """Explains the policy of a player; made by `Player.explainer`.
 
-    Attributes:
-        entities: (key of the observation, rows) of each kind of entities that agents attend to.
-        reset: As in Player.
+    entities: (key of the observation, rows) of each kind of entities that agents attend to.
     """
 
     def __init__(

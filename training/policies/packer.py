@@ -33,8 +33,7 @@ class Packer:
     def __call__(self, observations: Mapping[str, Array]) -> Observed:
         """Pack the observations of a batch of agents.
 
-        Args:
-            observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch.
+        observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch.
         """
         return self._padded(observations) if self.leaky else self._rows(observations)
 

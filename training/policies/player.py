@@ -147,9 +147,8 @@ class Player:
     def __call__(self, observations: dict[str, Array]) -> Array:
         """Choose the actions for these observations.
 
-        Raises:
-            TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
-                that episodes begin there.
+        Raises TrainingError: their shapes differ from those in training; or the policy has a memory, and was not told
+        that episodes begin there.
         """
         (logs,) = self._ask(observations, _logs)
         with playing():
@@ -293,12 +292,8 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
 def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list[dict[str, Array]]]:
     """Return run.json of a saved policy, and its weights by name, float32; several if teams have policies of their own.
 
-    Args:
-        path: The file.
-        critic: Whether the weights that only values need are among them, if the file has them.
-
-    Raises:
-        TrainingError: The file cannot be read, or is damaged.
+    critic: Whether the weights that only values need are among them, if the file has them. Raises TrainingError: the
+    file cannot be read, or is damaged.
     """
     player = Player(path)
     left_out = () if player.networks or (critic and player.critic) else policy_file.CRITIC

@@ -132,10 +132,7 @@ class Rows:
 class PaddedRows:
     """What a batch of agents observes, with a row for each entity that there may be, seen or not.
 
-    Attributes:
-        packed: float32 (batch, layout.size).
-        layout: Where everything is in `packed`.
-        state: As in Rows.
+    packed: float32 (batch, layout.size). layout: Where everything is in `packed`.
     """
 
     def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:

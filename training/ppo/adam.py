@@ -16,9 +16,8 @@ NAMES = "step", "exp_avg", "exp_avg_sq"  # of what a parameter's moments consist
 class Adam:
     """Adam with the usual rates of decay.
 
-    Attributes:
-        moments: Of each parameter, in order: steps taken, float32 without axes, and averages of gradients and of their
-            squares, like the parameter.
+    moments: Of each parameter, in order: steps taken, float32 without axes, and averages of gradients and of their
+    squares, like the parameter.
     """
 
     def __init__(self, parameters: Sequence[Tensor]) -> None:

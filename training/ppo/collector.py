@@ -26,9 +26,8 @@ class Collector:
     networks are busy with the other. Networks run on one thread: others would compete with those of the worlds, and
     wait for each other in every small product.
 
-    Attributes:
-        lanes: The lanes of this process, in order of their worlds.
-        scale: The scale of rewards, computed from those of all processes.
+    lanes: The lanes of this process, in order of their worlds. scale: The scale of rewards, computed from those of all
+    processes.
     """
 
     def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:
@@ -47,10 +46,8 @@ class Collector:
     def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
         """Play on from where the worlds are, and keep what happens.
 
-        Args:
-            policies: The policies of the learners.
-            steps: How many steps to play in each world.
-            begun: How many steps each world has played before.
+        policies: The policies of the learners. steps: How many steps to play in each world. begun: How many steps each
+        world has played before.
         """
         for lane in self.lanes:
             lane.open(steps, max(policy.memory for policy in policies))

@@ -29,9 +29,8 @@ LOST = 75  # exit status of a process whose only fault is that it lost another o
 class Crew:
     """The processes that train together; here only one, so sums stay as they are and nothing is sent.
 
-    Attributes:
-        rank: The number of this process; the first, 0, is the one that logs and writes files.
-        size: How many processes there are.
+    rank: The number of this process; the first, 0, is the one that logs and writes files. size: How many processes
+    there are.
     """
 
     def __init__(self, rank: int = 0, size: int = 1) -> None:
@@ -198,10 +197,8 @@ class Children:
 def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
     """Make a crew of processes: this one, and others that are started.
 
-    Args:
-        size: How many processes; 1 starts none.
-        work: What the others do, called with their crew; a function of a module.
-        arguments: Further arguments of `work`; picklable.
+    size: How many processes; 1 starts none. work: What the others do, called with their crew; a function of a module.
+    arguments: Further arguments of `work`; picklable.
     """
     if size == 1:
         return Crew()

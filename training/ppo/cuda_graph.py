@@ -41,10 +41,8 @@ class GraphedGradients:
     def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
         """Compute the figures and gradients of a minibatch. The next call overwrites the gradients.
 
-        Args:
-            compute: Computes the figures of a minibatch and the gradients of all parameters. It is always the same
-                function, and must not wait for the GPU.
-            batch: The minibatch.
+        compute: Computes the figures of a minibatch and the gradients of all parameters. It is always the same
+        function, and must not wait for the GPU.
         """
         tensors = _tensors(batch)
         shapes = _rows(batch).room, *(each.shape for each in tensors)

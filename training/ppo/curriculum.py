@@ -54,8 +54,7 @@ class TrainingProgress:
 class Curriculum:
     """The levels that episodes of a run are drawn from.
 
-    Attributes:
-        levels: What the function returned last; at first one in which everything is drawn.
+    levels: What the function returned last; at first one in which everything is drawn.
     """
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
@@ -122,9 +121,8 @@ class Curriculum:
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
     """Levels and statistics of episodes, in the order in which they ended, whichever lanes they were played in.
 
-    Args:
-        ended: The episodes, in any order.
-        env: Worlds like theirs; they tell which statistics there are, even if no episode ended.
+    ended: The episodes, in any order. env: Worlds like theirs; they tell which statistics there are, even if no episode
+    ended.
     """
     ordered = sorted(ended, key=lambda each: each[:2])
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))

@@ -66,8 +66,7 @@ def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
 def evaluated(loss: Loss, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the loss of a batch, and the figures to log by name, those of ALWAYS first, all without axes.
 
-    Raises:
-        TrainingError: The loss returns something else.
+    Raises TrainingError: the loss returns something else.
     """
     found: Any = loss(batch)
     total, own = found if isinstance(found, tuple) and len(found) == 2 else (found, {})

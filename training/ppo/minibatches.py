@@ -97,9 +97,8 @@ class Batch(Minibatch):
 class Samples:
     """A learner's samples of a rollout, on a device; on the CPU, these are views of the rollout's arrays.
 
-    Attributes:
-        units: int64, what is shuffled and shared out among minibatches: indices of samples, those of all processes. On
-            the CPU.
+    units: int64, what is shuffled and shared out among minibatches: indices of samples, those of all processes. On the
+    CPU.
     """
 
     LENGTH = 1  # samples of a unit
@@ -159,8 +158,7 @@ class Samples:
 class Chunks(Samples):
     """A learner's samples in chunks of CHUNK steps of one agent, through which gradients flow back.
 
-    Attributes:
-        units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
+    units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
     """
 
     LENGTH = CHUNK

@@ -53,11 +53,8 @@ class Rollout:
     def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
         """Find those that belong to this process, among some samples of all processes.
 
-        Args:
-            samples: Indices of the samples, int64 (some,).
-
-        Returns:
-            Where in `samples` those of this process are, None if all are; and their indices among its own samples.
+        samples: Indices of the samples, int64 (some,). Returns where in `samples` those of this process are, None if
+        all are; and their indices among its own samples.
         """
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
@@ -85,9 +82,7 @@ class RewardScale:
     def update(self, rewards: Array, ends: Array) -> float:
         """Take in the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
 
-        Args:
-            rewards: float32 (steps, agents).
-            ends: bool (steps, agents), whether the sum begins anew after the step.
+        rewards: float32 (steps, agents). ends: bool (steps, agents), whether the sum begins anew after the step.
         """
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):

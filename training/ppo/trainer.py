@@ -217,13 +217,8 @@ class Trainer:
     ) -> dict[str, float]:
         """Train all learners on a rollout, and add them to the past selves every config.snapshots updates.
 
-        Args:
-            rollout: The newest rollout.
-            left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch as it begins.
-
-        Returns:
-            What is logged, by tag; with several learners, the mean of theirs.
+        left: Share of the run that is left, for a learning rate that is annealed. on_epoch: Called with the number of
+        each epoch as it begins. Returns what is logged, by tag; with several learners, the mean of theirs.
         """
         with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
             shared = pool.map if self.threads > 1 else map
@@ -242,8 +237,7 @@ class Trainer:
     def take_weights(self) -> None:
         """Give the policies the weights of the checkpoint that the config names, if it names one.
 
-        Raises:
-            TrainingError: There is no such checkpoint, or its networks differ.
+        Raises TrainingError: there is no such checkpoint, or its networks differ.
         """
         name, imitated = self.config.teacher
         if imitated or not name:
@@ -275,11 +269,8 @@ class Trainer:
         (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
         optimisers are as they were; learners and worlds have moved on. Games against opponents do not count.
 
-        Args:
-            on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag.
-
-        Returns:
-            What was measured last, by tag; nothing without a teacher.
+        on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag. Returns
+        what was measured last, by tag; nothing without a teacher.
         """
         _, steps = self.config.teacher
         if not steps:
@@ -376,10 +367,8 @@ class Trainer:
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:
     """Return the number of the learner that plays each agent of a world, int (agents,).
 
-    Args:
-        env: The worlds.
-        policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one
-            for each agent.
+    policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one for
+    each agent.
     """
     if policies == "side" and env.worlds[Sides].teams[0, 0]:
         return side(env.worlds, 0)

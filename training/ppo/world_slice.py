@@ -162,13 +162,8 @@ class Lane:
     def act(self, t: int, step: int, policies: Sequence[Networks]) -> Array:
         """Choose the actions of a step, and keep what they were chosen from.
 
-        Args:
-            t: The number of the step in the rollout.
-            step: The number of the step in the run.
-            policies: The policies of the learners.
-
-        Returns:
-            int64 (worlds, agents, actions).
+        t: The number of the step in the rollout. step: The number of the step in the run. policies: The policies of the
+        learners. Returns int64 (worlds, agents, actions).
         """
         env, samples, observations = self.env, self.samples, self.env.observe()
         seen, uniform = self._seen(observations), self.noise(step)
@@ -217,10 +212,7 @@ class Lane:
     def take(self, t: int, result: Any, policies: Sequence[Networks]) -> None:
         """Keep the result of a step, and begin the next episode in worlds whose episode has ended.
 
-        Args:
-            t: The number of the step in the rollout.
-            result: What env.step returned.
-            policies: The policies of the learners.
+        t: The number of the step in the rollout. policies: The policies of the learners.
         """
         _, rewards, terminated, truncated, info = result
         env, samples, done = self.env, self.samples, terminated | truncated

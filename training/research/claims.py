@@ -84,8 +84,7 @@ class ClaimResult:
 def findings(groups: Sequence[PaperGroup]) -> Iterator[ClaimResult]:
     """Yield a finding for every claim for whose variants there are runs of one seed as long as the paper's.
 
-    Args:
-        groups: Runs with one preset; those of games with ablations say nothing about the paper's.
+    groups: Runs with one preset; those of games with ablations say nothing about the paper's.
     """
     by_seed: dict[int, dict[str, Curves]] = {}
     for group in groups:

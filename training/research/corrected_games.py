@@ -56,13 +56,8 @@ Measured = dict[str, list[Row]]  # by the names of runs
 def measure(game: Scenario, run: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
     """Let the policy of a run play, and write the tables of that into its folder, unless they are there.
 
-    Args:
-        game: What it was trained in.
-        run: The folder of the run; its past is the checkpoint after half of its steps.
-        progress: Called with how many more episodes have ended.
-
-    Raises:
-        TrainingError: The run has a single checkpoint.
+    game: What it was trained in. run: The folder of the run; its past is the checkpoint after half of its steps.
+    progress: Called with how many more episodes have ended. Raises TrainingError: the run has a single checkpoint.
     """
     saved = checkpoints(run)
     if len(saved) < 2:
@@ -130,8 +125,7 @@ def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
 
     Where a policy plays itself, both of its roles count.
 
-    Args:
-        measured: The rows of each seed, by game.
+    measured: The rows of each seed, by game.
     """
     return markdown_table(HEADS, [_cells(game, seeds) for game, seeds in measured.items()])
 

@@ -184,10 +184,8 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bo
 def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
     """The content of SECONDS: for each experiment, the mean over its complete runs whose folders are there.
 
-    Args:
-        chosen: The experiments.
-        out: The output folder of the command.
-        before: The table as it was: what it says of experiments without such a folder stays.
+    out: The output folder of the command. before: The table as it was: what it says of experiments without such a
+    folder stays.
     """
     text, known = io.StringIO(), _read_seconds(before)
     rows = csv.writer(text, lineterminator="\n")

@@ -35,14 +35,8 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     Figures and tables show all experiments of the part whose runs are in the folder; otherwise those of one game would
     replace those of another. Mended games that are not chosen are shown if they were measured before.
 
-    Args:
-        part: One of experiments.PARTS.
-        chosen: The experiments of it that are filmed.
-        out: The output folder of the command.
-        progress: Called with 1 after each thing that took long.
-
-    Raises:
-        TrainingError: Runs are not there, or something cannot be written.
+    chosen: The experiments of it that are filmed. out: The output folder of the command. progress: Called with 1 after
+    each thing that took long. Raises TrainingError: runs are not there, or something cannot be written.
     """
     before = (out / SECONDS).read_text(encoding="utf-8") if (out / SECONDS).exists() else ""
     timed = seconds_table(experiments(PARTS), out, before)

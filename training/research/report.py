@@ -49,13 +49,8 @@ def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> s
 def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
     """The contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
-    Args:
-        groups: What is drawn and reported.
-        form: Format of the figures: "png" or "svg".
-        beside: Runs with other presets, to compare with in the table of all presets.
-
-    Raises:
-        TrainingError: There is no matplotlib.
+    groups: What is drawn and reported. form: Format of the figures: "png" or "svg". beside: Runs with other presets, to
+    compare with in the table of all presets. Raises TrainingError: there is no matplotlib.
     """
     try:
         from .figures import picture

@@ -174,8 +174,7 @@ def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
 def curves_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
     """Curves to keep, by path, with those of other runs that the folder keeps already.
 
-    Raises:
-        TrainingError: A run would take the place of another one.
+    Raises TrainingError: a run would take the place of another one.
     """
     kept = kept_runs(folder)
     for run in runs:

@@ -28,9 +28,7 @@ class ChildRun:
 
     If this process ends without stopping it, as by kill -9, the run saves and stops, too: see child_main.
 
-    Attributes:
-        folder: The folder of the run, which also names it.
-        words: The words of the command line that trains it.
+    folder: The folder of the run, which also names it. words: The words of the command line that trains it.
     """
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:

@@ -48,10 +48,8 @@ class LiveView(Progress):
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
         """Show how far the run is, and its numbers.
 
-        Args:
-            done: Agent-steps that are done, including those of before.
-            total: Agent-steps at the end.
-            shown: Values by tag, as they are logged; tags that are never shown may be among them.
+        done: Agent-steps that are done, including those of before. total: Agent-steps at the end. shown: Values by tag,
+        as they are logged; tags that are never shown may be among them.
         """
         self.tags |= shown
         self.show(done, total)
