@@ -54,7 +54,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matches, "ROUNDING", WIDE)
 
 
-def again(game: tasks.TaskGame, pair: list[Contender], given: Games, folder: Path) -> matches.Repeated:
+def again(game: tasks.TaskGame, pair: list[Contender], given: Games, folder: Path) -> games.Repeated:
     """Play a match again from its file."""
     given.write(folder / "a.npz")
     return games.repeat(game, pair, COUNT, folder / "a.npz")

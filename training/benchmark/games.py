@@ -1,6 +1,6 @@
-"""Games in short: what it takes to verify a match of saved policies, in a few kB where its recording has hundreds.
+"""Matches that are played again, to verify them: from recordings, or from games in short, in a few kB each.
 
-The policies are here, so `repeat` lets them play again. A file holds what they cannot tell:
+The policies are here, so `repeat` lets them play again. A file of games in short (.npz) holds what they cannot tell:
 
 - a digest of four bytes of every tick, by which the games are known to be those that were played;
 - the doubtful actions: those whose drawn number is within rounding of another choice, which another machine may take.
@@ -12,35 +12,43 @@ import io
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from outlast.ecs import STEP
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, record
-from outlast.envs.recording.tick_records import TickRecord
+from outlast.envs.recording.tick_records import JointActions, TickRecord
+from outlast.envs.rollout.saved import common_scenario, forms
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage import safe_npz
 
 from ..arena.match import Act, AgentIndices, Match
 from ..arena.players import Contender
 from ..base.files import write_files
 from . import matches
-from .matches import Array, Asked, Repeated, outcome
+from .kept import SHORT
+from .matches import Array, Asked
 from .tasks import TaskGame
 
 LARGEST = 2**24  # bytes of a file
 PLACE = 3  # numbers that say where an action is: tick, world, agent
 FORM = {"digests": ("<u4", 1), "doubtful": ("<u4", 2)}  # type and number of axes of the arrays in a file
+BYTES, FEW = 16, 4  # of the digest of a tick of a recording; of games in short
+Played = Callable[[int, AgentIndices, Any], Array]  # number of a tick record, agents, their policy's choice: actions
 
 
 @dataclass(frozen=True)
 class Games:
     """A match in short.
 
-    digests: uint32 (ticks,), see `_digest`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions that
-    this agent took there.
+    digests: uint32 (ticks,), see `_digests`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions
+    that this agent took there.
     """
 
     digests: Array
@@ -66,77 +74,150 @@ class Games:
         write_files({path: file.getvalue()})
 
 
-def shorten(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Games:
-    """Return what is kept of a recorded match, which is verified on the way; see `matches.repeat`.
+@dataclass
+class Repeated:
+    """A match that was played again.
 
-    Args:
-        game: What was played.
-        pair: Two saved policies, or one that met itself, which drew by the keys of worlds.
-        games: How many games were played.
-        path: The file of the recording.
-
-    Raises:
-        RecordingError: The recording is not of these policies and this game.
+    Attributes:
+        outcome: As `matches.play` returned it, without the digest of the recording.
+        differing: How many actions are not what a saved policy chooses, but within rounding of it.
+        drawn: How many actions saved policies chose.
+        doubtful: Where the choices of saved policies may be rounded otherwise, see Games.
     """
-    repeated = matches.repeat(game, pair, games, path)
-    return Games(_digests(path), repeated.doubtful)
+
+    outcome: dict[str, Any]
+    differing: int
+    drawn: int
+    doubtful: Array
 
 
-def repeat(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Repeated:
-    """Play a match again: policies choose as they did, and take the kept choice where theirs may be rounded otherwise.
+def shorten(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Games:
+    """Return what is kept of a recorded match, which is verified on the way; see `repeat`."""
+    doubtful = repeat(game, pair, games, path).doubtful
+    return Games(np.array(_digests(path, FEW), np.uint32), doubtful)
+
+
+def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
+    """Play a match again in worlds that are made anew, and ask the policies what they would do.
+
+    Of a recording, all actions are played; of games in short, what policies choose, and the kept actions where that may
+    be rounded otherwise.
 
     Args:
         game: What was played.
-        pair: Two saved policies, or one that met itself.
+        pair: Two policies, or one that met itself; None: one that is not known here, which only a recording allows.
         games: How many games were played.
         path: The file of the match.
 
     Raises:
-        RecordingError: The file holds no games, a tick is not as it was, or a kept action is none that the policy may
-            have chosen.
+        RecordingError: The file holds no such match, a tick is not as it was, or a policy did not choose an action.
     """
-    kept = Games.read(path)
-    with matches.worlds(game, pair, games) as env, tempfile.TemporaryDirectory() as folder:
-        asked = [matches.asked(game, role, policy, env) for role, policy in enumerate(pair)]
-        choices = _Choices(path, kept.doubtful, env, asked)
-        with _compared(path, kept.digests, Path(folder, "again.rec"), env):
-            match = Match(env, choices.acts(), 1, game.seed)
-            choices.number = lambda: match.records + 1
+    known = [policy for policy in pair if policy is not None]
+    short = Games.read(path) if path.suffix == SHORT else None
+    recording = None if short else _opened(path, game, pair, games)
+    with contextlib.ExitStack() as opened:
+        env = opened.enter_context(matches.worlds(game, known, games, recording))
+        again = Path(opened.enter_context(tempfile.TemporaryDirectory()), "again.rec")
+        if recording is not None:
+            ticks = opened.enter_context(contextlib.closing(recording.tick_records()))
+            there, played = _digests(path, BYTES), _recorded(path, ticks, env)
+        else:
+            there, played = short.digests.tolist(), _Doubtful(path, short.doubtful, env)
+        asked = [None if each is None else matches.asked(game, k, each, env) for k, each in enumerate(pair)]
+        policies = _Policies(asked, played, len(env.action_sizes))
+        with _compared(path, there, again, env, FEW if short else BYTES):
+            match = Match(env, policies.acts(), 1, game.seed)
+            policies.number = lambda: match.records + 1
             found = match.play()
-        choices.end()
-    return Repeated(outcome(found), choices.differing, choices.drawn, kept.doubtful)
+    if isinstance(played, _Doubtful):
+        played.end()
+    return Repeated(matches.outcome(found), policies.differing, policies.drawn, np.concatenate(policies.doubtful))
 
 
-class _Choices:
-    """Policies that choose by themselves, but for the doubtful actions that are kept."""
+def _opened(path: Path, game: TaskGame, pair: Sequence[Contender | None], games: int) -> Recording:
+    """Open the recording of a match. Raises RecordingError if it is that of another game."""
+    recording = Recording.open(path)
+    if recording.cut:
+        raise RecordingError(recording.cut)
+    if recording.num_worlds != games:
+        raise RecordingError(f"{path} is of {recording.num_worlds} worlds: {games} games were to be played")
+    players = [policy.player for policy in pair if policy is not None and policy.player is not None]
+    own = common_scenario(game.scenario, players)
+    others = [difference(fingerprint(recording.scenario), fingerprint(each)) for each in [own, *forms(game.scenario)]]
+    if all(others[: None if None in pair else 1]):
+        raise RecordingError(f"{path} is of another game {others[0]}")
+    return recording
 
-    def __init__(self, path: Path, doubtful: Array, env: SurvivalVectorEnv, asked: Sequence[Asked]) -> None:
-        self.path, self.asked, self.left = path, asked, len(doubtful)
-        self.differing = self.drawn = 0  # see Repeated
+
+class _Policies:
+    """Policies that play what was played, and those that are known are asked what they would choose; see Repeated."""
+
+    def __init__(self, asked: Sequence[Asked | None], played: Played, actions: int) -> None:
+        self.asked, self.played, self.actions = asked, played, actions
+        self.differing = self.drawn = 0
+        self.doubtful = [np.zeros((0, PLACE + actions), np.int64)]
         self.number: Callable[[], int] = lambda: 1  # which tick record the next step has
-        self._ticks = dict[int, list[Array]]()
-        for row in doubtful.astype(np.int64):
-            self._ticks.setdefault(int(row[0]), []).append(row)
-        if doubtful.shape[1] != PLACE + len(env.action_sizes):
-            raise RecordingError(f"{path} holds games with another number of actions")
 
     def acts(self) -> list[Act]:
         """One function for each policy."""
-        return [self._act(*asked) for asked in self.asked]
+        return [self.played_by_unknown if asked is None else partial(self._act, *asked) for asked in self.asked]
 
-    def _act(self, name: str, choose: Act) -> Act:
-        def act(seen: dict[str, Array], indices: AgentIndices) -> Array:
-            choices = choose(seen, indices).reshape(len(indices[0]), 3, -1)
-            actions = choices[:, 1].copy()
-            for row in self._ticks.get(self.number(), ()):
-                for k in np.flatnonzero((indices[0] == row[1]) & (indices[1] == row[2])):
-                    matches.check_within(name, row[PLACE:], choices[k], *map(int, row[:PLACE]))
-                    actions[k], self.left = row[PLACE:], self.left - 1
-            self.differing += int((actions != choices[:, 1]).any(1).sum())
-            self.drawn += len(actions)
-            return actions
+    def played_by_unknown(self, seen: dict[str, Array], indices: AgentIndices) -> Array:
+        return self.played(self.number(), indices, None)
 
-        return act
+    def _act(self, name: str, choose: Act, seen: dict[str, Array], indices: AgentIndices) -> Array:
+        """Raises RecordingError if an action is not within rounding of the choice.
+
+        A saved policy has three choices, see Player.doubted; scripted styles do not round, and have a single one.
+        """
+        choices = choose(seen, indices).reshape(len(indices[0]), -1, self.actions)
+        first, choice, last = (choices[:, k] for k in (0, choices.shape[1] // 2, -1))
+        actions, number = self.played(self.number(), indices, choice), self.number()
+        for k in np.flatnonzero(((actions < first) | (actions > last)).any(1)):
+            place = f"in world {indices[0][k]}, tick {number}, agent {indices[1][k]}"
+            raise RecordingError(f"{name} did not play it: {place} it chooses {choice[k]}, not {actions[k]}")
+        self.differing += int((actions != choice).any(1).sum())
+        self.drawn += len(actions) * (choices.shape[1] > 1)
+        doubted = np.flatnonzero((first != last).any(1))
+        place = np.full(len(doubted), number), indices[0][doubted], indices[1][doubted]
+        self.doubtful.append(np.column_stack([*place, actions[doubted]]))
+        return actions
+
+
+def _recorded(path: Path, ticks: Iterator[TickRecord], env: SurvivalVectorEnv) -> Played:
+    """The actions of a recording, as a function."""
+    joint, records, now = JointActions(env.worlds), enumerate(ticks), (-1, np.zeros(0))
+    lows = np.array([low for _, low, _ in joint.columns])[:, None, None]  # environments count from 0
+
+    def played(number: int, indices: AgentIndices, choice: Any) -> Array:
+        nonlocal now
+        while now[0] < number:
+            at, tick = next(records, (number, None))
+            if tick is None or (at == number and (tick.mode != STEP).any()):
+                raise RecordingError(f"{path}: tick {number} is no step of all worlds, as the match goes on then")
+            now = at, np.moveaxis(joint.decode(tick.codes) - lows, 0, -1) if at == number else now[1]
+        actions: Array = now[1][indices]
+        return actions
+
+    return played
+
+
+class _Doubtful:
+    """What policies choose by themselves, but for the doubtful actions that are kept."""
+
+    def __init__(self, path: Path, doubtful: Array, env: SurvivalVectorEnv) -> None:
+        self.path, self.left, self._ticks = path, len(doubtful), dict[int, list[Array]]()
+        if doubtful.shape[1] != PLACE + len(env.action_sizes):
+            raise RecordingError(f"{path} holds games with another number of actions")
+        for row in doubtful.astype(np.int64):
+            self._ticks.setdefault(int(row[0]), []).append(row)
+
+    def __call__(self, number: int, indices: AgentIndices, choice: Any) -> Array:
+        actions: Array = choice.copy()
+        for row in self._ticks.get(number, ()):
+            for k in np.flatnonzero((indices[0] == row[1]) & (indices[1] == row[2])):
+                actions[k], self.left = row[PLACE:], self.left - 1
+        return actions
 
     def end(self) -> None:
         """Check that every kept action was taken. Raises RecordingError."""
@@ -145,37 +226,36 @@ class _Choices:
 
 
 @contextlib.contextmanager
-def _compared(path: Path, digests: Array, again: Path, env: SurvivalVectorEnv) -> Iterator[None]:
+def _compared(path: Path, there: Sequence[int], again: Path, env: SurvivalVectorEnv, size: int) -> Iterator[None]:
     """Record what happens inside, and compare its ticks, those before an action that is wrong, too.
 
-    Raises RecordingError: a tick is not as it was.
+    Raises RecordingError if a tick is not as it was. there: Digests. size: Bytes of each.
     """
     try:
         with record(env, again):
             yield
     except RecordingError:
-        here = _digests(again)
-        _compare(path, digests[: len(here)], here)
+        here = _digests(again, size)
+        _compare(path, there[: len(here)], here)
         raise
-    _compare(path, digests, _digests(again))
+    _compare(path, there, _digests(again, size))
 
 
-def _compare(path: Path, there: Array, here: Array) -> None:
+def _compare(path: Path, there: Sequence[int], here: Sequence[int]) -> None:
     """Raise RecordingError at the first tick that differs."""
-    shorter = min(len(there), len(here))
-    differ = np.flatnonzero(there[:shorter] != here[:shorter])
-    if len(differ) or len(there) != len(here):
-        raise RecordingError(matches.OTHER_TICK.format(path, differ[0] if len(differ) else shorter))
+    for number, (one, other) in enumerate(zip_longest(there, here)):
+        if one != other:
+            raise RecordingError(
+                f"{path}: tick {number} is the first that is not as it is when the match is played again"
+            )
 
 
-def _digests(path: Path) -> Array:
-    """The digests of the ticks of a recording, uint32 (ticks,)."""
+def _digests(path: Path, size: int) -> list[int]:
+    """The digests of the ticks of a recording: so many bytes of BLAKE2b of all that a tick record says."""
+    found, code = [], "<u4" if size == FEW else "<u8"
     with contextlib.closing(Recording.open(path).tick_records()) as ticks:
-        return np.array([_digest(tick) for tick in ticks], np.uint32)
-
-
-def _digest(tick: TickRecord) -> int:
-    """Four bytes of BLAKE2b of all that a tick record says: modes, joint actions, keys and the digest of the state."""
-    parts: list[tuple[Any, str]] = [(tick.mode, "i1"), (tick.codes, "<u4"), (tick.keys, "<u8"), (tick.digest, "<u2")]
-    whole = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
-    return int.from_bytes(hashlib.blake2b(whole, digest_size=4).digest(), "little")
+        for tick in ticks:
+            parts = (tick.mode, "i1"), (tick.codes, code), (tick.keys, "<u8"), (tick.digest, "<u2")
+            whole = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
+            found.append(int.from_bytes(hashlib.blake2b(whole, digest_size=size).digest(), "little"))
+    return found

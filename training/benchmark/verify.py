@@ -14,10 +14,11 @@ from outlast.envs.errors import RecordingError, UsageError
 from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
-from . import crossplay, games, scores
+from . import crossplay, scores
 from .described import described, wrong_with_response
+from .games import repeat
 from .kept import SHORT, find
-from .matches import digest, repeat
+from .matches import digest
 from .result import BEST, RESPONSE, SELF, Content, Result, read_json
 from .suite import SuiteOpponent, missing, other_games, suite
 from .tasks import Task, TaskGame, task_of
@@ -215,16 +216,10 @@ def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path
     """Compare a match with its recording."""
     if digest(path) != match["recording"]:
         return Verification("", "its recording is another file than the one that was made")
-    known = [policy for policy in pair if policy is not None]
-    missing = (
-        "" if len(known) == len(pair) else "a policy that played it is not here, and is not asked what it would do"
-    )
-    if path.suffix != SHORT:
-        found = repeat(game, pair, match["games"], path)
-    elif missing:
+    missing = "a policy that played it is not here, and is not asked what it would do" if None in pair else ""
+    if missing and path.suffix == SHORT:
         return Verification("", missing=missing)
-    else:
-        found = games.repeat(game, known, match["games"], path)
+    found = repeat(game, pair, match["games"], path)
     return Verification("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
 
 
@@ -236,20 +231,9 @@ def _wrong_with_outcome(match: Content, outcome: Content) -> str:
     for figures, recorded in zip(match["figures"], outcome["figures"], strict=True):
         for name in sorted(figures.keys() | recorded.keys()):
             one, two = figures.get(name, (math.nan,)), recorded.get(name, (math.nan,))
-            if not _follows(one, two):
+            if len(one) != len(two) or not all(map(_near, one, two)):
                 return f"{name} is {one[0]:g} in the result, and {two[0]:g} in the recording"
     return ""
-
-
-def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
-    """Whether a mean, and its error if there is one, are those of a recording.
-
-    Earlier results counted all episodes in errors, even those without a value. These errors are smaller, by a factor of
-    the root of a half at most.
-    """
-    if len(given) != len(found) or not _near(given[0], found[0]):
-        return False
-    return all(_near(one, two) or math.sqrt(0.5) * two <= one <= two for one, two in zip(given[1:], found[1:]))
 
 
 def _near(one: float, two: float) -> bool:
