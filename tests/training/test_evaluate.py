@@ -17,7 +17,8 @@ from outlast.training.base.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.arena.evaluation import Evaluation, film_players  # noqa: E402
+from outlast.training.arena.evaluation import Evaluation  # noqa: E402
+from outlast.training.arena.films import film_players  # noqa: E402
 from outlast.training.arena.match import Match, ratio  # noqa: E402
 from outlast.training.arena.players import Contender, contenders, labels  # noqa: E402
 from outlast.training.arena.ratings import anchored, elo  # noqa: E402

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast import variant
-from outlast.training.arena import report
+from outlast.training.arena import evaluation as report
 from outlast.training.arena.evaluation import Evaluation
 from outlast.training.arena.groups import PolicyGroup, group_policies, rate_groups
 from outlast.training.arena.players import Contender, contenders

@@ -1,8 +1,10 @@
 """outlast evaluate: policies play against each other; win rates, ratings, behaviour."""
 
 import argparse
+import contextlib
 import logging
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -67,61 +69,42 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Evaluate and report; the exit status."""
+    """Evaluate, and report what is complete, also after an error; the exit status."""
     try:
-        from ..arena.evaluation import Evaluation, checked_folder
+        from ..arena import evaluation as arena
         from ..arena.players import contenders
-        from ..arena.report import check_folder
     except ModuleNotFoundError as error:
         raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
-    folder = checked_folder(options.out, options.film)
+    folder, status = arena.checked_folder(options.out, options.film), 0
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
-    evaluation = Evaluation(scenario(options), contenders(options.policies), **numbers)
-    try:
+    evaluation = arena.Evaluation(scenario(options), contenders(options.policies), **numbers)
+    with contextlib.closing(evaluation), arena.recordings(options.film) as hidden:
         if folder is not None:
-            check_folder(evaluation, folder)
-        return _evaluate(evaluation, folder, options)
-    finally:
-        evaluation.close()
-
-
-def _evaluate(evaluation: Any, folder: Path | None, options: argparse.Namespace) -> int:
-    """As outlast.evaluate, and report what is complete, also after an error; the exit status."""
-    from ..arena.evaluation import play, recordings
-
-    with recordings(options.film) as hidden:
-        start, status = time.perf_counter(), 0
+            arena.check_folder(evaluation, folder)
+        start = time.perf_counter()
         try:
-            play(evaluation, folder, hidden, quiet=options.quiet)
+            arena.play(evaluation, folder, hidden, quiet=options.quiet)
         except KeyboardInterrupt:
-            status = STOPPED
-            complete, total = len(evaluation.pairings), len(evaluation.pairs)
-            logger.warning("stopped; %d of %d pairings are complete", complete, total)
+            status, complete = STOPPED, len(evaluation.pairings)
+            logger.warning("stopped; %d of %d pairings are complete", complete, len(evaluation.pairs))
         finally:
-            _report(evaluation, folder, time.perf_counter() - start)
+            print(arena.text(evaluation, terminal_width()))
+            print(f"\n{time.perf_counter() - start:,.0f} s", flush=True)
+            if folder is not None and evaluation.pairings:
+                print("", *arena.write_tables(evaluation, folder), sep="\n", flush=True)
         if hidden is not None and folder is not None and not status:
-            status = _make_films(evaluation, hidden, folder)
+            status = _print_each(
+                arena.films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder)
+            )
     return status
 
 
-def _make_films(evaluation: Any, hidden: Path, folder: Path) -> int:
-    """Make films and pages, and print the path of each when it is there; the exit status."""
-    from ..arena.evaluation import films
-
+def _print_each(films: Iterable[Path]) -> int:
+    """Print the path of each film and page when it is there; the exit status."""
     try:
-        for made in films(evaluation, hidden, folder):
+        for made in films:
             print(made, flush=True)
     except KeyboardInterrupt:
         logger.warning("stopped; the tables are written, not all films are")
         return STOPPED
     return 0
-
-
-def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
-    """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError."""
-    from ..arena import report
-
-    print(report.text(evaluation, terminal_width()))
-    print(f"\n{seconds:,.0f} s", flush=True)
-    if folder is not None and evaluation.pairings:
-        print("", *report.write_tables(evaluation, folder), sep="\n", flush=True)
