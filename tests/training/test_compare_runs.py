@@ -24,8 +24,8 @@ from tests.helpers.outputs import rows_of
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
 from outlast.envs.cli.main import main  # noqa: E402
-from outlast.training.base.image import STYLE  # noqa: E402
 from outlast.training.plots import figure  # noqa: E402
+from outlast.training.plots.figure import STYLE  # noqa: E402
 from outlast.training.plots.plot import compare, plot  # noqa: E402
 
 KEPT = Path(__file__).resolve().parents[2] / "results/worlds-64"

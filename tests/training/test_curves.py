@@ -25,7 +25,6 @@ from outlast.training.base.curves import (
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.base.presets import preset
-from outlast.training.research import published as curves
 from outlast.training.research import results
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
@@ -48,7 +47,7 @@ LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/r
 def test_the_papers_curves_are_those_published(
     name: str, tag: str, mean: float, deviation: float, peak: float, place: float
 ) -> None:
-    published = curves.published_curves(name)
+    published = results.published_curves(name)
     found = end_value(published.values[tag])
     steps, height = average([published], tag).peak
     assert [found.mean, found.deviation, height] == pytest.approx([mean, deviation, peak], abs=6e-4)
@@ -57,7 +56,7 @@ def test_the_papers_curves_are_those_published(
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_has_the_papers_curves(name: str) -> None:
-    published = curves.published_curves(name)
+    published = results.published_curves(name)
     agents = 4 if name.startswith("teams") else 2
     assert published.steps.tolist() == [16384 * agents * k for k in range(1, 612 // agents + 1)]
     assert bool(published.tags(BOXES)) == ("boxes" in variant(name))

@@ -26,12 +26,9 @@ from outlast.training.base.curves import FILE, Curves, format_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.cli import plot
 from outlast.training.plots.runs import kept_runs
-from outlast.training.research.claims import FFA, TEAMS, claims_table, findings
-from outlast.training.research.end_values import csv_table, markdown
-from outlast.training.research.measures import over
-from outlast.training.research.published import published_curves
-from outlast.training.research.report import report
-from outlast.training.research.results import PaperGroup, group_runs, load_runs
+from outlast.training.research.claims import FFA, TEAMS, claims_table, findings, over
+from outlast.training.research.report import csv_table, markdown, report
+from outlast.training.research.results import PaperGroup, group_runs, load_runs, published_curves
 from tests.conftest import call
 from tests.helpers.outputs import rows_of
 
@@ -39,7 +36,7 @@ matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast
 
 from PIL import Image  # noqa: E402
 
-from outlast.training.base.image import STYLE  # noqa: E402
+from outlast.training.plots.figure import STYLE  # noqa: E402
 from outlast.training.research import figures  # noqa: E402
 
 outlast_plot = partial(call, plot, "--paper")

@@ -17,6 +17,7 @@ from outlast.envs.storage import strict_json
 from .errors import EmptyRunError, TrainingError
 from .files import packed, read_bytes, unpacked
 from .log_file import LAST, read_log
+from .tables import csv_text
 
 FILE = "curves.csv.xz"  # the curves of several runs, in a folder of results that are kept
 BEYOND = 1e30  # values are below this, so that they can be squared and added up
@@ -133,16 +134,13 @@ def format_curves(runs: Mapping[str, Described]) -> bytes:
 
     runs: What each run is, and its curves, by a name that may be that of a file.
     """
-    text, tags = io.StringIO(), sorted({tag for _, curves in runs.values() for tag in curves.values})
-    about = {name: about for name, (about, _) in runs.items()}
-    text.write(f"# {json.dumps(about, separators=(',', ':'))}\n")
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["run", "step", *tags])
+    tags, rows = sorted({tag for _, curves in runs.values() for tag in curves.values}), list[list[Any]]()
     for name, (_, curves) in runs.items():
         none = np.full(len(curves.steps), np.nan)
         columns = [map(_short, curves.values.get(tag, none)) for tag in tags]
-        rows.writerows([name, *row] for row in zip(curves.steps.tolist(), *columns, strict=True))
-    return packed(text.getvalue())
+        rows += ([name, *row] for row in zip(curves.steps.tolist(), *columns, strict=True))
+    about = json.dumps({name: about for name, (about, _) in runs.items()}, separators=(",", ":"))
+    return packed(f"# {about}\n" + csv_text(["run", "step", *tags], rows))
 
 
 def _short(value: Any) -> str:

@@ -1,6 +1,10 @@
-"""Tables of numbers in Markdown."""
+"""Tables of numbers in Markdown and as CSV."""
 
+import csv
+import io
+import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from .statistics import interval
 
@@ -11,6 +15,11 @@ NONE = "–"  # for what cannot be measured, such as the distance to mates in a 
 def number(value: float) -> str:
     """Write a number with as many digits as mean something."""
     return f"{value:,.{decimals(value)}f}"
+
+
+def digits(value: float) -> str:
+    """Write a number with six significant digits, for a file; "" for NaN."""
+    return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def spread(values: Sequence[float]) -> str:
@@ -36,3 +45,10 @@ def markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
     kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
     every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
     return "\n".join("| " + " | ".join(line[k].replace("|", r"\|") for k in kept) + " |" for line in every)
+
+
+def csv_text(heads: Iterable[Any], rows: Iterable[Iterable[Any]]) -> str:
+    """Write a table as CSV, with a line feed behind each row."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()

@@ -3,11 +3,9 @@
 import hashlib
 import json
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..base.image import encoded
-from ..plots.figure import look
+from ..plots.figure import encoded, figure_of, look
 from .scores import Scores
 
 SIZE = (7.0, 3.4)  # inches
@@ -16,12 +14,11 @@ SIZE = (7.0, 3.4)  # inches
 def picture(own: Scores, title: str) -> bytes:
     """Return the figure as a PNG; the same scores give the same bytes."""
     source = hashlib.sha256(json.dumps(own["profile"], sort_keys=True).encode()).hexdigest()
-    return encoded(lambda: _draw(own, title), "png", {"Title": title, "Source": source}, colours=256)
+    return encoded(lambda: _draw(own, title), "png", {"Title": title, "Source": source})
 
 
 def _draw(own: Scores, title: str) -> Figure:
-    figure = Figure(figsize=SIZE, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = figure_of(*SIZE, layout="constrained")
     axes, thresholds = figure.subplots(), own["profile"]["thresholds"]
     count = len(own["common"])
     axes.set_title(f"Performance profiles, {title}, {count} task{'s' * (count > 1)}")

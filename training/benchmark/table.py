@@ -1,14 +1,12 @@
 """Tables of scores: Markdown, CSV, a figure of performance profiles, and the JSON of marl-eval."""
 
-import csv
-import io
 import logging
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..base.tables import markdown_table
+from ..base.tables import csv_text, markdown_table
 from . import scores
 from .kept import TRAINED
 from .marl_eval import RunMetrics, marl_eval_json
@@ -55,16 +53,14 @@ def markdown(found: scores.Scores) -> str:
 
 def as_csv(found: scores.Scores) -> str:
     """The CSV file: a row for every figure of every agent in every task."""
-    file = io.StringIO()
-    rows = csv.writer(file, lineterminator="\n")
-    rows.writerow(COLUMNS)
+    rows = list[tuple[object, ...]]()
     for budget, own in found["budgets"].items():
         for task, of_task in own["tasks"].items():
             for agent, each in of_task["agents"].items():
                 for name, figure in _named(each):
                     values = (figure["mean"], figure.get("low", ""), figure.get("high", ""), len(figure["seeds"]))
-                    rows.writerow((budget, own["track"], task, agent, name, *values))
-    return file.getvalue()
+                    rows.append((budget, own["track"], task, agent, name, *values))
+    return csv_text(COLUMNS, rows)
 
 
 def _named(each: scores.Scores) -> Iterator[tuple[str, scores.Scores]]:

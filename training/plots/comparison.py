@@ -1,49 +1,20 @@
 """What `outlast plot` compares: groups of runs, their curves, and the table of their end values."""
 
-import csv
 import hashlib
-import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..base.averages import end_value, interval
-from ..base.tables import markdown_table, number
+from ..base.tables import csv_text, digits, markdown_table, number
 from .groups import RunGroup, common, untold
 from .panels import Panel, drawn
 from .runs import PRESET, SCENARIO, Run
 
 AXES = ("steps", "time")
-
-
-@dataclass(frozen=True)
-class EndValues:
-    """The end values of a curve in a group: for each run, the mean of the last tenth of its points.
-
-    each: A value for each run that counts, in order of seeds; empty if none has the curve.
-    """
-
-    panel: Panel
-    each: tuple[float, ...]
-
-    @property
-    def mean(self) -> float:
-        """The mean over runs."""
-        return float(np.mean(self.each))
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval of the mean; NaN for a single run."""
-        return interval(self.each)
-
-    def __str__(self) -> str:
-        if not self.each:
-            return ""
-        low, high = self.interval
-        return number(self.mean) + ("" if np.isnan(low) else f" [{number(low)}, {number(high)}]")
 
 
 @dataclass(frozen=True)
@@ -113,17 +84,24 @@ class Comparison:
         unfinished = f"Unfinished: {named}{more}; end values are of the finished runs of a group that has any"
         return [*notes, unfinished] if short else notes
 
-    def ends(self, group: RunGroup) -> Iterator[EndValues]:
-        """Yield the end values of a group, for each curve."""
+    def ends(self, group: RunGroup) -> Iterator[tuple[float, ...]]:
+        """Yield, for each curve, its end value in each run of a group that counts and has it, in order of seeds."""
         curves = [drawn(run, self.panels) for run in group.ended]
         for panel in self.panels:
-            values = [one.values[panel.name] for one in curves if panel.name in one.values]
-            yield EndValues(panel, tuple(end_value(each).mean for each in values))
+            yield tuple(end_value(one.values[panel.name]).mean for one in curves if panel.name in one.values)
 
     def __str__(self) -> str:
         names = [*self.groups[0].values] or [SCENARIO]
         heads = [*names, "seeds", "agent-steps", *(panel.title for panel in self.panels)]
-        lines = [[*_values(group), _seeds(group), _steps(group), *map(str, self.ends(group))] for group in self.groups]
+        lines = [
+            [
+                *(group.values.values() or [group.label]),
+                ", ".join(dict.fromkeys(_seeds(group))),
+                f"{_steps(group):,}",
+                *map(_cell, self.ends(group)),
+            ]
+            for group in self.groups
+        ]
         means = "End values: the mean of the last tenth of each run"
         several = any(len(group.ended) > 1 for group in self.groups)
         within = ", then over runs [95 % interval of that mean, by Student's t]" * several
@@ -132,19 +110,14 @@ class Comparison:
 
     def csv(self) -> str:
         """Return the table with all significant digits, with a row for each group and curve."""
-        text = io.StringIO()
-        names = list(self.groups[0].values)
-        heads = [*names, "curve", "runs", "seeds", "agent-steps", "mean", "low 95 %", "high 95 %", "lowest", "highest"]
-        rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(heads)
+        heads = "curve", "runs", "seeds", "agent-steps", "mean", "low 95 %", "high 95 %", "lowest", "highest"
+        rows = list[list[object]]()
         for group in self.groups:
-            seeds = " ".join(str(run.seed) for run in group.ended)
-            steps = min(run.steps for run in group.ended)
-            for end in self.ends(group):
-                found = (end.mean, *end.interval, min(end.each), max(end.each)) if end.each else (float("nan"),) * 5
-                numbers = ["" if np.isnan(value) else f"{value:.6g}" for value in found]
-                rows.writerow([*group.values.values(), end.panel.name, len(end.each), seeds, steps, *numbers])
-        return text.getvalue()
+            for panel, ends in zip(self.panels, self.ends(group), strict=True):
+                found = (np.mean(ends), *interval(ends), min(ends), max(ends)) if ends else (np.nan,) * 5
+                about = [panel.name, len(ends), " ".join(_seeds(group)), _steps(group)]
+                rows.append([*group.values.values(), *about, *map(digits, map(float, found))])
+        return csv_text([*self.groups[0].values, *heads], rows)
 
     def digest(self) -> str:
         """Return a digest of what the figure shows."""
@@ -158,13 +131,17 @@ class Comparison:
         return total.hexdigest()
 
 
-def _values(group: RunGroup) -> list[str]:
-    return [*group.values.values()] or [group.label]
+def _cell(ends: Sequence[float]) -> str:
+    """The mean over runs, with its 95 % interval if there are several."""
+    if not ends:
+        return ""
+    low, high = interval(ends)
+    return number(float(np.mean(ends))) + ("" if np.isnan(low) else f" [{number(low)}, {number(high)}]")
 
 
-def _seeds(group: RunGroup) -> str:
-    return ", ".join(dict.fromkeys(str(run.seed) for run in group.ended))
+def _seeds(group: RunGroup) -> list[str]:
+    return [str(run.seed) for run in group.ended]
 
 
-def _steps(group: RunGroup) -> str:
-    return f"{min(run.steps for run in group.ended):,}"
+def _steps(group: RunGroup) -> int:
+    return min(run.steps for run in group.ended)

@@ -1,24 +1,42 @@
-"""Curves of several groups of runs in one figure, with a panel for each quantity. Needs matplotlib."""
+"""Figures: how they look and become files, lines of runs in panels, and the figure of a comparison. By matplotlib."""
 
+import io
 import re
 import textwrap
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from ..base.averages import average
 from ..base.curves import Array, Curves
-from ..base.image import GREY, encoded, literal
 from ..base.run_summary import RATING
 from .comparison import Comparison
 from .groups import RunGroup
 from .panels import drawn, hours
 
+DPI = 150  # pixels an inch
+GREY = "#5b5f68"
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelcolor": GREY,
+    "axes.edgecolor": "#9a9da4",
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "text.color": "#26292f",
+    "svg.hashsalt": "outlast",  # so that the same picture gives the same file
+}
 WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
 COLUMNS, BESIDE = 2, 4  # in a row, at most: panels; entries of the legend
 LINE = 125  # characters of a line of a note
@@ -30,10 +48,103 @@ INKS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#0000
 DASHES = ("-", (0, (3.5, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
+def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colours: int = 256) -> bytes:
+    """Encode the figure that `draw` makes as a file, "png" or "svg": the same figure gives the same bytes.
+
+    about: Kept in the file: "Title", and "Source", a digest of what is shown. colours: How many colours a PNG has, at
+    most 256: it takes a quarter of the bytes that it would with all.
+    """
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure = draw()
+        if form == "svg":
+            figure.savefig(content, format=form, metadata={**about, "Date": None})
+            return content.getvalue()
+        pixels, texts = io.BytesIO(), PngInfo()
+        figure.savefig(pixels, format="png", dpi=DPI)
+    for key, text in about.items():
+        texts.add_text(key, text)
+    few = Image.open(pixels).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
+    few.save(content, format="png", optimize=True, pnginfo=texts, dpi=(DPI, DPI))
+    return content.getvalue()
+
+
+def figure_of(width: float, height: float, **options: Any) -> Figure:
+    """Make an empty figure of this size, in inches."""
+    figure = Figure(figsize=(width, height), **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def colour(rgb: tuple[int, int, int]) -> str:
+    """Return a colour in matplotlib's form."""
+    return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+def look(number: int) -> tuple[str, Any]:
+    """Return colour and dashes of a group; when the colours begin again, the dashes are different."""
+    return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
+
+
+def literal(text: str) -> str:
+    """Escape a text, so that $ begins no formula."""
+    return text.replace("$", r"\$")
+
+
+class Line(NamedTuple):
+    """A curve of some runs, with places on the axis for steps; see `plot_line`."""
+
+    runs: Sequence[Curves]
+    name: str
+    ink: str
+    dash: Any
+    points: bool = True  # whether those of a single run are shown
+    common: bool = False  # see `average`
+    front: int = 3
+
+
+def plot_line(axes: Axes, line: Line) -> None:
+    """Draw the moving average over runs; behind it the points of a single run, or the range of several."""
+    found = average(line.runs, line.name, common=line.common)
+    if not len(found.steps):  # one has ended before another has begun
+        return
+    looks: dict[str, Any] = {"color": line.ink, "linestyle": line.dash, "zorder": line.front}
+    marker = "o" if len(found.steps) == 1 else ""
+    axes.plot(found.steps, found.mean, linewidth=1.6, marker=marker, markersize=4, **looks)
+    if len(line.runs) > 1:
+        axes.fill_between(found.steps, found.low, found.high, color=line.ink, alpha=0.16, linewidth=0, zorder=1)
+    elif line.points:
+        (run,) = line.runs
+        axes.plot(run.steps, run.values[line.name], color=line.ink, linewidth=0.5, alpha=0.25, zorder=1)
+
+
+def finish(axes: Axes, *, from_0: bool = True) -> None:
+    """Let heights begin at 0 if nothing is below; but not those of ratings, of which only differences mean anything."""
+    _, high = axes.get_ylim()
+    lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
+    if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
+        top = max(high, 1.05 * max(np.nanmax(line) for line in lines))
+        axes.set_ylim(0, top if top > 0 else 1)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.tick_params(length=0)
+
+
+def write_notes(figure: Figure, title: str, notes: Sequence[str]) -> None:
+    """Write a title and lines of notes at the top of a figure."""
+    height = figure.get_figheight()
+    figure.text(0.02, 1 - 0.12 / height, literal(title), fontsize=11.5, fontweight="bold", va="top")
+    text = literal("\n".join(notes))
+    figure.text(0.02, 1 - 0.37 / height, text, fontsize=8, color=GREY, va="top", linespacing=1.35)
+
+
+def entry(label: str, ink: str, dash: Any = "-") -> Line2D:
+    """Make an entry of a legend."""
+    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=literal(label))
+
+
 def picture(comparison: Comparison, form: str) -> bytes:
     """Return the figure as the content of a file, "png" or "svg"; the same runs give the same bytes."""
-    about = {"Title": comparison.title, "Source": comparison.digest()}
-    return encoded(lambda: draw(comparison), form, about, colours=256)
+    return encoded(lambda: draw(comparison), form, {"Title": comparison.title, "Source": comparison.digest()})
 
 
 def draw(comparison: Comparison) -> Figure:
@@ -43,8 +154,7 @@ def draw(comparison: Comparison) -> Figure:
     rows = -(-len(panels) // columns)
     head = _Head(comparison)
     height = head.height + rows * PANEL + 0.3
-    figure = Figure(figsize=(WIDTH, height))
-    FigureCanvasAgg(figure)
+    figure = figure_of(WIDTH, height)
     grid = figure.subplots(rows, columns, squeeze=False)
     top, bottom = 1 - (head.height + 0.25) / height, 0.5 / height
     figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
@@ -53,35 +163,17 @@ def draw(comparison: Comparison) -> Figure:
         axes.set_title(literal(panel.title))
         axes.set_xlim(0, longest)
         for k, group in enumerate(comparison.groups):
-            _curve(axes, comparison, group, panel.name, k, scale)
-        _finish(axes, from_0=not panel.name.startswith(RATING))
+            curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if panel.name in own]
+            if curves:
+                common = comparison.x == "time"
+                plot_line(axes, Line(curves, panel.name, *look(k), points=comparison.faint, common=common))
+        finish(axes, from_0=not panel.name.startswith(RATING))
     for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
     for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
         axes.set_xlabel(unit)
-    head.write(figure, height)
+    head.write(figure)
     return figure
-
-
-def look(number: int) -> tuple[str, Any]:
-    """Return colour and dashes of a group; when the colours begin again, the dashes are different."""
-    return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
-
-
-def _curve(axes: Axes, comparison: Comparison, group: RunGroup, name: str, number: int, scale: float) -> None:
-    """The moving average over the runs of a group; behind it the points of a single run, or the range of several."""
-    curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if name in own]
-    if not curves:
-        return
-    line, (ink, dash) = average(curves, name, common=comparison.x == "time"), look(number)
-    if not len(line.steps):  # one has ended before another has begun
-        return
-    marker = "o" if len(line.steps) == 1 else ""
-    axes.plot(line.steps, line.mean, color=ink, linewidth=1.7, linestyle=dash, marker=marker, markersize=4, zorder=3)
-    if len(curves) > 1:
-        axes.fill_between(line.steps, line.low, line.high, color=ink, alpha=0.16, linewidth=0, zorder=1)
-    elif comparison.faint:
-        axes.plot(curves[0].steps, curves[0].values[name], color=ink, linewidth=0.5, alpha=0.3, zorder=1)
 
 
 def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, dict[str, Array]]]:
@@ -104,22 +196,11 @@ def _axis(comparison: Comparison) -> tuple[float, float, str]:
     return longest / scale, scale, name
 
 
-def _finish(axes: Axes, *, from_0: bool) -> None:
-    """Let heights begin at 0 if nothing is below; but not those of ratings, of which only differences mean anything."""
-    _, high = axes.get_ylim()
-    lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
-    if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
-        top = max(high, 1.05 * max(np.nanmax(line) for line in lines))
-        axes.set_ylim(0, top if top > 0 else 1)
-    axes.grid(alpha=0.25, linewidth=0.6)
-    axes.tick_params(length=0)
-
-
 class _Head:
     """Title, notes and legend, above the panels."""
 
     def __init__(self, comparison: Comparison) -> None:
-        self.comparison = comparison
+        self.title = comparison.title
         notes = [comparison.drawn_how, *comparison.notes()]
         self.notes = [line for note in notes for line in textwrap.wrap(note, LINE)]
         labels = [group.label for group in comparison.groups] if len(comparison.groups) > 1 else []
@@ -130,16 +211,13 @@ class _Head:
         self.rows = sum(lines) if self.beside == 1 else -(-len(lines) // self.beside)
         self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
 
-    def write(self, figure: Figure, height: float) -> None:
-        """Write it into a figure that is `height` inches high."""
-        figure.text(0.02, 1 - 0.12 / height, literal(self.comparison.title), fontsize=11.5, fontweight="bold", va="top")
-        notes = literal("\n".join(self.notes))
-        figure.text(0.02, 1 - 0.38 / height, notes, fontsize=8, color=GREY, va="top", linespacing=1.35)
+    def write(self, figure: Figure) -> None:
+        write_notes(figure, self.title, self.notes)
         if self.labels:
             figure.legend(
-                handles=[_handle(k, label) for k, label in enumerate(self.labels)],
+                handles=[entry(label, *look(k)) for k, label in enumerate(self.labels)],
                 loc="upper left",
-                bbox_to_anchor=(0.012, 1 - (0.36 + ROW * len(self.notes)) / height),
+                bbox_to_anchor=(0.012, 1 - (0.36 + ROW * len(self.notes)) / figure.get_figheight()),
                 ncols=self.beside,
                 frameon=False,
                 handlelength=2.4,
@@ -151,8 +229,3 @@ class _Head:
 def _wrapped(label: str, width: int) -> str:
     """The label in lines of at most `width` characters, which end at commas if it has some."""
     return label if len(label) <= width else textwrap.fill(re.sub(",(?! )", ", ", label), width)
-
-
-def _handle(number: int, label: str) -> Line2D:
-    ink, dash = look(number)
-    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=literal(label))

@@ -64,11 +64,15 @@ def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
 def _group(runs: Sequence[Run], values: dict[str, str]) -> RunGroup:
     ordered = sorted(runs, key=lambda run: run.seed)
     mixed = untold(ordered)
-    for one, other in itertools.pairwise(ordered):
-        if one.seed == other.seed and not mixed:
-            both = f"{one.origin} and {other.origin}"
-            raise TrainingError(f"{both} are the same run, or both of seed {one.seed}: give one")
+    for one, other in itertools.pairwise(ordered if not mixed else ()):
+        check_seeds(one, other)
     return RunGroup(tuple(ordered), values, tuple(mixed))
+
+
+def check_seeds(one: Run, other: Run) -> None:
+    """Raise TrainingError if two runs that differ by seeds at most have the same one."""
+    if one.seed == other.seed:
+        raise TrainingError(f"{one.origin} and {other.origin} are the same run, or both of seed {one.seed}: give one")
 
 
 def differing(runs: Sequence[Run]) -> list[str]:

@@ -15,12 +15,11 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage import strict_json
 from outlast.systems import Behaviour
 
-from ..arena.evaluation import Evaluation
+from ..arena.evaluation import TABLES, Evaluation, write_tables
 from ..arena.players import contenders
-from ..arena.report import TABLES, write_tables
 from ..base.errors import TrainingError
 from ..base.files import packed, read_bytes, read_text, unpacked
-from ..base.tables import NONE, markdown_table, with_spread
+from ..base.tables import NONE, csv_text, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 FOLDER = "measured"  # the folder of a run with what was measured of it
@@ -66,8 +65,10 @@ def measure(game: Scenario, run: Path, progress: Callable[[int], None] = lambda 
     for contender in chosen[:2]:
         contender.text = "/".join(Path(contender.text).parts[-2:])  # results are kept without the place of the runs
     out = run / FOLDER
-    if _complete(out, [contender.text for contender in chosen]):
-        return
+    if is_measured(run):
+        found = _read(out)
+        if found["complete"] and [each["policy"] for each in found["policies"]] == [each.text for each in chosen]:
+            return
     evaluation = Evaluation(game.with_(Behaviour()), chosen, episodes=EPISODES)
     with contextlib.closing(evaluation):
         evaluation.play(progress)
@@ -96,11 +97,8 @@ def rows(run: Path) -> list[Row]:
 
 def format_measured(measured: Measured) -> bytes:
     """Write the rows of runs as one CSV file, compressed."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, ("run", *COLUMNS), "", lineterminator="\n")
-    table.writeheader()
-    table.writerows({"run": run, **row} for run, own in measured.items() for row in own)
-    return packed(text.getvalue())
+    rows = ((run, *(row.get(name, "") for name in COLUMNS)) for run, own in measured.items() for row in own)
+    return packed(csv_text(("run", *COLUMNS), rows))
 
 
 def read_measured(path: Path) -> Measured:
@@ -155,14 +153,6 @@ def _against(rows: Sequence[Row], other: str) -> list[Row]:
     if not found:
         raise TrainingError(f"{LAST} has not played against {other}")
     return found
-
-
-def _complete(folder: Path, texts: Sequence[str]) -> bool:
-    """Whether a folder has the complete evaluation of these policies."""
-    if not (folder / TABLES).exists():
-        return False
-    found = _read(folder)
-    return bool(found["complete"]) and [policy["policy"] for policy in found["policies"]] == list(texts)
 
 
 def _read(folder: Path) -> dict[str, Any]:

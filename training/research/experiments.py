@@ -18,9 +18,10 @@ from ..base.errors import TrainingError
 from ..base.log_file import NAME as LOG
 from ..base.log_file import last_step
 from ..base.policy_file import SUFFIX
+from ..base.tables import csv_text
 from ..plots.panels import hours
 from ..plots.runs import kept_runs, load
-from .published import PAPER_STEPS
+from .results import PAPER_STEPS
 
 PARTS = {
     "original": "the eight variants, with the authors' networks and numbers",
@@ -187,14 +188,12 @@ def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> 
     out: The output folder of the command. before: The table as it was: what it says of experiments without such a
     folder stays.
     """
-    text, known = io.StringIO(), _read_seconds(before)
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["part", "game", "preset", "seconds"])
+    rows, known = list[tuple[object, ...]](), _read_seconds(before)
     for each in chosen:
         every = [seconds for run in each.results(out) if run.is_dir() and (seconds := _seconds(run))]
         if every or each.key in known:
-            rows.writerow([*each.key, round(sum(every) / len(every) if every else known[each.key])])
-    return text.getvalue()
+            rows.append((*each.key, round(mean(every) if every else known[each.key])))
+    return csv_text(("part", "game", "preset", "seconds"), rows)
 
 
 def _timed() -> dict[tuple[str, str, str], float]:

@@ -1,17 +1,136 @@
-"""Runs beside the paper's, as tables in Markdown and as files: end values, claims, figures."""
+"""Runs beside the paper's, as tables in Markdown and as files: end values and peaks, claims, figures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from outlast.envs.errors import install
 
-from ..base.curves import KILLS
+from ..base.averages import EndValue, MovingAverage, average, end_value
+from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, Quantity
 from ..base.errors import TrainingError
-from ..base.tables import ENDS, markdown_table, number, with_spread
+from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from .claims import claims_table, findings
-from .end_values import csv_table, markdown, rows
 from .results import PaperGroup
 
 PAPER = "the paper"
+TOLERANCE = 0.15  # returns and lengths that are no further from the paper's end value agree with it
+WITHIN = f"within {TOLERANCE:.0%}"
+HEADS = ("", PAPER, "outlast", "95 %", "apart", WITHIN, "peak in the paper", "peak in outlast")
+
+
+@dataclass(frozen=True)
+class EndRow:
+    """A quantity of a group: end values and moving averages of its runs and of the paper's, which may have none.
+
+    side: -1 if it is of all agents. ours: One for each run whose end value counts, in order of seeds.
+    """
+
+    quantity: Quantity
+    side: int
+    ours: tuple[EndValue, ...]
+    curve: MovingAverage
+    theirs: EndValue | None
+    their_curve: MovingAverage | None
+
+    @property
+    def mean(self) -> float:
+        """The mean over seeds."""
+        return float(np.mean([each.mean for each in self.ours]))
+
+    @property
+    def deviation(self) -> float:
+        """The deviation between points of a run: the mean over seeds."""
+        return float(np.mean([each.deviation for each in self.ours]))
+
+    @property
+    def apart(self) -> float | None:
+        """Our end value over the paper's, less 1; None for quantities near 0, for which it means little."""
+        if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
+            return None
+        return self.mean / self.theirs.mean - 1
+
+
+def rows(group: PaperGroup) -> Iterator[EndRow]:
+    """A row for each curve of the group's runs."""
+    for quantity in QUANTITIES:
+        for tag in group.runs[0].curves.tags(quantity):
+            ours = [run.curves for run in group.ended if tag in run.curves.values]
+            theirs = [group.paper] if tag in group.paper.values else []
+            yield EndRow(
+                quantity,
+                quantity.side(tag),
+                tuple(end_value(curves.values[tag]) for curves in ours),
+                average(ours, tag),
+                *((end_value(group.paper.values[tag]), average(theirs, tag)) if theirs else (None, None)),
+            )
+
+
+def verdict(group: PaperGroup, row: EndRow) -> str:
+    """Whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
+    if row.apart is None or group.ablated:
+        return ""
+    if not all(run.done for run in group.ended):
+        return "too early"
+    return "yes" if abs(row.apart) <= TOLERANCE else "no"
+
+
+def markdown(group: PaperGroup) -> str:
+    """The end values of a group: a paragraph with variant, preset, seeds and notes, and a table."""
+    seeds = ", ".join(str(run.seed) for run in group.runs)
+    notes = "".join(f" {note}." for note in group.notes())
+    title = f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
+    return f"{title}\n\n{markdown_table(HEADS, _cells(group))}"
+
+
+def _cells(group: PaperGroup) -> Iterator[list[str]]:
+    for row in rows(group):
+        yield [
+            row.quantity.name + (f", {group.side} {row.side}" if row.side >= 0 else ""),
+            _with_deviation(row.theirs.mean, row.theirs.deviation) if row.theirs else "",
+            _with_deviation(row.mean, row.deviation),
+            spread([one.mean for one in row.ours]),
+            "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
+            verdict(group, row),
+            *(f"{number(c.peak[1])} at {c.peak[0] / 1e6:.1f} M" if c else "" for c in (row.their_curve, row.curve)),
+        ]
+
+
+def _with_deviation(mean: float, deviation: float) -> str:
+    """Mean ± deviation, with the same digits; the mean alone if it is not known how far points scatter."""
+    return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
+
+
+def csv_table(groups: Iterable[PaperGroup]) -> str:
+    """The table as CSV, with a row for each quantity and all digits that mean something."""
+    records = [_record(group, row) for group in groups for row in rows(group)]
+    return csv_text(list(records[0]), (record.values() for record in records))
+
+
+def _record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
+    theirs, curve, each = row.theirs, row.their_curve, [one.mean for one in row.ours]
+    return {
+        "variant": group.variant,
+        "preset": group.preset,
+        "quantity": row.quantity.name,
+        "agent or team": row.side if row.side >= 0 else "",
+        "seeds": " ".join(str(run.seed) for run in group.ended),
+        "agent-steps": min(run.steps for run in group.ended),
+        "paper": digits(theirs.mean if theirs else np.nan),
+        "paper between points": digits(theirs.deviation if theirs else np.nan),
+        "outlast": digits(row.mean),
+        "outlast between points": digits(row.deviation),
+        "lowest seed": digits(min(each)),
+        "highest seed": digits(max(each)),
+        "apart": "" if row.apart is None else f"{row.apart:.4f}",
+        WITHIN: verdict(group, row),
+        "paper's peak": digits(curve.peak[1] if curve else np.nan),
+        "paper's peak at": curve.peak[0] if curve else "",
+        "outlast's peak": digits(row.curve.peak[1]),
+        "outlast's peak at": row.curve.peak[0],
+    }
 
 
 def side_by_side(groups: Sequence[PaperGroup]) -> str:
@@ -49,8 +168,8 @@ def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> s
 def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
     """The contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
-    groups: What is drawn and reported. form: Format of the figures: "png" or "svg". beside: Runs with other presets, to
-    compare with in the table of all presets. Raises TrainingError: there is no matplotlib.
+    form: Format of the figures: "png" or "svg". beside: Runs with other presets, to compare with in the table of all
+    presets. Raises TrainingError: there is no matplotlib.
     """
     try:
         from .figures import picture

@@ -1,8 +1,9 @@
-"""Runs of the paper's variants, in groups that differ by seeds only, and what is kept of them. Needs no PyTorch."""
+"""The paper's own learning curves, runs of its variants in groups, and what is kept of them. Needs no PyTorch."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,41 @@ from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.variants import base, variant
 
 from ..base import policy_file
-from ..base.curves import FILE, Curves, format_curves
+from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..base.presets import ROLLOUT, preset
+from ..plots.groups import check_seeds
 from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
-from .published import PAPER_STEPS, is_kept, published_curves
 
+PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 USUAL = "as usual"
+
+
+def behaviour(name: str) -> Quantity:
+    """What agents do, as our runs log it."""
+    return Quantity(name, f"behaviour/{name}")
+
+
+SEEN = (
+    *map(behaviour, ("attack_near", "attack_far", "near", "heals_given", "heals_held", "zone_distance")),
+    *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
+    *(Quantity(name, f"rollout/{name}", sided=True) for name in ("damage_dealt", "strikes_landed", "heals_given")),
+    Quantity("wins against scripted", "wins/scripted"),
+)  # the paper has no curves of these; claims about behaviour, and mended games, are measured by them
+
+
+def is_kept(tag: str) -> bool:
+    """Whether kept results have this tag."""
+    return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
+
+
+def published_curves(variant: str) -> Curves:
+    """The paper's curves of a variant, by its name: "ffa_2"."""
+    with as_file(files(__package__).joinpath(FILE)) as path:
+        return read_curves(path)[variant][1]
 
 
 @dataclass(frozen=True)
@@ -88,6 +114,11 @@ class PaperGroup:
         return f"{self.variant}-{self.preset}"
 
     @property
+    def side(self) -> str:
+        """What a side is called: "team" or "agent"."""
+        return "team" if self.variant.startswith("teams") else "agent"
+
+    @property
     def ended(self) -> tuple[PaperRun, ...]:
         """The runs whose end values count: those that are as long as the paper's; all, if none is."""
         return tuple(run for run in self.runs if run.done) or self.runs
@@ -139,35 +170,31 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
     for result in results:
         together = groups.setdefault(f"{result.variant}-{result.plan['preset']}", [])
         for other in together:
-            _check(other, result)
+            if difference := _difference(other, result):
+                raise TrainingError(f"{difference}: leave out --paper to compare them, or plot them one by one")
+            check_seeds(other, result)
         together.append(result)
     return [PaperGroup(tuple(sorted(runs, key=lambda run: run.seed))) for _, runs in sorted(groups.items())]
 
 
-def _check(one: PaperRun, other: PaperRun) -> None:
-    """Refuse two runs that cannot be averaged."""
-    if difference := _difference(one, other):
-        raise TrainingError(f"{difference}: leave out --paper to compare them, or plot them one by one")
-    if one.seed == other.seed:
-        raise TrainingError(f"{one.origin} and {other.origin} are the same run, or both of seed {one.seed}: give one")
-
-
 def _difference(one: PaperRun, other: PaperRun) -> str:
     """Say which setting is the first that differs; empty if none does."""
-    mine, its = one.settings, other.settings
-    for key in sorted(mine.keys() | its.keys()):
-        pair = mine.get(key, USUAL), its.get(key, USUAL)
-        if pair[0] != pair[1]:
-            return f"{key} is {pair[0]} in {one.origin} and {pair[1]} in {other.origin}"
+    for key in sorted(one.settings.keys() | other.settings.keys()):
+        mine, its = (run.settings.get(key, USUAL) for run in (one, other))
+        if mine != its:
+            return f"{key} is {mine} in {one.origin} and {its} in {other.origin}"
     return ""
 
 
 def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
-    """Curves and policies to keep, by path. Raises TrainingError where a run would take the place of another one."""
-    policies = {folder / f"{run.name}{policy_file.SUFFIX}": _newest_policy(run.origin) for run in runs}
-    contents = {
-        path: policy_file.content(*policy_file.read(source), exact="") for path, source in policies.items() if source
-    }
+    """Curves and newest policies to keep, by path. Raises TrainingError as `curves_to_keep`."""
+    contents = {}
+    for run in runs:  # the last checkpoint of a run's folder, or the policy that is kept
+        kept = run.origin.with_name(f"{run.origin.name}{policy_file.SUFFIX}")
+        found = checkpoints(run.origin) if run.origin.is_dir() else [kept]
+        if found and found[-1].exists():
+            path = folder / f"{run.name}{policy_file.SUFFIX}"
+            contents[path] = policy_file.content(*policy_file.read(found[-1]), exact="")
     return curves_to_keep(runs, folder) | contents
 
 
@@ -182,9 +209,3 @@ def curves_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
             raise TrainingError(f"{folder} keeps another {run.name}: {difference}: choose another folder with --keep")
     kept |= {run.name: (run.about, run.curves) for run in runs}
     return {folder / FILE: format_curves(dict(sorted(kept.items())))}
-
-
-def _newest_policy(origin: Path) -> Path | None:
-    """The last checkpoint of a run's folder, or the policy that is kept."""
-    found = checkpoints(origin) if origin.is_dir() else [origin.with_name(f"{origin.name}{policy_file.SUFFIX}")]
-    return found[-1] if found and found[-1].exists() else None
