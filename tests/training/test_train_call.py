@@ -16,9 +16,8 @@ from outlast.training.runs.live_view import LiveView
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base.config import TrainingConfig  # noqa: E402
+from outlast.training.base.config import TrainingConfig, Workload  # noqa: E402
 from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.run_size import Workload  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

@@ -1,7 +1,7 @@
 """The layout of an agent's observation in one row of numbers, ready for the networks."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,17 +86,6 @@ class ObservationLayout:
             start += kind.rows
         return views
 
-    def cells(self) -> list[int]:
-        """For each cell of a row of each kind, ((kinds + 1) * features), which of the numbers of all kinds it holds.
-
-        For cells that are always zero, it is number 0; these include all cells of the last kind, which has no numbers.
-        """
-        cells, start = [], 0
-        for kind in self.kinds:
-            cells += list(range(start, start + kind.features)) + [0] * (self.features - kind.features)
-            start += kind.features
-        return cells + [0] * self.features
-
 
 def layout_of(env: Any) -> ObservationLayout:
     """Return the layout of a SurvivalVectorEnv's observations."""
@@ -127,10 +116,6 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
             raise ValueError(f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}")
         return np.tile(row, width // len(row))
 
-    return _joined(layout, factors)
-
-
-def _joined(layout: ObservationLayout, factors: Callable[[str, int], Array]) -> tuple[Array, Array]:
     own = [factors(key, width) for key, width in layout.alone.items()]
     kinds = [factors(kind.key, kind.features) for kind in layout.kinds]
     return np.concatenate([*own, []]).astype(np.float32), np.concatenate([*kinds, []]).astype(np.float32)

@@ -18,11 +18,10 @@ from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
 from ..base import log_file, policy_file
-from ..base.config import FAST, OPPONENTS, TrainingConfig
+from ..base.config import FAST, OPPONENTS, TrainingConfig, Workload
 from ..base.config import SELF as OWN
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..base.run_size import Workload
 from ..policies.player import weights_of
 from ..runs.run import TrainingRun
 from . import result

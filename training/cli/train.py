@@ -27,13 +27,13 @@ from ..base.config import (
     SNAPSHOTS,
     TEACHERS,
     TrainingConfig,
+    Workload,
     parse_warm_start,
 )
 from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..base.hyperparameters import KINDS, parse_hyperparameters
 from ..base.presets import DEAD, PRESETS
-from ..base.run_size import Workload
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 

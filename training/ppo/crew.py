@@ -66,12 +66,8 @@ class CrewProcess(Crew):
     def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
         """Make a member; it joins the others when it first sends something.
 
-        Args:
-            rank: The number of this process.
-            size: How many processes there are.
-            host: The address at which the others reach this process.
-            store: Where the processes find each other.
-            others: The processes that this one has started.
+        host: The address at which the others reach this process. store: Where the processes find each other.
+        others: The processes that this one has started.
         """
         super().__init__(rank, size)
         self._host, self._store, self._others, self._joined = host, store, others, None
@@ -219,16 +215,9 @@ def listening(host: str) -> Any:
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
-    """Join the crew and do the work, in a process that was started for it.
+    """Join the crew and do the work (see `recruit`), in a process that was started for it.
 
-    Args:
-        rank: The number of the process.
-        size: How many processes there are.
-        host: The address at which this process is reached.
-        first: The address of the first process.
-        port: The port of its store.
-        work: See `recruit`.
-        arguments: See `recruit`.
+    host: The address at which this process is reached. first: The address of the first process. port: Of its store.
     """
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
     store.set(BEGUN.format(rank), "")

@@ -58,14 +58,9 @@ class Curriculum:
     """
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
-        """Make a curriculum.
+        """choose: Called before the first rollout, and after each one. env: Worlds like those that are played in.
 
-        Args:
-            choose: The function that chooses; it is called before the first rollout, and after each one.
-            env: Worlds like those that are played in.
-
-        Raises:
-            TrainingError: The scenario has no levels, as it draws no numbers, walls or roles.
+        Raises TrainingError if the scenario has no levels, as it draws no numbers, walls or roles.
         """
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
@@ -93,13 +88,10 @@ class Curriculum:
         self.levels = tuple(levels)
 
     def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
-        """Give levels to worlds whose next episode is about to begin.
+        """Give levels to the worlds `where`, bool (worlds,), whose next episode is about to begin.
 
-        Args:
-            env: The worlds.
-            where: Which of them, bool (worlds,).
-            keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key is
-                played with the key of its world, also when a resumed run plays in new worlds.
+        keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key is
+        played with the key of its world, also when a resumed run plays in new worlds.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)

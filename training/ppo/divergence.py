@@ -22,14 +22,8 @@ def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: 
 
     Only then are observations searched for the cause, in this process's share of the newest rollout.
 
-    Args:
-        trainer: The trainer, after an update.
-        tags: What was measured in the update.
-        what: What was done and for how long, for the message.
-        cure: What to begin again with, for the message, unless observations are to blame.
-
-    Raises:
-        TrainingError: Weights cannot be saved, or a loss is not finite.
+    tags: What was measured in the update. what, cure: For the message: what was done and for how long, and what to
+    begin again with, unless observations are to blame. Raises TrainingError if weights or a loss are not finite.
     """
     weights = (wrong_weight(policy.state_dict()) for policy in trainer.policies)
     wrong = [f"{name} has numbers beyond {HEAVIEST}, or that are none" for name in weights if name]

@@ -53,17 +53,11 @@ class Learner:
         device: torch.device = CPU,
         loss: Loss = ppo_loss,
     ) -> None:
-        """Make an optimiser for a policy.
+        """Make an optimiser for a policy, which is trained on a device by minimising a loss.
 
-        Args:
-            policy: The policy to be trained.
-            numbers: The numbers of PPO.
-            generator: Shuffles samples; on the CPU.
-            number: Which samples are this learner's, see Rollout.learner.
-            crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
-                each computes gradients of the samples that are its own.
-            device: Where the policy is trained.
-            loss: What is minimised.
+        generator: Shuffles samples; on the CPU. number: Which samples are this learner's, see Rollout.learner.
+        crew: Processes that train together. All have equal policies and generators, and make the same minibatches; each
+        computes gradients of the samples that are its own.
         """
         self.crew, self.loss, self.figures, self.agreed = crew or Crew(), loss, tuple[str, ...](), False
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
@@ -91,8 +85,7 @@ class Learner:
             shared: Calls a function for each share of a minibatch, as `map` does, maybe on several threads. Shares do
                 not depend on the number of threads, so neither do the sums of their gradients.
 
-        Returns:
-            What is logged, by tag; nothing if fewer than two samples are this learner's.
+        Returns what is logged, by tag; nothing if fewer than two samples are this learner's.
         """
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:

@@ -56,14 +56,12 @@ class Trainer:
     """Learners, and the worlds that they play in.
 
     Attributes:
-        config: What is trained, and how.
         env: The worlds.
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
         state: Numbers of the state of a world, if critics learn from it; 0: they do not.
         state_scale: What these are divided by, float32 (state,).
-        collector: What plays in all worlds.
         curriculum: What levels are drawn from, if a function chooses them; else None.
         steps: Agent-steps collected so far, by all processes.
         played: The value of `steps` when the newest rollout began, from which its annealed numbers follow.
@@ -72,17 +70,10 @@ class Trainer:
     """
 
     def __init__(self, config: TrainingConfig, threads: int = 1, crew: Crew | None = None) -> None:
-        """Make worlds and networks.
+        """Make worlds and networks. Raises ScenarioError or TrainingError if that is not possible.
 
-        Args:
-            config: What to train, and how.
-            threads: How many threads share the worlds, up to WORLD_THREADS, and then the minibatches.
-            crew: As many processes as the config has; each of them makes a trainer of the same config, and calls the
-                same methods in the same order.
-
-        Raises:
-            ScenarioError: The scenario cannot be played.
-            TrainingError: There is no such device, an opponent cannot play, or there are no lengths or no actions.
+        threads: How many share the worlds, up to WORLD_THREADS, and then the minibatches. crew: As many processes as
+        the config has; each makes a trainer of the same config, and calls the same methods in the same order.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0

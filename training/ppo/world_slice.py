@@ -33,23 +33,16 @@ NOBODY = -1  # the learner of a sample on which nobody is trained
 
 @dataclass
 class CollectedSamples:
-    """What a lane collects: arrays (steps, agents), and `actions` (steps, agents, actions).
+    """What a lane collects: arrays (steps, agents, ...), those of a Rollout and more.
 
     Attributes:
         seen: What was observed, step after step.
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
-        actions: int64.
-        log_probs: float32, log-probabilities of the actions when they were chosen.
         values: float32, the critic's values of what was observed; 0 where the policy has them apart, see Collector.
         rewards: float32.
         later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
         ends: bool, whether the agent's next step does not count for this one, as its episode ends.
-        begins: bool, whether the agent's memory begins anew with the step.
-        alive: bool, whether the agent lived when it observed.
-        learner: int16, who is trained on the sample, or NOBODY.
-        idle: bool (steps, agents, actions), which actions could change nothing, and were `noop`, not drawn; None: all
-            were drawn.
-        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        idle: Those actions were `noop`.
         last: float32 (agents,), values of what was observed at the end.
         games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
             sides that the learners beat.
@@ -108,18 +101,12 @@ class Lane:
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
-        """Make a lane in which the present selves play everywhere.
+        """Make a lane, in worlds that have been reset, in which the present selves play everywhere.
 
-        Args:
-            env: The worlds, which have been reset.
-            packer: Packs observations for the learners' networks.
-            team: int (agents of a world,), the number of the learner that plays each agent.
-            opponents: The pool; shared by all lanes.
-            seed: The seed of the run.
-            dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death.
-            masked: Whether learners take `noop` in place of actions that can change nothing.
-            state: Whether critics learn from the state of the worlds.
-            curriculum: What levels are drawn from; None: worlds draw their own.
+        packer: That of the learners' networks. team: int (agents of a world,). opponents: Shared by all lanes.
+        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Whether
+        learners take `noop` in place of actions that can change nothing. state: Whether critics learn from the state of
+        the worlds. curriculum: What levels are drawn from; None: worlds draw their own.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []

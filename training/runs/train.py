@@ -13,11 +13,10 @@ from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.annealing import Anneal, parse_anneal
-from ..base.config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig
+from ..base.config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
-from ..base.run_size import Workload
 from .live_view import LiveView
 from .run import TrainingRun, check_callbacks
 
