@@ -118,11 +118,12 @@ def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: P
     with contextlib.ExitStack() as opened:
         env = opened.enter_context(matches.worlds(game, known, games, recording))
         again = Path(opened.enter_context(tempfile.TemporaryDirectory()), "again.rec")
-        if recording is not None:
+        played: Played
+        if short is not None:
+            there, played = short.digests.tolist(), _Doubtful(path, short.doubtful, env)
+        elif recording is not None:
             ticks = opened.enter_context(contextlib.closing(recording.tick_records()))
             there, played = _digests(path, BYTES), _recorded(path, ticks, env)
-        else:
-            there, played = short.digests.tolist(), _Doubtful(path, short.doubtful, env)
         asked = [None if each is None else matches.asked(game, k, each, env) for k, each in enumerate(pair)]
         policies = _Policies(asked, played, len(env.action_sizes))
         with _compared(path, there, again, env, FEW if short else BYTES):
@@ -174,8 +175,8 @@ class _Policies:
         first, choice, last = (choices[:, k] for k in (0, choices.shape[1] // 2, -1))
         actions, number = self.played(self.number(), indices, choice), self.number()
         for k in np.flatnonzero(((actions < first) | (actions > last)).any(1)):
-            place = f"in world {indices[0][k]}, tick {number}, agent {indices[1][k]}"
-            raise RecordingError(f"{name} did not play it: {place} it chooses {choice[k]}, not {actions[k]}")
+            where = f"in world {indices[0][k]}, tick {number}, agent {indices[1][k]}"
+            raise RecordingError(f"{name} did not play it: {where} it chooses {choice[k]}, not {actions[k]}")
         self.differing += int((actions != choice).any(1).sum())
         self.drawn += len(actions) * (choices.shape[1] > 1)
         doubted = np.flatnonzero((first != last).any(1))

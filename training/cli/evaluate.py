@@ -72,6 +72,7 @@ def run(options: argparse.Namespace) -> int:
     """Evaluate, and report what is complete, also after an error; the exit status."""
     try:
         from ..arena import evaluation as arena
+        from ..arena.films import films
         from ..arena.players import contenders
     except ModuleNotFoundError as error:
         raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
@@ -93,16 +94,14 @@ def run(options: argparse.Namespace) -> int:
             if folder is not None and evaluation.pairings:
                 print("", *arena.write_tables(evaluation, folder), sep="\n", flush=True)
         if hidden is not None and folder is not None and not status:
-            status = _print_each(
-                arena.films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder)
-            )
+            status = _print_each(films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder))
     return status
 
 
-def _print_each(films: Iterable[Path]) -> int:
+def _print_each(paths: Iterable[Path]) -> int:
     """Print the path of each film and page when it is there; the exit status."""
     try:
-        for made in films:
+        for made in paths:
             print(made, flush=True)
     except KeyboardInterrupt:
         logger.warning("stopped; the tables are written, not all films are")

@@ -114,9 +114,9 @@ class Comparison:
         rows = list[list[object]]()
         for group in self.groups:
             for panel, ends in zip(self.panels, self.ends(group), strict=True):
-                found = (np.mean(ends), *interval(ends), min(ends), max(ends)) if ends else (np.nan,) * 5
+                found = [float(np.mean(ends)), *interval(ends), min(ends), max(ends)] if ends else [np.nan] * 5
                 about = [panel.name, len(ends), " ".join(_seeds(group)), _steps(group)]
-                rows.append([*group.values.values(), *about, *map(digits, map(float, found))])
+                rows.append([*group.values.values(), *about, *map(digits, found)])
         return csv_text([*self.groups[0].values, *heads], rows)
 
     def digest(self) -> str:
