@@ -11,25 +11,16 @@ from typing import Any
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, count, output, positive, seed
-from outlast.envs.errors import install
 from outlast.envs.progress import Progress, duration
 from outlast.envs.text_table import terminal_width, text_table
 
-from ..base.errors import TrainingError
+from ..base.errors import TrainingError, needed
 from ..base.files import check_out
 from ..base.hyperparameters import parse_hyperparameters
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
-from ..runs.child_runs import ChildRun, side_by_side
+from ..runs.child_runs import MAIN, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-ACTIONS = {
-    "tasks": (),
-    "run": ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
-    "score": ("jobs", "quiet"),
-    "verify": ("jobs", "quiet", "allow_missing"),
-    "table": ("out", "keep"),
-    "anchors": ("policies", "games", "out", "quiet"),
-}  # and the options that have an effect on each
 OWN = ("agent", "seed", "jobs", "quiet")  # that each of several entries has for itself
 RESULTS = Path("benchmark")
 AGAIN = "stopped: run the same command again to go on"
@@ -108,26 +99,15 @@ def add(commands: Any) -> None:
 
 def run(command: Parser, options: argparse.Namespace) -> int:
     """Do what the action says; the exit status."""
-    allowed = ("action", "names", "run", *ACTIONS[options.action])
-    if unused := [
-        name for name, value in vars(options).items() if name not in allowed and value != command.get_default(name)
-    ]:
+    action, allowed = ACTIONS[options.action]
+    given = [name for name, value in vars(options).items() if value != command.get_default(name)]
+    if unused := [name for name in given if name not in ("action", "names", "run", *allowed)]:
         raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
     options.out, options.keep = (each and Path(each) for each in (options.out, options.keep))
     if options.action != "tasks":
-        try:
+        with needed("train", f"benchmark {options.action} needs"):
             import torch  # noqa: F401  # all else plays policies
-        except ModuleNotFoundError as error:
-            raise TrainingError(f"benchmark {options.action} needs {error.name}: {install('train')}") from error
-    actions: dict[str, Callable[[argparse.Namespace], int]] = {
-        "tasks": _tasks,
-        "run": functools.partial(_run, command),
-        "score": _score,
-        "verify": _verify,
-        "table": _table,
-        "anchors": _anchors,
-    }
-    return actions[options.action](options)
+    return action(options, command)
 
 
 def _games(text: str) -> int:
@@ -137,7 +117,7 @@ def _games(text: str) -> int:
     return number
 
 
-def _tasks(options: argparse.Namespace) -> int:
+def _tasks(options: argparse.Namespace, command: Parser) -> int:
     """List the tasks."""
     if options.names:
         raise TrainingError(f"benchmark tasks lists all: leave out {options.names[0]}")
@@ -149,7 +129,7 @@ def _tasks(options: argparse.Namespace) -> int:
     return 0
 
 
-def _run(command: Parser, options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace, command: Parser) -> int:
     """Run the entries: one in this process, several side by side."""
     from ..benchmark.agents import Agent
     from ..benchmark.entry import Entry
@@ -219,7 +199,7 @@ class ChildEntry(ChildRun):
         self.entry, agent = entry, entry.agent
         source = agent.name if agent.name == agent.source else f"{agent.name}={agent.source}"
         words = ["run", entry.task.name, f"--agent={source}", f"--seed={entry.seed}", *common, "--quiet"]
-        self.words = [sys.executable, "-m", "outlast.training.runs.child_main", "benchmark", *words]
+        self.words = [sys.executable, "-m", MAIN, "benchmark", *words]
 
     @property
     def name(self) -> str:
@@ -259,7 +239,7 @@ def _places(options: argparse.Namespace) -> list[Path]:
     return places
 
 
-def _score(options: argparse.Namespace) -> int:
+def _score(options: argparse.Namespace, command: Parser) -> int:
     """Play the cross-play that is missing, and write the scores."""
     from ..benchmark import crossplay, scores
     from ..benchmark.result import write_json
@@ -277,7 +257,7 @@ def _score(options: argparse.Namespace) -> int:
     return 0
 
 
-def _verify(options: argparse.Namespace) -> int:
+def _verify(options: argparse.Namespace, command: Parser) -> int:
     """Verify; the exit status is 1 if anything is not what it claims, else 2 if anything could not be verified."""
     from ..benchmark.verify import verify
 
@@ -295,7 +275,7 @@ def _verify(options: argparse.Namespace) -> int:
     return 1 if counts[wrong] else 2 if counts[missing] and not options.allow_missing else 0
 
 
-def _table(options: argparse.Namespace) -> int:
+def _table(options: argparse.Namespace, command: Parser) -> int:
     """Write the tables, and print their paths."""
     from ..benchmark import keeping, table
 
@@ -308,7 +288,7 @@ def _table(options: argparse.Namespace) -> int:
     return 0
 
 
-def _anchors(options: argparse.Namespace) -> int:
+def _anchors(options: argparse.Namespace, command: Parser) -> int:
     """Rate checkpoints, for who ships the benchmark."""
     from ..benchmark.anchors import make
 
@@ -317,3 +297,16 @@ def _anchors(options: argparse.Namespace) -> int:
     with Progress(0, "matches", quiet=options.quiet) as progress:
         print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress.show))
     return 0
+
+
+ACTIONS: dict[str, tuple[Callable[[argparse.Namespace, Parser], int], tuple[str, ...]]] = {
+    "tasks": (_tasks, ()),
+    "run": (
+        _run,
+        ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
+    ),
+    "score": (_score, ("jobs", "quiet")),
+    "verify": (_verify, ("jobs", "quiet", "allow_missing")),
+    "table": (_table, ("out", "keep")),
+    "anchors": (_anchors, ("policies", "games", "out", "quiet")),
+}  # and the options that have an effect on each

@@ -1,6 +1,11 @@
-"""Runs of `outlast train` in processes of their own, a few at a time. Needs no PyTorch."""
+"""Runs of `outlast train` in processes of their own, a few at a time. Needs no PyTorch.
 
+As a program, it is such a process: `python -m` and the words of the command. It saves and ends with its parent.
+"""
+
+import _thread
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -18,7 +23,7 @@ from ..base import log_file
 from .live_view import LiveView
 
 POLL = 0.5  # seconds
-MAIN = "outlast.training.runs.child_main"
+MAIN = "outlast.training.runs.child_runs"  # the program of a run, which is this file
 RESUME = "stopped: go on with --resume"
 logger = logging.getLogger("outlast")
 
@@ -26,7 +31,7 @@ logger = logging.getLogger("outlast")
 class ChildRun:
     """A run in a process and a process group of its own, so that Ctrl-C reaches it only once, from this process.
 
-    If this process ends without stopping it, as by kill -9, the run saves and stops, too: see child_main.
+    If this process ends without stopping it, as by kill -9, the run saves and stops, too: see `end_with_parent`.
 
     folder: The folder of the run, which also names it. words: The words of the command line that trains it.
     """
@@ -34,10 +39,8 @@ class ChildRun:
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
         """Prepare the run without starting it.
 
-        Args:
-            folder: The folder of the run.
-            words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
-            resume: Whether to continue the run that is in the folder; without a folder, the run begins.
+        words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
+        resume: Whether to continue the run that is in the folder; without a folder, the run begins.
         """
         self.folder = folder
         self.words = [sys.executable, "-m", MAIN, "train", *words, "--out", str(folder), "--quiet"]
@@ -95,15 +98,11 @@ def side_by_side(
 
     SIGUSR1 is passed on to those that have begun, which save and go on.
 
-    Args:
-        runs: The runs, in the order in which they begin.
-        at_once: How many run at a time.
-        view: Shows the progress, every POLL seconds; it is closed at the end.
-        done: Returns how much of the view's total is done.
-        cure: What is logged after Ctrl-C, as how to continue.
+    Returns the exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
 
-    Returns:
-        The exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
+    runs: In the order in which they begin, `at_once` at a time. view: Shows the progress, every POLL seconds; it is
+    closed at the end. done: Returns how much of the view's total is done. cure: What is logged after Ctrl-C, as how to
+    continue.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:
@@ -130,3 +129,25 @@ def side_by_side(
     finally:
         view.close()
     return STOPPED if STOPPED in statuses else max(statuses, default=0)
+
+
+def end_with_parent() -> None:
+    """Interrupt this process, as Ctrl-C does, when the parent ends in whatever way: standard input, its pipe, closes.
+
+    Shells let background commands and their children ignore SIGINT. It is handled again, or nobody could stop a run.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def watch() -> None:
+        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin.read would hold a lock that aborts Python's exit
+            pass
+        _thread.interrupt_main()
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if __name__ == "__main__":
+    from outlast.envs.cli.main import main
+
+    end_with_parent()
+    sys.exit(main())
