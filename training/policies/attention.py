@@ -79,16 +79,8 @@ def differentiate(
 ) -> int:
     """Compute the gradients of `attend`, whose arguments and results come first; `shares` is overwritten.
 
-    Args:
-        rows: As in attend.
-        count: As in attend.
-        agents: As in attend.
-        width: As in attend.
-        heads: As in attend.
-        likely: As in attend.
-        shares: As in attend; becomes the gradients of these shares.
-        slopes: float32 (agents, width), gradients of the means.
-        found: float32 (rows, 3 * width), gradients of the rows; 0 at first.
+    shares: Becomes the gradients of these shares. slopes: float32 (agents, width), gradients of the means.
+    found: float32 (rows, 3 * width), gradients of the rows; 0 at first.
     """
     size, each, pair = 4 * (width // heads), 12 * width, likely
     scale = np.float32(1 / math.sqrt(width // heads))
@@ -115,12 +107,8 @@ def differentiate(
                         write(found + query + d, read(found + query + d) + slope * read(rows + key + d))
                         write(found + key + d, read(found + key + d) + slope * read(rows + query + d))
             pair += 4 * heads * seen
-        rows, found, slopes, shares = (
-            rows + each * seen,
-            found + each * seen,
-            slopes + 4 * width,
-            shares + 4 * heads * seen,
-        )
+        rows, found = rows + each * seen, found + each * seen
+        slopes, shares = slopes + 4 * width, shares + 4 * heads * seen
     return 0
 
 
@@ -147,9 +135,8 @@ class Means(torch.autograd.Function):
         likely, shares = (rows.new_empty(count, heads) for count in (int(known @ known), len(rows)))
         means = rows.new_empty(len(known), width)
         context.given = rows, known, width, heads, likely, shares
-        functions()[0](
-            rows.data_ptr(), known.ctypes.data, len(known), width, heads, *map(Tensor.data_ptr, (likely, shares, means))
-        )
+        given = rows.data_ptr(), known.ctypes.data, len(known), width, heads
+        functions()[0](*given, *map(Tensor.data_ptr, (likely, shares, means)))
         return means
 
     @staticmethod
@@ -157,12 +144,6 @@ class Means(torch.autograd.Function):
         """Compute the gradients of the rows."""
         rows, known, width, heads, likely, shares = context.given
         found, slopes, shares = torch.zeros_like(rows), slopes.contiguous(), shares.clone()
-        functions()[1](
-            rows.data_ptr(),
-            known.ctypes.data,
-            len(known),
-            width,
-            heads,
-            *map(Tensor.data_ptr, (likely, shares, slopes, found)),
-        )
+        given = rows.data_ptr(), known.ctypes.data, len(known), width, heads
+        functions()[1](*given, *map(Tensor.data_ptr, (likely, shares, slopes, found)))
         return found, None, None

@@ -23,17 +23,13 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
     Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
+    Returns (batch, width). Raises ValueError: a gradient with respect to the observations is asked for.
+
     Args:
         padded: What a batch of agents observes.
         weight: Weights of the layers of all kinds, one below the other, (numbers of all kinds, width).
         bias: Biases of the same layers, (kinds, width).
         attention: Only its parameters and its number of heads are used.
-
-    Returns:
-        (batch, width).
-
-    Raises:
-        ValueError: A gradient with respect to the observations is asked for.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")

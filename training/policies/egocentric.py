@@ -58,30 +58,28 @@ class Egocentric:
 
 
 class Columns:
-    """Where vectors and angles are in rows: their columns, the column that marks their kind, origins and factors."""
+    """Where vectors and angles are in rows.
+
+    vectors: The columns of x and y, the column that marks their kind, the index of their origin in ME, and how often
+    that is subtracted. angles: The column, that of the kind, and how often the agent's angle is subtracted.
+    """
 
     def __init__(self) -> None:
-        self.x, self.y, self.of_vector = list[int](), list[int](), list[int]()
-        self.origin, self.moved = list[int](), list[float]()
-        self.angle, self.of_angle, self.turned = list[int](), list[int](), list[float]()
+        self.vectors, self.angles = list[tuple[int, int, int, int, float]](), list[tuple[int, int, float]]()
 
     def add(self, columns: Mapping[str, int], kind: int, factors: Mapping[str, float]) -> None:
         """Add the vectors and angles among the fields of one kind of row.
 
-        columns: The column of each field, by the name of the field. kind: The column that is 1 in rows of the kind.
-        factors: How often the agent's place, velocity or angle is subtracted, by field; once unless given.
+        columns: The column of each field. kind: The column that is 1 in rows of the kind. factors: How often the
+        agent's place, velocity or angle is subtracted, by field; once unless given.
         """
-        for (x, y), origin in VECTORS.items():
-            if x in columns and y in columns:
-                self.x.append(columns[x])
-                self.y.append(columns[y])
-                self.of_vector.append(kind)
-                self.origin.append(ME.index(origin))
-                self.moved.append(factors.get(x, 1.0))
+        self.vectors += [
+            (columns[x], columns[y], kind, ME.index(origin), factors.get(x, 1.0))
+            for (x, y), origin in VECTORS.items()
+            if x in columns and y in columns
+        ]
         if ANGLE in columns:
-            self.angle.append(columns[ANGLE])
-            self.of_angle.append(kind)
-            self.turned.append(factors.get(ANGLE, 1.0))
+            self.angles.append((columns[ANGLE], kind, factors.get(ANGLE, 1.0)))
 
     def turn(self, values: Array, me: Array, turn: tuple[Array, Array], there: Array | None) -> None:
         """Bring the values into the frame of their agents, in place.
@@ -93,14 +91,16 @@ class Columns:
             there: float32 (rows, columns), 1 in the column that marks the row's kind, 0 in those of other kinds; None:
                 all rows have all of the fields.
         """
-        if self.x:
-            factor = np.array(self.moved, np.float32)
-            factor = factor if there is None else there[:, self.of_vector] * factor
-            origin, (cosine, sine) = np.array(self.origin), turn
-            dx, dy = values[:, self.x] - me[:, origin] * factor, values[:, self.y] - me[:, origin + 1] * factor
-            values[:, self.x], values[:, self.y] = cosine * dx + sine * dy, cosine * dy - sine * dx
-        if self.angle:
-            factor = np.array(self.turned, np.float32)
-            factor = factor if there is None else there[:, self.of_angle] * factor
-            angle = values[:, self.angle] - me[:, 4:] * factor
-            values[:, self.angle] = np.mod(angle + np.float32(math.pi), np.float32(2 * math.pi)) - np.float32(math.pi)
+        if self.vectors:
+            x, y, kinds, origin, moved = map(np.array, zip(*self.vectors, strict=True))
+            factor = moved.astype(np.float32)
+            factor = factor if there is None else there[:, kinds] * factor
+            cosine, sine = turn
+            dx, dy = values[:, x] - me[:, origin] * factor, values[:, y] - me[:, origin + 1] * factor
+            values[:, x], values[:, y] = cosine * dx + sine * dy, cosine * dy - sine * dx
+        if self.angles:
+            column, kinds, turned = map(np.array, zip(*self.angles, strict=True))
+            factor = turned.astype(np.float32)
+            factor = factor if there is None else there[:, kinds] * factor
+            angle = values[:, column] - me[:, 4:] * factor
+            values[:, column] = np.mod(angle + np.float32(math.pi), np.float32(2 * math.pi)) - np.float32(math.pi)

@@ -3,7 +3,7 @@
 This is slower than acting, and separate from it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
-from ..base.observation_layout import MASK, OWN, ObservationLayout
+from ..base.observation_layout import MASK, OWN
 from .networks import Extractor
 from .policy import NEVER, ActorCritic, Networks
 from .rows import Observed, Rows
@@ -29,35 +29,13 @@ class Explainer:
     entities: (key of the observation, rows) of each kind of entities that agents attend to.
     """
 
-    def __init__(
-        self,
-        ask: Callable[[dict[str, Array], Question], list[Array]],
-        layout: ObservationLayout,
-        actions: Sequence[int],
-        *,
-        leaky: bool,
-        reset: Callable[[Array], None] | None,
-        critic: bool = True,
-    ) -> None:
-        """Make an explainer from a function that asks the policies of a player.
-
-        Args:
-            ask: Asks each policy about its own agents, and returns the joined answers.
-            layout: Layout of the observations.
-            actions: How many values each action has.
-            leaky: Whether hidden rows are attended to, too.
-            reset: As in Player.
-            critic: As in Player.
-        """
-        self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
-        self._critic = critic
-        self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
+    def __init__(self, player: Any) -> None:
+        """player: A copy of a Player, with a memory of its own."""
+        self._player, self._layout, self.reset = player, player.layout, player.reset
+        self.entities = [(kind.key, kind.rows) for kind in self._layout.kinds]
 
     def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
         """Explain what each agent is about to do; memory moves on by a step.
-
-        Args:
-            observations: float32 (..., agents, ...), as the player takes them.
 
         Returns:
             Values float32 (..., agents), of the critic, in the units that it was trained in; NaN without a critic, or
@@ -65,23 +43,20 @@ class Explainer:
             value of each action, one action after the other. Attention float32 (..., agents, rows), the share that each
             row of `entities` gets, averaged over heads and over the rows that attend; together at most 1. For networks
             of a user's own it is 0.
-
-        Raises:
-            TrainingError: As in Player.
         """
-        values, likely, attention = self._ask(observations, self._explain)
-        if not self._leaky:
+        values, likely, attention = self._player._ask(observations, self._explain)
+        if not self._player.preset.leaky:
             attention = self._spread(attention, observations)
         leading = observations[OWN].shape[:-1]
         return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
 
     def _explain(self, policy: Networks, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
-        if self._critic and not policy.state:
+        if self._player.critic and not policy.state:
             logs, values, after = policy(seen, memory, begins)
         else:  # its critic is not there, or needs the state of the world, which is not there in play
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan, **FLOAT)
-        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
+        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._player.header["actions"])]).T
         if isinstance(policy, ActorCritic):
             attention = attended(cast(Extractor, policy.extractors[0]), seen)
         else:

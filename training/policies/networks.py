@@ -37,13 +37,14 @@ class Extractor(nn.Module):
         widths = [kind.features for kind in layout.kinds]
         self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, one below the other
         self.bias = nn.Parameter(torch.zeros(len(widths), width, **FLOAT))
-        self.attention = nn.MultiheadAttention(
-            width, preset.heads, batch_first=True, **FLOAT
-        )  # only its parameters are used
-        self._constant("own_scale", torch.ones(layout.own, **FLOAT))
-        self._constant("scale", torch.ones(sum(widths), 1, **FLOAT))
+        self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True, **FLOAT)  # for its parameters
+        self.register_buffer("own_scale", torch.ones(layout.own, **FLOAT), persistent=False)
+        self.register_buffer("scale", torch.ones(sum(widths), 1, **FLOAT), persistent=False)
         self.set_scales(scales)
-        self._initialise(widths)
+        for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
+            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
+        for layer in (self.own, self.attention.out_proj):
+            begin(layer)
 
     def set_scales(self, scales: tuple[Any, Any]) -> None:
         """Set what inputs are multiplied by, if the preset scales them: see observation_layout.scales."""
@@ -95,16 +96,6 @@ class Extractor(nn.Module):
     def _active(self, values: Tensor) -> Tensor:
         return ACTIVATIONS[self.preset.activation](values)
 
-    def _constant(self, name: str, values: Tensor) -> None:
-        self.register_buffer(name, values, persistent=False)
-
-    def _initialise(self, widths: list[int]) -> None:
-        for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
-            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
-        for layer in (self.own, self.attention.out_proj):
-            orthogonal(layer.weight, GAIN)
-            nn.init.zeros_(layer.bias)
-
 
 class Memory(nn.GRUCell):
     """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
@@ -119,15 +110,10 @@ class Memory(nn.GRUCell):
             nn.init.zeros_(bias)
 
     def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
-        """Process steps, one after the other.
+        """Return the memory after each step (steps * agents, width), and after the last one (agents, width).
 
-        Args:
-            features: float32 (steps * agents, features), step after step.
-            memory: float32 (agents, width), before the first step.
-            begins: bool (steps, agents), whether an agent's memory is 0 before the step, whatever it was.
-
-        Returns:
-            The memory after each step (steps * agents, width), and after the last one (agents, width).
+        features: float32 (steps * agents, features), step after step. memory: float32 (agents, width), before the first
+        step. begins: bool (steps, agents), whether an agent's memory is 0 before the step, whatever it was.
         """
         after, kept = [], (~begins).to(features.dtype)[:, :, None]
         for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
@@ -146,8 +132,7 @@ class Tower(nn.Module):
         self.second = nn.Linear(preset.hidden, preset.hidden, **FLOAT)
         self.last = nn.Linear(preset.hidden, outputs, **FLOAT)
         for layer, own in ((self.first, GAIN), (self.second, GAIN), (self.last, gain)):
-            orthogonal(layer.weight, own)
-            nn.init.zeros_(layer.bias)
+            begin(layer, own)
 
     def forward(self, features: Tensor) -> Tensor:
         """Map (batch, inputs) to (batch, outputs)."""
@@ -165,8 +150,12 @@ class Tower(nn.Module):
 
 def dense(inputs: int, outputs: int) -> nn.Linear:
     """Make a dense layer with orthogonal weights and a bias of 0."""
-    layer = nn.Linear(inputs, outputs, **FLOAT)
-    orthogonal(layer.weight, GAIN)
+    return begin(nn.Linear(inputs, outputs, **FLOAT))
+
+
+def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
+    """Give a layer orthogonal weights and a bias of 0, and return it."""
+    orthogonal(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
 

@@ -19,13 +19,9 @@ class Packer:
     def __init__(self, layout: ObservationLayout, *, leaky: bool, egocentric: bool) -> None:
         """Make a packer for the networks of a preset.
 
-        Args:
-            layout: Layout of the observations.
-            leaky: Whether the rows of hidden entities are packed, too.
-            egocentric: Whether what is seen is brought into the frame of the agent, see `Egocentric`.
-
-        Raises:
-            TrainingError: It is egocentric, and the layout lacks the fields for that.
+        leaky: Whether the rows of hidden entities are packed, too. egocentric: Whether what is seen is brought into the
+        frame of the agent, see `Egocentric`. Raises TrainingError: it is egocentric, and the layout lacks the fields
+        for that.
         """
         self.layout, self.leaky = layout, leaky
         self.frame = Egocentric(layout) if egocentric else None

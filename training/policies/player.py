@@ -98,9 +98,7 @@ class Player:
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         state = self.state if self.critic else 0
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
-        if kind is ActorCritic and least * len(weights) > sum(
-            values.numel() for own in weights for values in own.values()
-        ):
+        if kind is ActorCritic and least * len(weights) > sum(each.numel() for own in weights for each in own.values()):
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
         sizes, policies = checkpoint.recorded_scales(self.header, layout), list[Networks]()
         for own in weights:
@@ -108,8 +106,10 @@ class Player:
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
             if not self.critic:
-                blank = {name: torch.zeros_like(each) for name, each in policy.state_dict().items()}
-                own = {name: each for name, each in blank.items() if _is_of_critic(name)} | own
+                blank = {
+                    name: torch.zeros_like(each) for name, each in policy.state_dict().items() if _is_of_critic(name)
+                }
+                own = blank | own
             checkpoint.load_weights(policy, own)
             policies.append(policy)
         return policies
@@ -183,8 +183,7 @@ class Player:
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
-        leaky, actions = self.packer.leaky, self.header["actions"]
-        return Explainer(own._ask, self.layout, actions, leaky=leaky, reset=own.reset, critic=self.critic)
+        return Explainer(own)
 
     def _reset(self, where: Array) -> None:
         """See `reset`."""

@@ -110,16 +110,7 @@ class Networks(nn.Module):
         memory: int = 0,
         state: int = 0,
     ) -> None:
-        """Make networks with random weights.
-
-        Args:
-            sizes: How many values each action has.
-            layout: Layout of the observations.
-            preset: What the networks are like.
-            scales: Factors of inputs, see observation_layout.scales.
-            memory: Numbers that each agent keeps from step to step; 0: none.
-            state: Numbers of the state of a world that the critic learns from; 0: none.
-        """
+        """Make networks with random weights; see the attributes."""
         super().__init__()
         self.sizes, self.layout, self.preset, self.scales = tuple(sizes), layout, preset, scales
         self.memory, self.state, self.choices = memory, state, MultiCategorical(sizes)
@@ -160,14 +151,9 @@ class Networks(nn.Module):
     def take(self, other: Any, scale: Any = 1.0) -> None:
         """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
 
-        Args:
-            other: The policy to take the weights from.
-            scale: What numbers of the state are divided by here, over what they are divided by there: float32
-                (numbers,).
-
-        Raises:
-            RuntimeError: Its networks differ, as from load_state_dict.
-            TrainingError: Inputs are scaled otherwise, and the networks cannot make up for it.
+        scale: What numbers of the state are divided by here, over what they are divided by there: float32 (numbers,).
+        Raises RuntimeError if its networks differ, as load_state_dict does, and TrainingError if inputs are scaled
+        otherwise, and the networks cannot make up for it.
         """
         self.load_state_dict(other.state_dict())
         self.rescale(other.scales)
@@ -185,20 +171,12 @@ class Networks(nn.Module):
 class ActorCritic(Networks):
     """The networks of a preset. Actions are int64 (batch, actions)."""
 
-    def __init__(
-        self,
-        sizes: Sequence[int],
-        *,
-        layout: ObservationLayout,
-        preset: Preset,
-        scales: tuple[Any, Any],
-        memory: int = 0,
-        state: int = 0,
-    ) -> None:
+    def __init__(self, sizes: Sequence[int], **options: Any) -> None:
         """See Networks."""
-        super().__init__(sizes, layout=layout, preset=preset, scales=scales, memory=memory, state=state)
-        inputs = 2 * preset.width
-        self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
+        super().__init__(sizes, **options)
+        preset, memory, state = self.preset, self.memory, self.state
+        inputs, count = 2 * preset.width, 1 if preset.shared else 2
+        self.extractors = nn.ModuleList(Extractor(self.layout, preset, self.scales) for _ in range(count))
         self.apart = not (preset.shared or memory)
         self.recurrent = Memory(inputs, memory) if memory else None
         self.overview = dense(state, preset.hidden) if state else None
