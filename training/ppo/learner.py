@@ -38,7 +38,6 @@ class Learner:
         policy: The policy that plays and is saved, on the CPU.
         trained: The policy that gradients are computed for: the same one or, on another device, a copy. `policy` is
             copied to it when an update begins, and it is copied back when the update ends.
-        optimizer: For `trained`.
         epochs: Epochs begun so far, in all updates.
         figures: Names of the figures that the loss returns; () before its first call.
     """

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -107,13 +108,13 @@ class Samples:
         """number: The number of the learner. device: Where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
         here = slice(rollout.first, rollout.first + rollout.actions.shape[1])
-        own = rollout.actions, rollout.log_probs, rollout.values[:, here], rollout.returns[:, here]
-        self.advantages, *self.own = (
-            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device) for each in (rollout.advantages, *own)
-        )
-        self.free: Tensor | None = None
-        if rollout.idle is not None:
-            self.free = moved(torch.from_numpy(~rollout.idle.reshape(-1, rollout.idle.shape[2])), device)
+        own = {"advantages": rollout.advantages, "actions": rollout.actions, "old_log_probs": rollout.log_probs}
+        own |= {"old_values": rollout.values[:, here], "returns": rollout.returns[:, here]}
+        own |= {} if rollout.idle is None else {"free": ~rollout.idle}
+        self.own = {
+            name: moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device) for name, each in own.items()
+        }
+        self.advantages = self.own.pop("advantages")  # those of all processes
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
     def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
@@ -135,20 +136,10 @@ class Samples:
             there = moved(where, self.device)
             advantages, weights = advantages.index_select(0, there), weights.index_select(0, there)
         there = moved(own, self.device)
-        actions, log_probs, values, returns = (each.index_select(0, there) for each in self.own)
+        found = {name: each.index_select(0, there) for name, each in self.own.items()}
         memory, begins = self._remembered(own)
-        return Minibatch(
-            seen=self.seen.select(own),
-            actions=actions,
-            old_log_probs=log_probs,
-            old_values=values,
-            advantages=advantages,
-            returns=returns,
-            weights=weights,
-            free=None if self.free is None else self.free.index_select(0, there),
-            memory=memory,
-            begins=begins,
-        )
+        more: dict[str, Any] = {"weights": weights, "memory": memory, "begins": begins}
+        return Minibatch(seen=self.seen.select(own), advantages=advantages, **found, **more)
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """What policies remember before some samples of this process, and where their memory begins anew."""

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,13 +41,7 @@ from .world_slice import Lane
 
 Array = np.ndarray[Any, Any]
 WORLD_THREADS = 4  # more do not pay for as few worlds as a rollout has
-IMITATION: dict[str, Any] = {
-    "learning_rate": 2e-3,
-    "anneal_lr": True,
-    "batch_size": 1024,
-    "n_epochs": 1,
-    "target_kl": 0.0,
-}
+IMITATION = {"learning_rate": 2e-3, "anneal_lr": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
 IMITATION_FIGURES = "cross_entropy", "value_loss", "entropy", "differs"  # of imitation_loss, those that are logged
 
 
@@ -56,7 +49,6 @@ class Trainer:
     """Learners, and the worlds that they play in.
 
     Attributes:
-        env: The worlds.
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
@@ -103,16 +95,9 @@ class Trainer:
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
             first = [self._policy() for _ in range(self.team.max() + 1)]
+        shared = self.crew, self.device, config.loss or ppo_loss
         self.learners = [
-            Learner(
-                policy,
-                numbers,
-                torch.Generator().manual_seed(config.seed),
-                number,
-                self.crew,
-                self.device,
-                config.loss or ppo_loss,
-            )
+            Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, *shared)
             for number, policy in enumerate(first)
         ]
         self.opponents = OpponentPool(
@@ -122,20 +107,9 @@ class Trainer:
             raise TrainingError("opponents need a side of their own, and here is one side only: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
         packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
-        lanes = [
-            Lane(
-                env,
-                packer,
-                self.team,
-                self.opponents,
-                seed=config.seed,
-                dead=config.dead,
-                masked=self.preset.masked,
-                state=self.state > 0,
-                curriculum=self.curriculum,
-            )
-            for env in self.envs
-        ]
+        options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": self.preset.masked}
+        options |= {"state": self.state > 0, "curriculum": self.curriculum}
+        lanes = [Lane(env, packer, self.team, self.opponents, **options) for env in self.envs]
         self.collector = Collector(lanes, numbers, self.crew)
         if config.networks is not None:
             check_outputs(self.policies[0], self.lane.observe())
@@ -233,13 +207,14 @@ class Trainer:
         name, imitated = self.config.teacher
         if imitated or not name:
             return
-        own, player, cure = self.config.networks, Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
+        player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env)
+        own = self.config.networks and name_of(self.config.networks)
         found, here = (
-            f"of {networks or f'preset {chosen!r}'} with memory {memory} and state {state}"
+            f"of {networks or f'preset {chosen.name!r}'} with memory {memory} and state {state}"
             for networks, chosen, memory, state in (
-                (player.networks, player.preset.name, player.memory, player.state),
-                (own and name_of(own), self.preset.name, self.config.memory, self.state),
+                (player.networks, player.preset, player.memory, player.state),
+                (own, self.preset, self.config.memory, self.state),
             )
         )
         if found != here or len(player.policies) not in (1, len(self.learners)):
@@ -266,7 +241,7 @@ class Trainer:
         _, steps = self.config.teacher
         if not steps:
             return {}
-        numbers = replace(self.config.numbers, **IMITATION)
+        numbers = self.config.numbers.changed(IMITATION)
         imitators = [
             Learner(own.policy, numbers, own.generator, own.number, self.crew, self.device, imitation_loss)
             for own in self.learners

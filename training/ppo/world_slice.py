@@ -42,7 +42,6 @@ class CollectedSamples:
         rewards: float32.
         later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
         ends: bool, whether the agent's next step does not count for this one, as its episode ends.
-        idle: Those actions were `noop`.
         last: float32 (agents,), values of what was observed at the end.
         games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
             sides that the learners beat.
@@ -79,7 +78,6 @@ class Lane:
     opponent all others. Opponents are drawn when an episode begins, by (seed, world, episode).
 
     Attributes:
-        env: The worlds, with autoreset DISABLED.
         opponent: int (worlds,), the index of the opponent in each world, see OpponentPool.
         own: int (worlds,), the side that learners play where `opponent` is not 0.
         teacher: If not None, learners play, but the actions that this policy chooses are kept, to be imitated.
@@ -127,19 +125,18 @@ class Lane:
     def open(self, steps: int, memory: int) -> None:
         """Make room for the samples of `steps` steps. memory: Width of the memory of the learners' policies."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
+        actions = (*shape, len(self.env.action_sizes))
+        floats: dict[str, Any] = {name: torch.zeros(shape, **FLOAT) for name in ("log_probs", "values", "later")}
+        truths: dict[str, Any] = {name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")}
         self.samples = CollectedSamples(
             seen=[],
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
-            actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
+            actions=np.zeros(actions, np.int64),
             rewards=np.zeros(shape, np.float32),
-            log_probs=torch.zeros(shape, **FLOAT),
-            values=torch.zeros(shape, **FLOAT),
-            later=torch.zeros(shape, **FLOAT),
-            ends=np.zeros(shape, bool),
-            begins=np.zeros(shape, bool),
-            alive=np.zeros(shape, bool),
+            **floats,
+            **truths,
             learner=np.zeros(shape, np.int16),
-            idle=np.zeros((*shape, len(self.env.action_sizes)), bool) if self.masked else None,
+            idle=np.zeros(actions, bool) if self.masked else None,
             memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
             last=torch.zeros(self.agents, **FLOAT),
             games=[],
@@ -256,13 +253,8 @@ class Lane:
         """Return who plays, and what they remember, by name, (worlds, ...), without the worlds themselves."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
-        found = {
-            "opponent": self.opponent,
-            "own": self.own,
-            "life": self.standings.life,
-            "memory": memory,
-            "begins": begins,
-        }
+        who = {"opponent": self.opponent, "own": self.own, "life": self.standings.life}
+        found = who | {"memory": memory, "begins": begins}
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
