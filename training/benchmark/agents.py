@@ -24,11 +24,9 @@ FORMS = f"a preset ({', '.join(PRESETS)}), {SAVED_AS}, or FILE.py:FUNCTION"
 class Agent:
     """An agent, for all seeds and all tasks.
 
-    Attributes:
-        name: Its name in tables and paths.
-        source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a function (env, seed) that
-            returns a policy (observations) -> actions. {task} and {seed} in it are replaced by those of an entry.
-        options: Options of its training that differ from the preset's: opponents, settings, memory.
+    name: Its name in tables and paths. source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a
+    function (env, seed) that returns a policy (observations) -> actions. {task} and {seed} in it are replaced by those
+    of an entry. options: Options of its training that differ from the preset's: opponents, settings, memory.
     """
 
     name: str

@@ -44,18 +44,11 @@ def make(
 ) -> Path:
     """Rate checkpoints and styles by a round robin, and write what the suite reads. If stopped, it can be continued.
 
-    Args:
-        task: The task that the anchors are for.
-        places: Checkpoints, or folders of runs.
-        folder: Where TASK.safetensors goes, and TASK-games.json and games/, which need not be kept.
-        games: Games of each match.
-        progress: Called with how many matches are done, and how many there are.
+    Returns the path of TASK.safetensors. Raises TrainingError: a file is no checkpoint, or is named twice; their
+    presets differ; the folder cannot be written.
 
-    Returns:
-        The path of TASK.safetensors.
-
-    Raises:
-        TrainingError: A file is no checkpoint, or is named twice; their presets differ; the folder cannot be written.
+    task: The task that the anchors are for. folder: Where TASK.safetensors goes, and TASK-games.json and games/, which
+    need not be kept. progress: Called with how many matches are done, and how many there are.
     """
     sources = chosen(places)
     names = labels([str(source.resolve()) for source in sources])

@@ -21,17 +21,10 @@ STEPS = "steps"
 def described(path: Path, task: Task) -> Content:
     """Describe a policy that plays a task.
 
-    Args:
-        path: The file of the policy.
-        task: The task.
-
-    Returns:
-        "digest": that of the file. "steps": agent-steps of its training. "of_task": whether all of its training was in
-        the task's game, without chosen levels or numbers that changed, and without weights or actions of a saved
-        policy. "met": the members of the suite that it was trained against, or that taught it.
-
-    Raises:
-        TrainingError: It is no policy, or was trained from a seed that evaluation uses.
+    Returns "digest": that of the file. "steps": agent-steps of its training. "of_task": whether all of its training was
+    in the task's game, without chosen levels or numbers that changed, and without weights or actions of a saved policy.
+    "met": the members of the suite that it was trained against, or that taught it. Raises TrainingError: it is no
+    policy, or was trained from a seed that evaluation uses.
     """
     header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
@@ -47,15 +40,9 @@ def described(path: Path, task: Task) -> Content:
 def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
     """The config for training a best response.
 
-    Args:
-        task: The task.
-        seed: The seed of the entry.
-        budget: The budget of the entry.
-        policy: The file of the policy that it should beat.
-        threads: Threads of the training.
+    Raises TrainingError: there can be no such training.
 
-    Raises:
-        TrainingError: There can be no such training.
+    policy: The file of the policy that it should beat.
     """
     opponents = {str(policy): 1.0}
     return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)

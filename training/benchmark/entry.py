@@ -41,14 +41,7 @@ Progress = Callable[[int, str], None]  # work that is done, in agent-steps of tr
 class Entry:
     """What is to be done for an agent with a seed in a task.
 
-    Attributes:
-        task: The task.
-        agent: The agent.
-        seed: Seed of its training.
-        budget: Agent-steps of its training.
-        games: Games of each match.
-        out: Folder of all results.
-        threads: Threads of training; 0: as `outlast.train` has it.
+    threads: Threads of training; 0: as `outlast.train` has it.
     """
 
     task: Task
@@ -130,8 +123,8 @@ class EntryRun:
     @staticmethod
     def _there(entry: Entry) -> Result:
         """Return what is in the folder, or a result in which nothing has been done, if there is none."""
-        agent, task = entry.agent, entry.task
-        begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
+        agent = {"agent": entry.agent.name, "source": entry.agent.source, "options": entry.agent.options}
+        begun = result.begun(entry.task, **agent, seed=entry.seed, budget=entry.budget, games=entry.games)
         fresh = json.loads(json.dumps(begun))
         there = entry.folder / NAME
         found = result.read(there) if there.exists() else Result(entry.folder, fresh)
@@ -259,9 +252,6 @@ class EntryRun:
             yield
         finally:
             seconds: dict[str, Any] = self.result.content["seconds"]
-            for key, spent in (
-                (f"{name} wall", time.perf_counter() - wall),
-                (f"{name} cpu", time.process_time() - cpu),
-            ):
-                seconds[key] = round(seconds.get(key, 0.0) + spent, 2)
+            for key, spent in (("wall", time.perf_counter() - wall), ("cpu", time.process_time() - cpu)):
+                seconds[f"{name} {key}"] = round(seconds.get(f"{name} {key}", 0.0) + spent, 2)
             self.result.write()

@@ -103,14 +103,9 @@ def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: P
     Of a recording, all actions are played; of games in short, what policies choose, and the kept actions where that may
     be rounded otherwise.
 
-    Args:
-        game: What was played.
-        pair: Two policies, or one that met itself; None: one that is not known here, which only a recording allows.
-        games: How many games were played.
-        path: The file of the match.
+    Raises RecordingError: the file holds no such match, a tick is not as it was, or a policy did not choose an action.
 
-    Raises:
-        RecordingError: The file holds no such match, a tick is not as it was, or a policy did not choose an action.
+    pair: Two policies, or one that met itself; None: one that is not known here, which only a recording allows.
     """
     known = [policy for policy in pair if policy is not None]
     short = Games.read(path) if path.suffix == SHORT else None

@@ -22,13 +22,10 @@ POLICIES = "policies"  # the folder of policies: in that of kept results, or bes
 def keep(places: Path, folder: Path) -> list[Path]:
     """Keep results; returns the paths of what is kept of them. Results of other tasks in the folder stay.
 
-    Args:
-        places: A folder of results.
-        folder: Where they are kept. Policies that are in policies/ beside it are not copied.
+    Raises TrainingError: results are not complete, or the folder has some of one of these tasks that `places` lacks.
+    Raises RecordingError: a recording is not of the games that a policy plays.
 
-    Raises:
-        TrainingError: Results are not complete, or the folder has some of one of these tasks that `places` lacks.
-        RecordingError: A recording is not of the games that a policy plays.
+    folder: Where they are kept. Policies that are in policies/ beside it are not copied.
     """
     scores.scores(places)  # refuses what is not complete
     own = kept.find(places)

@@ -80,24 +80,11 @@ def recording_name(game: str, against: str) -> str:
     return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
 
 
-def begun(task: Task, agent: str, source: str, options: Content, seed: int, budget: int, games: int) -> Content:
-    """Return a result in which nothing has been done yet."""
-    return {
-        "version": PROTOCOL,
-        "task": task.name,
-        "agent": agent,
-        "source": source,
-        "options": options,
-        "seed": seed,
-        "budget": budget,
-        "games": games,
-        "fingerprints": {game.name: fingerprint(game.scenario) for game in task.games},
-        "policy": None,
-        "response": None,
-        "matches": [],
-        "seconds": {},
-        "made": made(),
-    }
+def begun(task: Task, **entry: Any) -> Content:
+    """Return a result in which nothing has been done yet. entry: Agent, source, options, seed, budget and games."""
+    games = {game.name: fingerprint(game.scenario) for game in task.games}
+    empty: Content = {"policy": None, "response": None, "matches": [], "seconds": {}}
+    return {"version": PROTOCOL, "task": task.name, **entry, "fingerprints": games, **empty, "made": made()}
 
 
 def made() -> Content:

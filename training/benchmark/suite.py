@@ -106,13 +106,10 @@ def digest_of(header: run_header.Header, weights: Weights) -> str:
 def write_anchors(path: Path, anchors: Sequence[Anchor], rated: Content) -> None:
     """Write the file of a task's anchors, completely or not at all.
 
-    Args:
-        path: The file.
-        anchors: In the order in which `rated` has them.
-        rated: What is said of the suite: "members" has "name", "elo" and "error" of each, first of styles.
+    Raises TrainingError: anchors differ in more than their weights and OWN, as those of two presets do.
 
-    Raises:
-        TrainingError: Anchors differ in more than their weights and OWN, as those of two presets do.
+    anchors: In the order in which `rated` has them. rated: What is said of the suite: "members" has "name", "elo" and
+    "error" of each, first of styles.
     """
     common = [{key: value for key, value in header.items() if key not in OWN} for header, _ in anchors]
     shapes = [{name: values.shape for name, values in weights.items()} for _, weights in anchors]

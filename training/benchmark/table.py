@@ -13,20 +13,8 @@ from .marl_eval import RunMetrics, marl_eval_json
 
 HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
 TASK_HEADS = (
-    *(
-        "task",
-        "agent",
-        "score",
-        "Elo",
-        "best response wins",
-        "trained in",
-        "outside",
-        "length",
-        "kills",
-        "damage",
-        "heals given",
-    ),
-    *("seeds", "agent-steps"),
+    *("task", "agent", "score", "Elo", "best response wins", "trained in", "outside"),
+    *("length", "kills", "damage", "heals given", "seeds", "agent-steps"),
 )
 PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # figures of self-play in the table by task
 OF_NO_TRACK, MET = "†", "‡"

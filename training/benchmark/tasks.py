@@ -51,11 +51,8 @@ class TaskGame:
 class Task:
     """A task.
 
-    Attributes:
-        name: Its name and version: "ffa_2-v1".
-        about: One line for people.
-        scenario: What agents are trained in.
-        games: What they are tested in: first the game of training and then, in tasks of generalisation, those outside.
+    name: Its name and version: "ffa_2-v1". games: What they are tested in: first the game of training and then, in
+    tasks of generalisation, those outside.
     """
 
     name: str
