@@ -37,7 +37,7 @@ Array = np.ndarray[Any, Any]
 RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
 FILES = TABLES, FIGURES, RATINGS, GROUPS = "evaluation.json", "figures.csv", "ratings.csv", "groups.csv"
 FIRST = ("policy", "against")
-INTERVAL = ("value", "low", "high")
+RATED, GROUPED = ("policy", "elo", "error"), ("group", "runs", "against", "figure", "value", "low", "high")
 CERTAIN = 3.0  # standard errors from which on a difference between the sides is worth a line
 OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
 OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
@@ -304,8 +304,8 @@ def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
     contents = {
         TABLES: json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
         FIGURES: csv_text((*FIRST, "figure", "mean", "error"), figures),
-        RATINGS: csv_text(("policy", "elo", "error"), _rated(evaluation)),
-        GROUPS: csv_text(("group", "runs", "against", "figure", *INTERVAL), _group_rows(evaluation)),
+        RATINGS: csv_text(RATED, _rated(evaluation)),
+        GROUPS: csv_text(GROUPED, _group_rows(evaluation)),
     }
     write_files({folder / name: content.encode() for name, content in contents.items()})
     return [folder / name for name in contents]
@@ -466,15 +466,9 @@ def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
 def _everything(evaluation: Evaluation) -> dict[str, Any]:
     return {
         **_played(evaluation),
-        "seed": evaluation.seed,
-        "worlds": evaluation.worlds,
-        "episodes": evaluation.episodes,
-        "complete": evaluation.complete,
-        "ratings": [dict(zip(("policy", "elo", "error"), row, strict=True)) for row in _rated(evaluation)],
-        "groups": [
-            dict(zip(("group", "runs", "against", "figure", *INTERVAL), row, strict=True))
-            for row in _group_rows(evaluation)
-        ],
+        **{name: getattr(evaluation, name) for name in ("seed", "worlds", "episodes", "complete")},
+        "ratings": [dict(zip(RATED, row, strict=True)) for row in _rated(evaluation)],
+        "groups": [dict(zip(GROUPED, row, strict=True)) for row in _group_rows(evaluation)],
         "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
     }
 

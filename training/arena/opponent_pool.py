@@ -42,9 +42,8 @@ class Opponent:
         policies: Those of a past self, one for each learner, or those of a file.
         packer: Packs observations for these policies; None: the learners' packer does.
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
-        plain: Instead of policies, a function from the observations of some agents and uniform numbers
-            (agents, actions) to actions.
-        rating: Elo points.
+        plain: Instead of policies, a function from the observations of some agents and uniform numbers (agents,
+            actions) to actions.
         won: How many games the learners won against it, in the shares of `record_all`; earlier ones count less.
         games: How many games they played against it; earlier ones count less.
         total: How many games in all, each counted as one.
@@ -211,16 +210,13 @@ class OpponentPool:
             str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()
         }
-        past = {
-            str(k): {
-                "name": one.name,
-                "drawn": k in self.past,
-                "weights": [policy.state_dict() for policy in one.policies],
-            }
-            for k, one in self.all.items()
-            if one.past
-        }
-        saved = {str(k): one.weights for k, one in self.all.items() if one.policies and not one.past}
+        past, saved = dict[str, Any](), dict[str, str]()
+        for k, one in self.all.items():
+            if one.past:
+                weights = [policy.state_dict() for policy in one.policies]
+                past[str(k)] = {"name": one.name, "drawn": k in self.past, "weights": weights}
+            elif one.policies:
+                saved[str(k)] = one.weights
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[Networks], begun: str) -> None:
@@ -228,12 +224,10 @@ class OpponentPool:
 
         begun: The opponents with their weights at the beginning of the run.
         """
-        if not isinstance(given, dict) or given.keys() != {"figures", "past", "dropped", "saved"}:
-            raise TrainingError(WRONG)
+        _check(isinstance(given, dict) and given.keys() == {"figures", "past", "dropped", "saved"})
         figures, past, saved = (_by_index(given[name]) for name in ("figures", "past", "saved"))
         pool = {number: one for number, one in self.all.items() if not one.past}
-        if not saved.keys() <= pool.keys():
-            raise TrainingError(WRONG)
+        _check(saved.keys() <= pool.keys())
         for number, weights in saved.items():
             if pool[number].weights != weights:
                 raise TrainingError(
@@ -241,41 +235,33 @@ class OpponentPool:
                     f"begun with {begun}: name that file, or put it there, to go on, or begin another run"
                 )
         for number, kept in past.items():
-            if number in pool or not isinstance(kept, dict) or kept.keys() != {"name", "drawn", "weights"}:
-                raise TrainingError(WRONG)
+            _check(number not in pool and isinstance(kept, dict) and kept.keys() == {"name", "drawn", "weights"})
             weights, name = kept["weights"], kept["name"]
-            if (
-                not isinstance(weights, list)
-                or len(weights) != len(policies)
-                or not isinstance(name, str)
-                or not is_past(name)
-            ):
-                raise TrainingError(WRONG)
+            _check(isinstance(weights, list) and len(weights) == len(policies))
+            _check(isinstance(name, str) and is_past(name))
             pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
             for policy, own in zip(pool[number].policies, weights, strict=True):
                 load_weights(policy, own, f"{name} in {REST}")
-        check_state(
-            figures, {number: torch.zeros(4, dtype=torch.float64, device="cpu") for number in pool}, "opponents"
-        )
-        for rating, won, games, total in (kept.tolist() for kept in figures.values()):
-            if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
-                raise TrainingError(WRONG)
-        dropped = given["dropped"]
-        if type(dropped) is not int or not 0 <= dropped <= MOST:
-            raise TrainingError(WRONG)
-        self.dropped = dropped
-        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept["drawn"])
+        none = torch.zeros(4, dtype=torch.float64, device="cpu")
+        check_state(figures, dict.fromkeys(pool, none), "opponents")
         for number, one in pool.items():
             one.rating, one.won, one.games, total = figures[number].tolist()
+            _check(abs(one.rating) <= HIGHEST and 0 <= one.won <= one.games <= total <= MOST)
             one.total = int(total)
+        _check(type(given["dropped"]) is int and 0 <= given["dropped"] <= MOST)
+        self.dropped = given["dropped"]
+        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept["drawn"])
+
+
+def _check(condition: bool) -> None:
+    if not condition:
+        raise TrainingError(WRONG)
 
 
 def _by_index(given: Any) -> dict[int, Any]:
     """Return the values by the indices that are their names. Raises TrainingError if they have other names."""
-    if not isinstance(given, dict):
-        raise TrainingError(WRONG)
-    if not all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given):
-        raise TrainingError(WRONG)
+    _check(isinstance(given, dict))
+    _check(all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given))
     return {int(name): value for name, value in given.items()}
 
 

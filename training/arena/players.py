@@ -50,12 +50,9 @@ class Contender:
     def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
         """Return the function that plays the policy.
 
-        Args:
-            env: The worlds.
-            seed: The seed of its random generator.
-            keyed: Whether a saved policy draws by the keys of worlds instead, see EpisodeNoise: then what happens in a
-                world depends on no other one.
-            slack: If not 0, a saved policy returns three choices side by side, see Player.doubted.
+        seed: The seed of its random generator. keyed: Whether a saved policy draws by the keys of worlds instead, see
+        EpisodeNoise: then what happens in a world depends on no other one. slack: If not 0, a saved policy returns
+        three choices side by side, see Player.doubted.
         """
         player = self.player
         if player is None:
@@ -97,12 +94,10 @@ class Contender:
 def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
     """Make a contender for each policy; a folder of a run, or around several, stands for each run's newest checkpoint.
 
-    Args:
-        given: Names, paths, functions; in a mapping they have labels, else labels are made from names and paths.
+    Raises TrainingError: there are none, one is named twice, or there is no such file. Raises UsageError: one is no
+    policy, or a folder without a checkpoint.
 
-    Raises:
-        TrainingError: There are none, one is named twice, or there is no such file.
-        UsageError: One is no policy, or a folder without a checkpoint.
+    given: Names, paths, functions; in a mapping they have labels, else labels are made from names and paths.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]

@@ -47,19 +47,14 @@ def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> Moving
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))
-    every = np.stack([_at(steps, one.steps, smooth(one.values[tag])) for one in curves])
+    every = np.full((len(curves), len(steps)), np.nan)  # as it is before the first point of a run, and after its last
+    for row, one in zip(every, curves, strict=True):
+        values = smooth(one.values[tag])
+        if (own := np.isfinite(values)).any():
+            row[:] = np.interp(steps, one.steps[own], values[own], left=np.nan, right=np.nan)
     there = np.isfinite(every).all(0) if common else np.isfinite(every).any(0)
     every = every[:, there]
     return MovingAverage(steps[there], np.nanmean(every, 0), np.nanmin(every, 0), np.nanmax(every, 0))
-
-
-def _at(steps: Array, own: Array, values: Array) -> Array:
-    """A curve at other numbers of agent-steps, NaN before its first point and after its last one."""
-    there = np.isfinite(values)
-    if not there.any():
-        return np.full(len(steps), np.nan)
-    found: Array = np.interp(steps, own[there], values[there], left=np.nan, right=np.nan)
-    return found
 
 
 def smooth(values: Array) -> Array:

@@ -41,24 +41,21 @@ CODE = {  # what is code of the user's own; run.json has the names
     "loss": "a function is needed, of a batch to a tensor, or to that and a dict of figures",
     "networks": "a subclass of outlast.training.policies.policy.Networks is needed",
 }
+AS_GIVEN = (  # what the command and `outlast.train` pass on as it is
+    *("preset", "steps", "worlds", "rollout", "policies", "prioritised", "snapshots", "memory", "critic", "dead"),
+    *("device", "processes", "halves", "every"),
+)
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """Parse what policies start from, before PPO begins.
+    """Parse what policies start from: a name or a path, and the agent-steps of imitation; 0: the weights are taken.
 
-    Args:
-        text: One of TEACHERS, "scripted" or "scripted:2e6": policies learn to imitate it, for so many agent-steps.
-            "FILE.zip:2e6": they imitate the policy in a file, whatever networks it has. "FILE.zip": they take the
-            weights in it, for which it needs a critic. "": random weights. A file may also be FILE.safetensors, and
-            the folder of a run stands for its newest checkpoint.
-
-    Returns:
-        The name or the path, and the agent-steps of imitation; 0: the weights are taken.
-
-    Raises:
-        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
+    "scripted" or "scripted:2e6", and others of TEACHERS: policies learn to imitate it, for so many agent-steps.
+    "FILE.zip:2e6": they imitate the policy in a file, whatever networks it has. "FILE.zip": they take the weights in
+    it, for which it needs a critic. "": random weights. A file may also be FILE.safetensors, and the folder of a run
+    stands for its newest checkpoint. Raises TrainingError if the text is none of these.
     """
     whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # as C:/runs is
     name, _, length = (text, "", "") if whole else text.rpartition(":")
@@ -102,35 +99,18 @@ def check_importable(name: str, code: Any) -> None:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """What to train, and how.
+    """What to train, and how: the arguments of `outlast.train` by their names, of the same meaning, and checked.
+
+    Equal configs give equal numbers, whatever `processes`, `halves` and `every` are.
 
     Attributes:
         scenario: What is played.
-        preset: Name of the networks, see PRESETS.
-        steps: Agent-steps to train for.
-        seed: The same seed gives the same numbers.
-        worlds: How many worlds share a rollout; 0: as the preset has it.
-        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
-        dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: PyTorch's device on which policies are updated; they play on the CPU.
-        threads: Threads of each process, see Trainer; 0: one for each core that the process may use.
-        every: Agent-steps between checkpoints.
-        settings: Hyperparameters of PPO that differ from the preset's.
-        policies: "shared": one for all agents; "side" or "agent": one for each side or agent.
-        opponents: Who the learners play against, with weights: "self", "past", the name of a policy that needs no
-            training, or the path of a saved one.
-        prioritised: Whether opponents that win more are drawn more often.
-        snapshots: Updates between past selves.
-        processes: How many processes share the worlds; the numbers are the same, apart from rounding.
-        halves: Whether half of the worlds are stepped while the networks are busy with the other half; the numbers
-            are the same.
-        memory: Numbers that each agent keeps from step to step; 0: none.
-        critic: What values are learned from: "own", what the agent observes; "state", that and the whole world.
-        warm_start: What policies start from, before PPO begins, see parse_warm_start; "": random weights.
+        opponents: Names or paths with their weights.
+        warm_start: See parse_warm_start.
         anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
-        levels: Chooses the levels that are trained in, see curriculum.TrainingProgress; None: worlds draw their own.
-        loss: What is minimised, a function of a minibatches.Batch, see loss.Loss; None: loss.ppo_loss.
-        networks: The class of the networks, a policies.policy.Networks; None: those of the preset.
+        levels: A function of a curriculum.TrainingProgress.
+        loss: A function of a minibatches.Batch, see loss.Loss.
+        networks: A policies.policy.Networks.
     """
 
     scenario: Scenario
@@ -159,10 +139,7 @@ class TrainingConfig:
     networks: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
-        """Check all values.
-
-        Raises ScenarioError: there is no such preset. Raises TrainingError: another value is not possible.
-        """
+        """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
         for name, least in LEAST.items():
             value, most = as_whole(getattr(self, name)), MOST.get(name, 2**62 - 1)
             if not is_whole(value, least, most):
@@ -276,7 +253,7 @@ class TrainingConfig:
 class Workload:
     """The agent-steps of a run, including those of opponents, in rollouts that are always collected completely.
 
-    asked: Agent-steps that were requested. each: Agent-steps of a rollout: worlds x steps of each world x agents.
+    asked: Those that were requested. each: Those of a rollout, the product of `sizes`.
     """
 
     asked: int

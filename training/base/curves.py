@@ -99,13 +99,10 @@ def _means(values: Array, starts: Array) -> Array:
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
     """The curves in the log of a run.
 
-    Args:
-        path: log.csv of the run.
-        known: Whether a tag must have finite numbers only, or the log is broken; other tags may have NaN.
+    Raises EmptyRunError: no episode has ended in it yet. Raises TrainingError: it is no log, or has numbers that cannot
+    be drawn.
 
-    Raises:
-        EmptyRunError: No episode has ended in it yet.
-        TrainingError: It is no log, or has numbers that cannot be drawn.
+    known: Whether a tag must have finite numbers only, or the log is broken; other tags may have NaN.
     """
     begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
     points = read_log(path) if begun else {}

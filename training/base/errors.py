@@ -1,6 +1,9 @@
 """The errors of training and evaluation."""
 
-from outlast.envs.errors import UsageError
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from outlast.envs.errors import UsageError, install
 
 
 class TrainingError(UsageError):
@@ -16,3 +19,15 @@ class TrainingError(UsageError):
 
 class EmptyRunError(TrainingError):
     """A run has no curve, since no episode has ended in it yet."""
+
+
+@contextmanager
+def needed(extra: str, what: str) -> Iterator[None]:
+    """Turn the lack of a library that is imported inside into a TrainingError: what needs it, and the extra to install.
+
+    what: The beginning of the message, as "figures need".
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"{what} {error.name}: {install(extra)}") from error

@@ -33,13 +33,9 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
     """The means over the agents of each side, whom roles may pay differently.
 
-    Args:
-        values: (worlds, agents).
-        sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
-        count: How many sides there are.
+    Returns the means, (worlds, sides), 0 for sides without agents; and which sides have agents, bool (worlds, sides).
 
-    Returns:
-        The means, (worlds, sides), 0 for sides without agents; and which sides have agents, bool (worlds, sides).
+    values: (worlds, agents). sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
     """
     on = sides[:, :, None] == np.arange(count)
     agents = on.sum(1)

@@ -29,7 +29,6 @@ class ObservationLayout:
 
     Attributes:
         alone: How many numbers that belong to no entity each key has, the agent itself first.
-        own: The sum of these.
         rows: How many entities there are, kind after kind.
         features: Numbers of the widest kind; rows of narrower kinds are filled up with zeros.
         size: Length of the packed row: own + rows + rows * features.

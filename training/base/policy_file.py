@@ -28,22 +28,14 @@ Weights = Mapping[str, Array]
 def content(header: Header, policies: Sequence[Weights], exact: str | None = None) -> bytes:
     """Return the content of a file of policies; equal policies give equal bytes.
 
-    Args:
-        header: The content of run.json.
-        policies: Weights of each policy by name, float32; they are rounded to float16.
-        exact: Weights whose names begin with this stay float32, so all with ""; None: none.
-
-    Raises:
-        TrainingError: safetensors is not installed.
+    header: The content of run.json. policies: Weights of each policy by name, float32; they are rounded to float16.
+    exact: Weights whose names begin with this stay float32, so all with ""; None: none.
     """
-    rounded = [
-        {
-            name: value.astype(np.float32 if exact is not None and name.startswith(exact) else np.float16)
-            for name, value in own.items()
-        }
-        for own in policies
-    ]
-    return tensor_file.content(_numbered(rounded), json.dumps(header, separators=(",", ":")))
+    tensors = {
+        name: value.astype(np.float32 if exact is not None and name.partition(".")[2].startswith(exact) else np.float16)
+        for name, value in _numbered(policies).items()
+    }
+    return tensor_file.content(tensors, json.dumps(header, separators=(",", ":")))
 
 
 def weights_content(policies: Sequence[Weights]) -> bytes:
@@ -52,17 +44,14 @@ def weights_content(policies: Sequence[Weights]) -> bytes:
 
 
 def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | None = None) -> None:
-    """Write the policies of a checkpoint, completely or not at all; see `content`.
-
-    Raises TrainingError: the file cannot be written.
-    """
+    """Write the policies of a checkpoint, completely or not at all; see `content`. Raises TrainingError."""
     write_files({path: content(header, policies, exact)})
 
 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
-    """Return run.json and the weights of each policy by name: of a file of weights as float32, of a checkpoint as is.
+    """Return run.json and the weights of each policy by name: as float32 of a file of weights.
 
-    Raises TrainingError: the file cannot be read, or holds something else; or safetensors is not installed.
+    Raises TrainingError if the file cannot be read, or holds something else.
     """
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
@@ -75,7 +64,7 @@ def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
 def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
     """Return the weights of each policy in a checkpoint by name, unchecked.
 
-    name: What errors call it. Raises TrainingError: it is something else; or safetensors is not installed.
+    name: What errors call it. Raises TrainingError if it is something else.
     """
     try:
         return _by_policy(tensor_file.parse(data)[1], name)
@@ -84,9 +73,9 @@ def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]
 
 
 def read_header(path: Path, needed: Collection[str]) -> Header:
-    """Return run.json of a saved policy, which must have these keys: of a file of weights, or of a checkpoint.
+    """Return run.json of a saved policy, which must have these keys: a file of weights or a checkpoint.
 
-    Raises TrainingError: the file cannot be read, or holds something else; or safetensors is not installed.
+    Raises TrainingError if the file cannot be read, or holds something else.
     """
     if path.suffix == SUFFIX:
         return parse_header(path, _opened(path)[0].encode(), needed)

@@ -106,23 +106,14 @@ class Preset:
 
 
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
+SCALED = replace(PAPER, name="scaled", scaled=True)
 PRESETS = {
     preset.name: preset
     for preset in (
         Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
         PAPER,
-        replace(PAPER, name="scaled", scaled=True),
-        replace(
-            PAPER,
-            name="fast",
-            egocentric=True,
-            scaled=True,
-            shared=True,
-            masked=True,
-            agents=512,
-            steps=128,
-            numbers=FAST,
-        ),
+        SCALED,
+        replace(SCALED, name="fast", egocentric=True, shared=True, masked=True, agents=512, steps=128, numbers=FAST),
     )
 }
 

@@ -33,13 +33,11 @@ def spawning() -> Any:
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
     """Run jobs, and yield what they return, in their order.
 
-    Args:
-        jobs: Functions that can be pickled, such as partials of functions of a module. What one raises is raised here
-            and ends all others; so do Ctrl-C, and a caller that takes no more results.
-        at_once: How many processes work; 1: this process does.
+    Raises TrainingError: a process was ended from outside, or cannot import the program that starts it.
 
-    Raises:
-        TrainingError: A process was ended from outside, or cannot import the program that starts it.
+    jobs: Functions that can be pickled, such as partials of functions of a module. What one raises is raised here and
+    ends all others; so do Ctrl-C, and a caller that takes no more results. at_once: How many processes work; 1: this
+    process does.
     """
     count = min(at_once, len(jobs))
     if count <= 1:

@@ -108,31 +108,26 @@ def _are_fields(given: Any) -> bool:
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]
     names = [*given, *(name for fields in given.values() for name in fields)]
-    return all(map(is_word, names)) and all(map(_is_field, entries)) and sum(size for size, _ in entries) <= MOST
-
-
-def _is_field(given: Any) -> bool:
-    if not isinstance(given, list) or len(given) != 2:
-        return False
-    size, scale = given
-    return _is_size(size) and size > 0 and _is_scale(scale)
+    sound = all(
+        isinstance(each, list) and len(each) == 2 and _is_size(each[0]) and _is_scale(each[1]) for each in entries
+    )
+    return (
+        sound
+        and all(map(is_word, names))
+        and all(size for size, _ in entries)
+        and sum(size for size, _ in entries) <= MOST
+    )
 
 
 def _is_scale(given: Any) -> bool:
     return type(given) in (int, float) and SMALLEST <= given < math.inf
 
 
-def _are_scales(given: Any) -> bool:
-    return isinstance(given, list) and len(given) <= MOST and all(map(_is_scale, given))
-
-
-def _are_actions(given: Any) -> bool:
-    few = isinstance(given, list) and 0 < len(given) <= FEW
-    return few and all(_is_size(size) and size for size in given) and sum(given) <= MOST
-
-
-def _is_team(given: Any) -> bool:
-    return isinstance(given, list) and 0 < len(given) <= MOST and all(map(_is_size, given))
+def _sizes(most: int, least: int) -> Callable[[Any], bool]:
+    """Whether something is a list of at most so many sizes, of at least `least`, and not empty."""
+    return lambda given: (
+        isinstance(given, list) and 0 < len(given) <= most and all(_is_size(n) and n >= least for n in given)
+    )
 
 
 def is_count(given: Any) -> bool:
@@ -148,11 +143,11 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "modules": lambda given: isinstance(given, list) and all(map(is_word, given)),
     "observations": _are_observations,
     "fields": _are_fields,
-    "actions": _are_actions,
-    "team": _is_team,
+    "actions": lambda given: _sizes(FEW, 1)(given) and sum(given) <= MOST,
+    "team": _sizes(MOST, 0),
     "memory": _is_size,
     "networks": is_word,
     "state": _is_size,
-    "state_scale": _are_scales,
+    "state_scale": lambda given: isinstance(given, list) and len(given) <= MOST and all(map(_is_scale, given)),
     "plan": is_plan,
 }

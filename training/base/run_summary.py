@@ -14,11 +14,7 @@ from .quantities import combinable
 class Figure:
     """A number to look at.
 
-    Attributes:
-        group: What it is about, one of GROUPS.
-        name: Its name, unique in its group.
-        value: The number.
-        text: The number as it is shown.
+    group: What it is about, one of GROUPS. name: Its name, unique in its group. text: The number as it is shown.
     """
 
     group: str

@@ -84,13 +84,10 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
 
     Args:
         ours: By task, (..., runs) each.
-        theirs: Scores in the same tasks; there may be other numbers of runs.
+        theirs: Scores in the same tasks, or TrainingError is raised; there may be other numbers of runs.
 
     Returns:
         float64 (...): from 0 to 1; 0.5: neither is better.
-
-    Raises:
-        TrainingError: They are of different tasks, or there are no scores, or not only numbers.
     """
     if unmatched := set(ours) ^ set(theirs):
         raise TrainingError(f"only one of two has scores of {', '.join(sorted(map(str, unmatched)))}: compare the same")
@@ -101,15 +98,7 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
 def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> Array:
     """Return the share of runs that score more than each threshold; every task has the same weight.
 
-    Args:
-        scores: Scores by task, (..., runs) each.
-        thresholds: The thresholds, (thresholds,).
-
-    Returns:
-        float64 (..., thresholds).
-
-    Raises:
-        TrainingError: There are no scores or thresholds, or some are not numbers.
+    Arguments as for `iqm`, and thresholds, (thresholds,). Returns float64 (..., thresholds).
     """
     bounds = _numbers("thresholds", thresholds)
     if bounds.ndim != 1:

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.errors import install
-
-from .errors import TrainingError
+from .errors import needed
 
 ENTRY = "outlast"  # of the metadata: the text
 DTYPES = "float16", "float32", "float64", "int64", "int32", "uint8"  # of tensors
@@ -19,10 +17,7 @@ Array = np.ndarray[Any, Any]
 
 
 def content(tensors: Mapping[str, Array], text: str = "") -> bytes:
-    """Return the content of a file with these tensors; equal ones give equal bytes.
-
-    Raises TrainingError: safetensors is not installed.
-    """
+    """Return the content of a file with these tensors; equal ones give equal bytes."""
     _check_installed()
     from safetensors.numpy import save
 
@@ -32,7 +27,7 @@ def content(tensors: Mapping[str, Array], text: str = "") -> bytes:
 def parse(data: bytes) -> tuple[str, dict[str, Array]]:
     """Return the text and the tensors of a file's content, in order of their names. Memory is bounded by its length.
 
-    Raises ValueError: it is something else. Raises TrainingError: safetensors is not installed.
+    Raises ValueError if it is something else.
     """
     _check_installed()
     from safetensors import SafetensorError
@@ -53,7 +48,5 @@ def parse(data: bytes) -> tuple[str, dict[str, Array]]:
 
 def _check_installed() -> None:
     """Raise TrainingError if safetensors is not installed: this module is imported without it."""
-    try:
+    with needed("train", "weights of policies need"):
         import safetensors  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"weights of policies need {error.name}: {install('train')}") from error

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import STOPPED, add_scenario, output, positive, scenario, seed
-from outlast.envs.errors import install
 from outlast.envs.rollout.lineup import OWN_AS
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.text_table import terminal_width
 
-from ..base.errors import TrainingError
+from ..base.errors import needed
 from ..base.files import check_out
 from ..base.quantities import explained
 
@@ -70,12 +69,10 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Evaluate, and report what is complete, also after an error; the exit status."""
-    try:
+    with needed("train", "evaluating needs"):
         from ..arena import evaluation as arena
         from ..arena.films import films
         from ..arena.players import contenders
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
     folder, status = arena.checked_folder(options.out, options.film), 0
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
     evaluation = arena.Evaluation(scenario(options), contenders(options.policies), **numbers)

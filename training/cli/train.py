@@ -12,25 +12,14 @@ from typing import Any
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import CLUSTER, STOPPED, add_scenario, nonnegative, output, positive, scenario, seed
-from outlast.envs.errors import install
 from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import SAVED_AS, checkpoints
 from outlast.envs.scenarios.scenario import Scenario
 
+from ..base import config as known
 from ..base.annealing import parse_anneal
-from ..base.config import (
-    CRITICS,
-    FAST,
-    OPPONENTS,
-    POLICIES,
-    SELF,
-    SNAPSHOTS,
-    TEACHERS,
-    TrainingConfig,
-    Workload,
-    parse_warm_start,
-)
-from ..base.errors import TrainingError
+from ..base.config import FAST, OPPONENTS, SELF, TrainingConfig, Workload, parse_warm_start
+from ..base.errors import TrainingError, needed
 from ..base.files import check_out
 from ..base.hyperparameters import KINDS, parse_hyperparameters
 from ..base.presets import DEAD, PRESETS
@@ -52,10 +41,6 @@ PRESET = (
     "paper, what the paper's text says; scaled, which is paper with inputs of about -1 to 1"
 )
 OWN = ("variant", "seed", "out", "resume", "quiet", "jobs", "save_scenario")  # that each of several runs has for itself
-NUMBERS = (
-    *("preset", "steps", "worlds", "rollout", "policies", "prioritised", "snapshots", "memory", "critic", "dead"),
-    *("device", "processes", "halves", "every", "warm_start"),
-)  # options that TrainingConfig takes as they are
 logger = logging.getLogger("outlast")
 
 
@@ -91,7 +76,7 @@ def add(commands: Any) -> None:
     text = f"change a number of PPO, as in gamma=0.999: {', '.join(KINDS)} (can be repeated)"
     command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help=text)
     text = "train one policy for all agents (shared, the default), one for each side, or one for each agent"
-    command.add_argument("--policies", choices=POLICIES, default="shared", help=text)
+    command.add_argument("--policies", choices=known.POLICIES, default="shared", help=text)
     text = (
         "whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
     )
@@ -100,15 +85,14 @@ def add(commands: Any) -> None:
     text = "draw an opponent the more often, the more games it wins"
     command.add_argument("--prioritised", action="store_true", help=text)
     text = "with opponent past: number of updates until another earlier self is kept (default 10)"
-    command.add_argument("--snapshots", type=positive, default=SNAPSHOTS, help=text)
+    command.add_argument("--snapshots", type=positive, default=known.SNAPSHOTS, help=text)
     text = "how many numbers each agent remembers from step to step (default 0: no memory)"
     command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
     text = "learn values from what the agent observes (own, the default), or from that and the state of the whole world"
-    command.add_argument("--critic", choices=CRITICS, default="own", help=f"{text} (state)")
-    text = f"begin by imitating {', '.join(TEACHERS)} (for STEPS agent-steps, by default 1.5e6) or FILE.zip:STEPS, or "
-    text += (
-        "begin with the weights of FILE.zip; the folder of a run stands for its newest file (default: no such start)"
-    )
+    command.add_argument("--critic", choices=known.CRITICS, default="own", help=f"{text} (state)")
+    text = f"begin by imitating {', '.join(known.TEACHERS)} (for STEPS agent-steps, by default 1.5e6) or "
+    text += "FILE.zip:STEPS, or begin with the weights of FILE.zip; the folder of a run stands for its newest file "
+    text += "(default: no such start)"
     command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
     text = "change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the first "
     text += "5 million agent-steps, and without @5e6 in the whole run (can be repeated)"
@@ -151,11 +135,9 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     """Train in this process, behind a progress bar; the exit status."""
     if options.jobs is not None:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
-    try:
+    with needed("train", "training needs"):
         from ..runs.run import TrainingRun
         from ..runs.train import shown, usual_folder
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"training needs {error.name}: {install('train')}") from error
     config = _config(options, chosen, options.seed[0], settings)
     folder = Path(options.out) if options.out else usual_folder(config)
     training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
@@ -173,7 +155,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
 
 def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
     """What the options ask for, of one scenario and one seed. Raises TrainingError."""
-    numbers = {name: getattr(options, name) for name in NUMBERS}
+    numbers = {name: getattr(options, name) for name in (*known.AS_GIVEN, "warm_start")}
     numbers["opponents"] = parse_lineup(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
     return TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import add_import, add_page, announce, import_files, printable
-from outlast.envs.errors import install
 
 from ..base import run_header
-from ..base.errors import TrainingError
+from ..base.errors import TrainingError, needed
 
 LISTED = 5  # runs that a message names
 
@@ -33,12 +32,10 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit status. Raises TrainingError, PlayError."""
-    try:
+    with needed("train", "watching needs"):
         import torch  # noqa: F401, which policies need, before anything is served
 
         from ..runs.watch import RunWatcher
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"watching needs {error.name}: {install('train')}") from error
     from outlast.envs.web.gate import Site
     from outlast.envs.web.replay.server import serving
 

@@ -93,15 +93,10 @@ class Comparison:
     def __str__(self) -> str:
         names = [*self.groups[0].values] or [SCENARIO]
         heads = [*names, "seeds", "agent-steps", *(panel.title for panel in self.panels)]
-        lines = [
-            [
-                *(group.values.values() or [group.label]),
-                ", ".join(dict.fromkeys(_seeds(group))),
-                f"{_steps(group):,}",
-                *map(_cell, self.ends(group)),
-            ]
-            for group in self.groups
-        ]
+        lines = []
+        for group in self.groups:
+            about = *(group.values.values() or [group.label]), ", ".join(dict.fromkeys(_seeds(group)))
+            lines.append([*about, f"{_steps(group):,}", *map(_cell, self.ends(group))])
         means = "End values: the mean of the last tenth of each run"
         several = any(len(group.ended) > 1 for group in self.groups)
         within = ", then over runs [95 % interval of that mean, by Student's t]" * several

@@ -101,6 +101,7 @@ class Line(NamedTuple):
     points: bool = True  # whether those of a single run are shown
     common: bool = False  # see `average`
     front: int = 3
+    width: float = 1.7
 
 
 def plot_line(axes: Axes, line: Line) -> None:
@@ -110,12 +111,12 @@ def plot_line(axes: Axes, line: Line) -> None:
         return
     looks: dict[str, Any] = {"color": line.ink, "linestyle": line.dash, "zorder": line.front}
     marker = "o" if len(found.steps) == 1 else ""
-    axes.plot(found.steps, found.mean, linewidth=1.6, marker=marker, markersize=4, **looks)
+    axes.plot(found.steps, found.mean, linewidth=line.width, marker=marker, markersize=4, **looks)
     if len(line.runs) > 1:
         axes.fill_between(found.steps, found.low, found.high, color=line.ink, alpha=0.16, linewidth=0, zorder=1)
     elif line.points:
         (run,) = line.runs
-        axes.plot(run.steps, run.values[line.name], color=line.ink, linewidth=0.5, alpha=0.25, zorder=1)
+        axes.plot(run.steps, run.values[line.name], color=line.ink, linewidth=0.5, alpha=0.3, zorder=1)
 
 
 def finish(axes: Axes, *, from_0: bool = True) -> None:
@@ -134,7 +135,7 @@ def write_notes(figure: Figure, title: str, notes: Sequence[str]) -> None:
     height = figure.get_figheight()
     figure.text(0.02, 1 - 0.12 / height, literal(title), fontsize=11.5, fontweight="bold", va="top")
     text = literal("\n".join(notes))
-    figure.text(0.02, 1 - 0.37 / height, text, fontsize=8, color=GREY, va="top", linespacing=1.35)
+    figure.text(0.02, 1 - 0.38 / height, text, fontsize=8, color=GREY, va="top", linespacing=1.35)
 
 
 def entry(label: str, ink: str, dash: Any = "-") -> Line2D:

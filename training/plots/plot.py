@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from outlast.envs.errors import install
-
-from ..base.errors import TrainingError
+from ..base.errors import TrainingError, needed
 from ..base.files import write_files
 from ..base.tables import ENDS
 from .comparison import AXES, Comparison
@@ -59,10 +57,8 @@ def plot(
     Raises:
         TrainingError: There are no runs, no such setting or curve, or matplotlib is not installed; nothing is written.
     """
-    try:
+    with needed("plot", "figures need"):
         from .figure import picture
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     if form not in FORMS:
         raise TrainingError(f"form = {form!r}: allowed are {', '.join(FORMS)}")
     places = [runs] if isinstance(runs, (str, Path)) else runs

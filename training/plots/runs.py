@@ -45,7 +45,6 @@ class Run:
         origin: Its folder; of a run that is kept, its name in the folder of the others.
         scenario: The name of what is played.
         numbers: The numbers of the scenario, by name.
-        plan: The plan of run.json.
         curves: Everything that was logged, by tag; of kept runs, the paper's quantities.
         label: The scenario's name with what was changed: "ffa_2-melee_damage=50"; "" if that is the name alone.
         asked: Agent-steps that were asked for; None if that is not recorded.

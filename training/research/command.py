@@ -13,13 +13,14 @@ from outlast.envs.cli.options import STOPPED, nonnegative, output, positive
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 
-from ..base.errors import TrainingError
+from ..base.errors import TrainingError, needed
 from ..base.files import check_out
 from ..research.experiments import PARTS, Experiment, expected_seconds, experiments
 from ..runs.child_runs import ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
 Plan = list[tuple[Experiment, int]]  # with a seed
+EXTRAS = "train,plot,video"
 TIMED_ON = "as timed on one core of an AMD EPYC (Zen 3)"
 
 
@@ -74,16 +75,15 @@ def run(options: argparse.Namespace) -> int:
         print("\n".join([about, *lines]))
         return 0
     try:  # ahead of hours of training
-        from outlast.envs.rendering.video.codecs import find_ffmpeg
+        with needed(EXTRAS, "this needs"):
+            from outlast.envs.rendering.video.codecs import find_ffmpeg
 
-        from ..research.output import write_part
+            from ..research.output import write_part
 
-        importlib.import_module("matplotlib")
+            importlib.import_module("matplotlib")
         find_ffmpeg(".webm")
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"this needs {error.name}: {install('train,plot,video')}") from error
     except FilmError as error:
-        raise TrainingError(f"the films need FFmpeg: {install('train,plot,video')}") from error
+        raise TrainingError(f"the films need FFmpeg: {install(EXTRAS)}") from error
     status = _train(plan, seconds, options, about, jobs)
     if status == STOPPED:
         return status

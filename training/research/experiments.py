@@ -59,7 +59,6 @@ class Experiment:
     """A run for each of several seeds.
 
     Attributes:
-        part: One of PARTS.
         game: The name of a variant, with ablations.
         preset: The preset of networks and numbers.
         options: Further options of `outlast train`, without the seed.

@@ -63,7 +63,7 @@ def _panel(axes: Axes, group: PaperGroup, quantity: Quantity) -> None:
     for runs, ink, front in (([group.paper], THEIRS, 2), ([run.curves for run in group.runs], OURS, 3)):
         scaled = [Curves(curves.steps / MILLION, curves.values) for curves in runs]
         for side, tag in enumerate(_tags(runs, quantity)):
-            plot_line(axes, Line(scaled, tag, ink, DASHES[side % len(DASHES)], front=front))
+            plot_line(axes, Line(scaled, tag, ink, DASHES[side % len(DASHES)], front=front, width=1.6))
     axes.set_xlim(0, max(curves.steps[-1] for curves in _all(group)) / MILLION)
     finish(axes)
 

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.errors import install
-
 from ..base.averages import EndValue, MovingAverage, average, end_value
 from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, Quantity
-from ..base.errors import TrainingError
+from ..base.errors import needed
 from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from .claims import claims_table, findings
 from .results import PaperGroup
@@ -171,9 +169,7 @@ def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence
     form: Format of the figures: "png" or "svg". beside: Runs with other presets, to compare with in the table of all
     presets. Raises TrainingError: there is no matplotlib.
     """
-    try:
+    with needed("plot", "figures need"):
         from .figures import picture
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
     return {**figures, "ends.md": report(groups, beside).encode(), ENDS: csv_table(groups).encode()}

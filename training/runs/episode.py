@@ -22,11 +22,9 @@ from ..base.errors import TrainingError
 class Episode:
     """One world in which a policy plays an episode.
 
-    Attributes:
-        worlds: The world, which is reset when the first tick is asked for.
-        ticks: Each item that is asked for plays one more tick, until the episode ends; the first item is the reset.
-        scenario: What is played.
-        differs: How the scenario differs from the one that the policy was trained in; "" if it does not.
+    worlds: The world, which is reset when the first tick is asked for. ticks: Each item that is asked for plays one
+    more tick, until the episode ends; the first item is the reset. differs: How the scenario differs from the one that
+    the policy was trained in; "" if it does not.
     """
 
     worlds: Worlds
@@ -41,14 +39,10 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
     PyTorch's global random numbers and its number of threads stay as they are.
 
-    Args:
-        path: The checkpoint.
-        seed: Seed of the world and of the policy's actions.
-        most: The number of ticks after which the episode is left, even if it has not ended.
-        scenario: What is played; None: what the checkpoint says, see `recorded_scenario`.
+    Raises TrainingError: the checkpoint is broken, of another game, or does not say enough about its own.
 
-    Raises:
-        TrainingError: The checkpoint is broken, of another game, or does not say enough about its own.
+    most: The number of ticks after which the episode is left, even if it has not ended. scenario: What is played; None:
+    what the checkpoint says, see `recorded_scenario`.
     """
     header = policy_file.read_header(path, ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
@@ -75,15 +69,10 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
     """Rebuild the scenario of a run that `outlast train` began, without importing anything.
 
-    Args:
-        header: run.json of the run, or of one of its checkpoints.
+    Returns the scenario, and how it differs from that of the run, which another version of outlast may have begun; ""
+    if it does not differ. Raises TrainingError: the scenario has mechanics of the user's own that are not imported.
 
-    Returns:
-        The scenario, and how it differs from that of the run, which another version of outlast may have begun; "" if it
-        does not differ.
-
-    Raises:
-        TrainingError: The scenario has mechanics of the user's own that are not imported.
+    header: run.json of the run, or of one of its checkpoints.
     """
     given = header["scenario"]
     try:

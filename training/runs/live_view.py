@@ -32,16 +32,7 @@ class LiveView(Progress):
         about: str = "",
         unit: str = "agent-steps",
     ) -> None:
-        """Show that the run begins.
-
-        Args:
-            done: Agent-steps that were done before, if the run is resumed.
-            total: Agent-steps at the end.
-            quiet: Whether nothing at all is shown.
-            file: Where the view is written; None: standard error, if there is one.
-            about: A line to begin with: what is going to be done.
-            unit: What is counted, if it is something else than agent-steps.
-        """
+        """Show that the run begins, with `done` of `total` agent-steps, or of another unit; see Progress."""
         self.tags = dict[str, float]()
         super().__init__(total, unit, done=done, quiet=quiet, file=file, about=about)
 

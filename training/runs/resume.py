@@ -12,19 +12,8 @@ from outlast.envs.snapshots.state import State
 
 from ..base.errors import TrainingError
 from ..base.run_header import is_count
-from ..policies.checkpoint import (
-    REST,
-    WORLDS,
-    check_fields,
-    check_like,
-    check_state,
-    header_of,
-    load_tree,
-    load_weights,
-    policies_in,
-    recorded_scales,
-    tree_content,
-)
+from ..policies import checkpoint
+from ..policies.checkpoint import REST, WORLDS, check_like, check_state
 from ..ppo.learner import Learner
 from ..ppo.trainer import Trainer
 
@@ -48,7 +37,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
     }
     if trainer.curriculum is not None:
         rest["levels"] = trainer.curriculum.state()
-    return {**trainer.policy_files(header), REST: tree_content(rest), WORLDS: _state_bytes(worlds)}
+    return {**trainer.policy_files(header), REST: checkpoint.tree_content(rest), WORLDS: _state_bytes(worlds)}
 
 
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
@@ -56,9 +45,13 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
 
     Raises StateError if it is of another scenario, TrainingError if its content does not fit the trainer or is broken.
     """
-    header, rest, weights = header_of(files), load_tree(files, REST), policies_in(files)
-    check_fields(header, trainer.env)
-    factors = recorded_scales(header, trainer.layout)
+    header, rest, weights = (
+        checkpoint.header_of(files),
+        checkpoint.load_tree(files, REST),
+        checkpoint.policies_in(files),
+    )
+    checkpoint.check_fields(header, trainer.env)
+    factors = checkpoint.recorded_scales(header, trainer.layout)
     names = {"learners", "updates", "rewards", "lane", "opponents"} | (
         set() if trainer.curriculum is None else {"levels"}
     )
@@ -69,7 +62,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     optimisers = [_checked_learner(*pair) for pair in zip(trainer.learners, learners, strict=True)]
     trainer.restore_worlds(state.read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"))
     for learner, given, own, optimiser in zip(trainer.learners, learners, weights, optimisers, strict=True):
-        load_weights(learner.policy, own)
+        checkpoint.load_weights(learner.policy, own)
         learner.policy.rescale(factors)
         learner.optimizer.restore(optimiser)
         learner.generator.set_state(given["minibatches"].clone())

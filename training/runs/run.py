@@ -13,7 +13,6 @@ from typing import Any
 import torch
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.errors import install
 from outlast.envs.rollout.models import models
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -23,7 +22,7 @@ from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save
 
 from ..base import log_file, run_header
 from ..base.config import TrainingConfig, parse_warm_start
-from ..base.errors import TrainingError
+from ..base.errors import TrainingError, needed
 from ..base.hyperparameters import Hyperparameters
 from ..base.presets import preset
 from ..policies import checkpoint
@@ -136,7 +135,7 @@ class TrainingRun:
 
         Args:
             config: What to train, and how.
-            folder: The folder of the run; made if it is not there.
+            folder: Made if it is not there.
             resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
             film: Whether to make a short film of each checkpoint, beside it.
             cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
@@ -157,18 +156,13 @@ class TrainingRun:
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
         else:
-            try:
+            with needed("ray", "a Ray cluster needs"):
                 from ..ppo.cluster import recruit_on_cluster  # imported here, as Ray takes seconds to load
-            except ModuleNotFoundError as error:
-                raise TrainingError(f"a Ray cluster needs Ray: {install('ray')}") from error
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
-        self.fresh, self.lock, self._threads = (
-            files is None,
-            FolderLock(folder, "trains this run", WRITTEN),
-            torch.get_num_threads(),
-        )
+        self.fresh, self._threads = files is None, torch.get_num_threads()
+        self.lock = FolderLock(folder, "trains this run", WRITTEN)
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():

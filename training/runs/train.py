@@ -13,7 +13,7 @@ from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.annealing import Anneal, parse_anneal
-from ..base.config import FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig, Workload
+from ..base.config import AS_GIVEN, FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
@@ -121,33 +121,16 @@ def train(
         NumberError: The scenario has no such number (perhaps one of the arguments was meant).
         TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
     """
+    given = locals()
     for name in numbers.keys() & KINDS.keys():
         raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
     config = TrainingConfig(
         resolve(scenario, numbers, options_of(train)),
-        preset,
-        steps,
-        seed,
-        worlds=worlds,
-        rollout=rollout,
-        dead=dead,
-        device=device,
-        threads=threads,
-        every=every,
+        **{name: given[name] for name in (*AS_GIVEN, "seed", "threads", "levels", "loss", "networks")},
         settings=_settings(settings),
-        policies=policies,
         opponents=_weights(opponents),
-        prioritised=prioritised,
-        snapshots=snapshots,
-        processes=processes,
-        halves=halves,
-        memory=memory,
-        critic=critic,
         warm_start=_start(warm_start),
         anneal=_annealed(anneal),
-        levels=levels,
-        loss=loss,
-        networks=networks,
     )
     check_callbacks(callbacks)
     place = Path(folder) if folder is not None else usual_folder(config)
