@@ -56,12 +56,9 @@ class Evaluation:
         chosen: The policies.
         pairings: The pairings that are complete.
         each: Episodes of a pairing that each world plays.
-        worlds: How many worlds there are.
-        seed: The seed of the evaluation.
 
-    Raises:
-        ScenarioError: The scenario cannot be played.
-        TrainingError: A policy cannot play there, or there is no side to play against.
+    Raises ScenarioError if the scenario cannot be played, and TrainingError if a policy cannot play there, or there is
+    no side to play against.
     """
 
     def __init__(
@@ -125,10 +122,8 @@ class Evaluation:
     def groups(self) -> Groups | None:
         """Ratings and wins of groups of runs that differ by their seeds only, with intervals over seeds and games.
 
-        None if no such group has several runs or there is only one group, and until all pairings are complete.
-
-        Raises:
-            TrainingError: Two of the policies are the same run, or runs of one seed.
+        None if no such group has several runs or there is only one group, and until all pairings are complete. Raises
+        TrainingError if two of the policies are the same run, or runs of one seed.
         """
         return self._groups if self.complete else None
 
@@ -139,14 +134,9 @@ class Evaluation:
         return rate_groups(grouped, *self._games(), self.seed) if several else None
 
     def estimates(self, policy: str, against: str) -> Estimates:
-        """Mean and standard error of each column, for a policy against another one: see training.columns.
+        """Mean and standard error of each column, for a policy against another one or itself, by their labels.
 
-        Args:
-            policy: The label of the policy.
-            against: The label of the other one, or the same label.
-
-        Raises:
-            TrainingError: There is no such pairing, or it is not complete.
+        Raises TrainingError if there is no such pairing, or it is not complete.
         """
         names = [contender.label for contender in self.chosen]
         for pairing in self.pairings:

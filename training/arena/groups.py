@@ -79,12 +79,8 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     A group that won every game would win every resampled one, too. So the interval of a share that is 1 or 0 ends
     there, and a rating that no game bounds has an infinite end, see `ratings.chained`.
 
-    Args:
-        groups: At least two, which hold all policies.
-        wins: Games that each policy won against each other, (policies, policies).
-        draws: Games that were drawn, of the same shape.
-        seed: The same seed gives the same intervals.
-        reps: How many resamplings.
+    groups: At least two, which hold all policies. wins, draws: Games that each policy won against each other, and that
+    were drawn, (policies, policies). seed: The same seed gives the same intervals.
     """
     generator, own = np.random.default_rng(seed), np.zeros((1, len(groups), len(wins)))
     for g, group in enumerate(groups):

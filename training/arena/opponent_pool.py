@@ -101,15 +101,11 @@ class OpponentPool:
         prioritised: bool,
         memory: int = 0,
     ) -> None:
-        """Make a pool without past selves.
+        """Make a pool without past selves, for worlds like those of `env`.
 
-        Args:
-            weights: Weights by path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup.
-            players: The players of the paths.
-            env: Worlds like those that are played in.
-            prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals
-                et al., 2019). The present self keeps its weight.
-            memory: Width of the memory of the learners' policies.
+        weights: By path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup. players: Those of the paths.
+        prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals et
+        al., 2019). The present self keeps its weight. memory: Width of the memory of the learners' policies.
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}

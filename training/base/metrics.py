@@ -136,11 +136,8 @@ class BehaviourMetrics:
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
         """Tallies of the living agents of a rollout: what learners do, and the share of all agents that live.
 
-        Args:
-            own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
-            actions: Integers (steps, worlds, agents, actions).
-            living: Who lived when it observed, bool (steps, worlds, agents).
-            learns: Who was played by learners, bool of the same shape.
+        own: Observations that belong to no entity, by key. living, learns: Who lived when it observed, and who was
+        played by learners, bool. All are (steps, worlds, agents, ...).
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for each in (self._heals, self._reaches):

@@ -76,23 +76,17 @@ class Preset:
     def difference(self, recorded: Any, scenario: Scenario) -> str:
         """How a recorded scenario differs from what this preset trains in if asked for `scenario`; "": not at all.
 
-        Args:
-            recorded: The fingerprint of the recorded scenario, from the header of a run or a file.
-            scenario: The scenario as it is asked for, without the observations that the preset or opponents need.
+        recorded: The fingerprint of the recorded scenario. scenario: As it is asked for, without the observations that
+        the preset or opponents need.
         """
         found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """How many worlds, and how many environment steps of all of them together a rollout has.
+        """How many worlds of so many agents, and how many environment steps of all of them together a rollout has.
 
-        Args:
-            agents: How many agents a world has.
-            worlds: How many worlds are asked for; 0: as the preset has it.
-            rollout: Environment steps that are asked for; 0: as the preset has it.
-
-        Raises:
-            TrainingError: The worlds cannot share the steps evenly.
+        worlds, rollout: What is asked for; 0: as the preset has it. Raises TrainingError if the worlds cannot share the
+        steps evenly.
         """
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)

@@ -40,16 +40,11 @@ def play(
     path: Path,
     progress: Callable[[int], None] = lambda ended: None,
 ) -> dict[str, Any]:
-    """Play a match and record it.
+    """Play a match and record it; returns the outcome, see `outcome`, with "recording", the digest of the file.
 
-    Returns the outcome, see `outcome`, with "recording", the digest of the file.
-
-    Args:
-        game: What is played.
-        pair: Two policies, or one that meets itself.
-        games: How many games, each in a world of its own: an even number, so that both play each side equally often.
-        path: The file of the recording, written whole or not at all.
-        progress: Called with how many more games have ended.
+    pair: Two policies, or one that meets itself. games: How many games, each in a world of its own: an even number, so
+    that both play each side equally often. path: The file of the recording, written whole or not at all.
+    progress: Called with how many more games have ended.
     """
     with worlds(game, pair, games) as env, atomic_write(path) as place:
         with record(env, place):
@@ -63,7 +58,7 @@ def outcome(found: MatchResults) -> dict[str, Any]:
     """Turn a match into numbers for JSON.
 
     Returns "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
-    training.columns, as [mean, standard error], without those that could not be measured; the error of what was
+    base.quantities, as [mean, standard error], without those that could not be measured; the error of what was
     measured in one game only is 0.
     """
     pairing = Pairing((0, 1), found)

@@ -25,11 +25,8 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
 
     Returns (batch, width). Raises ValueError: a gradient with respect to the observations is asked for.
 
-    Args:
-        padded: What a batch of agents observes.
-        weight: Weights of the layers of all kinds, one below the other, (numbers of all kinds, width).
-        bias: Biases of the same layers, (kinds, width).
-        attention: Only its parameters and its number of heads are used.
+    weight, bias: Of the layers of all kinds, one below the other, (numbers of all kinds, width) and (kinds, width).
+    attention: Only its parameters and its number of heads are used.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")

@@ -77,14 +77,10 @@ class Learner:
     ) -> dict[str, float]:
         """Train on a rollout.
 
-        Args:
-            rollout: A rollout; some of its samples are this learner's.
-            left: Share of the run that is left, for a learning rate that is annealed.
-            on_epoch: Called with the number of each epoch of this update as it begins.
-            shared: Calls a function for each share of a minibatch, as `map` does, maybe on several threads. Shares do
-                not depend on the number of threads, so neither do the sums of their gradients.
-
-        Returns what is logged, by tag; nothing if fewer than two samples are this learner's.
+        left: Share of the run that is left, for a learning rate that is annealed. on_epoch: Called with the number of
+        each epoch of this update as it begins. shared: Calls a function for each share of a minibatch, as `map` does,
+        maybe on several threads. Shares do not depend on the number of threads, so neither do the sums of their
+        gradients. Returns what is logged, by tag; nothing if fewer than two samples are this learner's.
         """
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
