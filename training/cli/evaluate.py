@@ -86,13 +86,20 @@ def run(options: argparse.Namespace) -> int:
             status, complete = STOPPED, len(evaluation.pairings)
             logger.warning("stopped; %d of %d pairings are complete", complete, len(evaluation.pairs))
         finally:
-            print(arena.text(evaluation, terminal_width()))
-            print(f"\n{time.perf_counter() - start:,.0f} s", flush=True)
-            if folder is not None and evaluation.pairings:
-                print("", *arena.write_tables(evaluation, folder), sep="\n", flush=True)
+            _report(evaluation, folder, time.perf_counter() - start)
         if hidden is not None and folder is not None and not status:
             status = _print_each(films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder))
     return status
+
+
+def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
+    """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError."""
+    from ..arena.evaluation import text, write_tables
+
+    print(text(evaluation, terminal_width()))
+    print(f"\n{seconds:,.0f} s", flush=True)
+    if folder is not None and evaluation.pairings:
+        print("", *write_tables(evaluation, folder), sep="\n", flush=True)
 
 
 def _print_each(paths: Iterable[Path]) -> int:
