@@ -21,7 +21,7 @@ for library in ("torch", "tensorboard", "matplotlib"):
 
 from outlast.training.research import corrected_games as mended  # noqa: E402
 from outlast.training.research import output  # noqa: E402
-from tests.training.test_run import outlast_train  # noqa: E402
+from tests.helpers.runs import outlast_train  # noqa: E402
 
 RESULTS = Path(__file__).parents[2] / "results"
 

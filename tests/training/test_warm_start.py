@@ -7,41 +7,36 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import variant
+from outlast import integers
 from outlast.ecs import NumberError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base.annealing import Anneal, parse_anneal  # noqa: E402
-from outlast.training.base.config import IMITATED, parse_warm_start  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.log_file import read_log  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.ppo.trainer import IMITATION, Trainer  # noqa: E402
-from outlast.training.runs.run import TrainingConfig, TrainingRun  # noqa: E402
+import torch
+
+from outlast.training.base.annealing import parse_anneal
+from outlast.training.base.config import IMITATED, TrainingConfig, parse_warm_start
+from outlast.training.base.errors import TrainingError
+from outlast.training.policies import checkpoint
+from outlast.training.ppo.trainer import IMITATION, Trainer
+from outlast.training.runs.run import TrainingRun
+from tests.helpers.runs import EACH, SHORT, names
+from tests.helpers.runs import config as tiny
+from tests.helpers.runs import points as logged
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
-EACH = 8 * 24 * 2  # agent-steps of a rollout
 START = CHECKPOINT.format(0)
 
 
 def config(steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:
-    given = {"scenario": SHORT, "preset": "fast", "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1}
-    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal_lr": False}, "seed": 3} | changes))
+    return tiny(steps, **({"preset": "fast", "every": 10 * EACH} | changes))
 
 
-def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
-    """The points of a log, but for times."""
-    found = read_log(folder / "log.csv")
-    return {tag: values for tag, values in found.items() if not tag.startswith("time/") and "seconds" not in tag}
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.glob("*.zip"))
+def points(folder: Path) -> dict[str, Any]:
+    return {tag: values for tag, values in logged(folder).items() if "seconds" not in tag}
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:
@@ -51,6 +46,22 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 def same(one: Any, other: Any) -> bool:
     return all(torch.equal(one[key], other[key]) for key in one)
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that begins by imitation, with a checkpoint after each rollout. It must stay as it is."""
+    folder = tmp_path_factory.mktemp("taught") / "run"
+    TrainingRun(config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH), folder).train()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that begins at random. It must stay as it is."""
+    folder = tmp_path_factory.mktemp("random") / "a,self:0.5"  # a folder may have a colon
+    TrainingRun(config(2 * EACH, every=EACH), folder).train()
+    return folder
 
 
 def test_a_policy_learns_to_do_as_the_teacher_does() -> None:
@@ -66,21 +77,36 @@ def test_a_policy_learns_to_do_as_the_teacher_does() -> None:
     assert trainer.lane.teacher is None
 
 
-def test_its_checkpoint_is_the_start_of_a_run_that_never_imitates_again(tmp_path: Path) -> None:
-    own = config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH)
-    TrainingRun(own, tmp_path / "whole").train()
-    assert names(tmp_path / "whole") == [CHECKPOINT.format(k * EACH) for k in range(5)]
-    found = points(tmp_path / "whole")
+def test_its_checkpoint_is_the_start_and_a_run_never_imitates_again(taught: Path, first: Path, tmp_path: Path) -> None:
+    assert names(taught) == [CHECKPOINT.format(k * EACH) for k in range(5)]
+    found, folder = points(taught), tmp_path / "run"
     assert found["imitation/agent_steps"] == [(0, 2 * EACH)]
     assert [step for step, _ in found["train/loss"]] == [EACH * k for k in (1, 2, 3, 4)]
-    TrainingRun(config(4 * EACH, every=EACH), tmp_path / "random").train()
-    assert not same(weights(tmp_path / "whole" / START), weights(tmp_path / "random" / CHECKPOINT.format(EACH)))
+    assert not same(weights(taught / START), weights(first / CHECKPOINT.format(EACH)))
+    shutil.copytree(taught, folder)
     for k in range(1, 5):  # as if it had been killed behind its first checkpoint
-        (tmp_path / "whole" / CHECKPOINT.format(k * EACH)).unlink()
-    TrainingRun(own, tmp_path / "whole", resume=True).train()
-    assert points(tmp_path / "whole") == found
+        (folder / CHECKPOINT.format(k * EACH)).unlink()
+    TrainingRun(config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH), folder, resume=True).train()
+    assert points(folder) == found
     with pytest.raises(TrainingError, match="begun with warm_start = "):
-        TrainingRun(config(4 * EACH, warm_start="scripted", every=EACH), tmp_path / "whole", resume=True)
+        TrainingRun(config(4 * EACH, warm_start="scripted", every=EACH), folder, resume=True)
+
+
+def test_an_imitation_that_is_stopped_saves_nothing(taught: Path, tmp_path: Path, monkeypatch) -> None:
+    def stop(run: TrainingRun) -> None:
+        assert run.now.startswith("imitated")
+        raise KeyboardInterrupt
+
+    own = config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH)
+    with monkeypatch.context() as patch:
+        patch.setitem(IMITATION, "learning_rate", 1e6)
+        with pytest.raises(TrainingError, match=f"imitation .* diverged: after {EACH} agent-steps .* --warm-start"):
+            TrainingRun(own, tmp_path).train()
+    with pytest.raises(KeyboardInterrupt):
+        TrainingRun(own, tmp_path, resume=True).train(stop)
+    assert not names(tmp_path)
+    TrainingRun(own, tmp_path, resume=True).train()
+    assert points(tmp_path) == points(taught)
 
 
 def test_games_while_it_imitates_do_not_count() -> None:
@@ -92,49 +118,21 @@ def test_games_while_it_imitates_do_not_count() -> None:
     assert trainer.opponents.all[1].total
 
 
-def test_a_teacher_may_lie_elsewhere_when_a_run_goes_on(tmp_path: Path) -> None:
+def test_a_teacher_may_lie_elsewhere_when_a_run_goes_on(first: Path, tmp_path: Path) -> None:
     """By the same file name; or be a later policy of the same run. By another name elsewhere it is another teacher."""
-    TrainingRun(config(2 * EACH, every=EACH), tmp_path / "first").train()
-    early, late = (tmp_path / "first" / CHECKPOINT.format(k * EACH) for k in (1, 2))
+    early, late = (first / CHECKPOINT.format(k * EACH) for k in (1, 2))
     TrainingRun(config(EACH, warm_start=f"{early}:{EACH}"), tmp_path / "second").train()
-    (tmp_path / "moved").mkdir()
     TrainingRun(config(2 * EACH, warm_start=f"{late}:{EACH}"), tmp_path / "second", resume=True).train()
-    elsewhere = shutil.copy(late, tmp_path / "moved")
-    TrainingRun(config(3 * EACH, warm_start=f"{elsewhere}:{EACH}"), tmp_path / "second", resume=True).train()
     (tmp_path / "third").mkdir()
-    other = shutil.copy(late, tmp_path / "third" / "other.zip")
+    elsewhere, other = shutil.copy(late, tmp_path), shutil.copy(late, tmp_path / "third" / "other.zip")
+    TrainingRun(config(3 * EACH, warm_start=f"{elsewhere}:{EACH}"), tmp_path / "second", resume=True).train()
     for wrong in (f"{elsewhere}:{2 * EACH}", f"{elsewhere}", f"{other}:{EACH}", "scripted"):
         with pytest.raises(TrainingError, match="begun with warm_start = "):
             TrainingRun(config(4 * EACH, warm_start=wrong), tmp_path / "second", resume=True)
 
 
-def test_ctrl_c_while_it_imitates_saves_nothing_and_it_begins_again(tmp_path: Path) -> None:
-    def stop(run: TrainingRun) -> None:
-        assert run.now.startswith("imitated")
-        raise KeyboardInterrupt
-
-    own = config(EACH, warm_start=f"scripted:{3 * EACH}")
-    with pytest.raises(KeyboardInterrupt):
-        TrainingRun(own, tmp_path / "parts").train(stop)
-    assert not names(tmp_path / "parts")
-    TrainingRun(own, tmp_path / "parts", resume=True).train()
-    TrainingRun(own, tmp_path / "whole").train()
-    assert points(tmp_path / "parts") == points(tmp_path / "whole")
-
-
-def test_an_imitation_that_diverges_is_said_to_be_so_and_saves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(IMITATION, "learning_rate", 1e6)
-    run = TrainingRun(config(EACH, warm_start=f"scripted:{EACH}"), tmp_path / "run")
-    with pytest.raises(TrainingError, match=f"imitation .* diverged: after {EACH} agent-steps .* --warm-start"):
-        run.train()
-    assert not names(tmp_path / "run")
-
-
-def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
-    TrainingRun(config(EACH), tmp_path / "first").train()
-    file = tmp_path / "first" / CHECKPOINT.format(EACH)
+def test_a_file_is_where_the_weights_begin(first: Path, tmp_path: Path) -> None:
+    file = Path(shutil.copy(first / CHECKPOINT.format(EACH), tmp_path))
     TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second").train()
     assert same(weights(tmp_path / "second" / START), weights(file))
     file.unlink()  # a run that goes on needs it no more
@@ -147,8 +145,9 @@ def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("critic", ["own", "state"])
 def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Path) -> None:
-    TrainingRun(config(EACH, critic=critic), tmp_path).train()
-    file = str(tmp_path / CHECKPOINT.format(EACH))
+    file, trained = str(tmp_path / "a.zip"), Trainer(config(critic=critic))
+    trained.update(trained.collect())
+    checkpoint.write_checkpoint(Path(file), trained.policy_files(trained.config.header()))
     plain, large = (
         Trainer(config(warm_start=file, critic=critic, scenario=SHORT.replace(room_size=size)))
         for size in (SHORT.numbers()["room_size"], 50.0)
@@ -166,48 +165,35 @@ def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Pa
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
-def test_other_networks_can_be_imitated_but_not_taken(tmp_path: Path) -> None:
-    TrainingRun(config(EACH, preset="scaled"), tmp_path / "first").train()
-    file = tmp_path / "first" / CHECKPOINT.format(EACH)
-    with pytest.raises(TrainingError, match=rf"preset 'scaled'.*imitate it instead: --warm-start .*\.zip:{IMITATED}"):
-        TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second")
-    assert not (tmp_path / "second").exists()
-    TrainingRun(config(EACH, warm_start=f"{file}:{EACH}"), tmp_path / "second").train()
-    assert START in names(tmp_path / "second")
+def test_other_networks_can_be_imitated_but_not_taken(first: Path, tmp_path: Path) -> None:
+    file = first / CHECKPOINT.format(EACH)
+    with pytest.raises(TrainingError, match=rf"preset 'fast'.*imitate it instead: --warm-start .*\.zip:{IMITATED}"):
+        TrainingRun(config(EACH, preset="scaled", warm_start=str(file)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    TrainingRun(config(EACH, preset="scaled", warm_start=f"{file}:{EACH}"), tmp_path / "run").train()
+    assert START in names(tmp_path / "run")
 
 
-@pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("", ("", 0)),
-        ("scripted", ("scripted", IMITATED)),
-        ("scripted:2e6", ("scripted", 2_000_000)),
-        ("a.zip", ("a.zip", 0)),
-        ("c:/a.zip", ("c:/a.zip", 0)),
-        ("c:/a.zip:5", ("c:/a.zip", 5)),
-    ],
-)
-def test_what_a_warm_start_means(text: str, meant: tuple[str, int]) -> None:
-    assert parse_warm_start(text) == meant
-
-
-def test_a_folder_may_have_a_colon(tmp_path: Path) -> None:
-    TrainingRun(config(EACH), tmp_path / "a,self:0.5").train()
-    for text, steps in (("", 0), (":7", 7)):
-        assert parse_warm_start(f"{tmp_path}/a,self:0.5{text}") == (f"{tmp_path}/a,self:0.5", steps)
-
-
-@pytest.mark.parametrize("text", ["script", "random", "scripted:0", "scripted:x", "scripted:1.5", "scripted:inf", ":5"])
-def test_what_no_warm_start_is(text: str) -> None:
-    with pytest.raises(TrainingError, match="warm start"):
-        config(warm_start=text)
+def test_what_a_warm_start_means(first: Path) -> None:
+    for text, meant in {
+        "": ("", 0),
+        "scripted": ("scripted", IMITATED),
+        "scripted:2e6": ("scripted", 2_000_000),
+        "c:/a.zip": ("c:/a.zip", 0),
+        "c:/a.zip:5": ("c:/a.zip", 5),
+        f"{first}": (f"{first}", 0),
+        f"{first}:7": (f"{first}", 7),
+    }.items():
+        assert parse_warm_start(text) == meant
+    for text in ("script", "random", "scripted:0", "scripted:x", "scripted:1.5", "scripted:inf", ":5"):
+        with pytest.raises(TrainingError, match="warm start"):
+            config(warm_start=text)
 
 
 def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
     """Each rollout is played, and logged, with the value that its first step has."""
-    own = config(
-        4 * EACH, anneal=parse_anneal([f"rewards_alive=5:1@{2 * EACH}", "safe_zone_damage=3:1"]), every=2 * EACH
-    )
+    anneal = parse_anneal([f"rewards_alive=5:1@{2 * EACH}", "safe_zone_damage=3:1"])
+    own = config(4 * EACH, anneal=anneal, every=2 * EACH)
     TrainingRun(own, tmp_path / "whole").train()
     found = points(tmp_path / "whole")
     assert found["anneal/rewards_alive"] == [(k * EACH, value) for k, value in ((1, 5.0), (2, 3.0), (3, 1.0), (4, 1.0))]
@@ -219,16 +205,6 @@ def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
     assert points(tmp_path / "whole") == found
     with pytest.raises(TrainingError, match="begun with anneal = "):
         TrainingRun(config(4 * EACH), tmp_path / "whole", resume=True)
-
-
-def test_rewards_are_those_of_the_moment() -> None:
-    trainer = Trainer(config(4 * EACH, anneal=(Anneal("rewards_alive", 8.0, 0.0, 2 * EACH),)))
-    trainer.collector.numbers = trainer.learners[0].numbers
-    seen = []
-    for _ in range(3):
-        trainer.collect()
-        seen.append(float(np.max(trainer.lane.samples.rewards)))
-    assert seen == [8.0, 4.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -244,8 +220,22 @@ def test_rewards_are_those_of_the_moment() -> None:
         ("rewards_kill=a:b", "NUMBER=FROM:TO or"),
         ("rewards_kill=inf:0", "finite numbers are needed"),
         ("rewards_kill=1:0@0", "of STEPS a whole one of at least 1"),
+        ("heals_amount=1:40", "heals_amount varies from world to world; annealed, it would be one"),
     ],
 )
 def test_what_cannot_be_annealed_is_refused(text: str, wrong: str) -> None:
     with pytest.raises((TrainingError, NumberError), match=wrong):
-        Trainer(config(anneal=parse_anneal([text])))
+        Trainer(config(scenario=SHORT.vary(heals_amount=integers(5, 20)), anneal=parse_anneal([text])))
+
+
+def test_annealed_numbers_are_logged_as_they_were_played() -> None:
+    """Rewards, too, are those of the moment."""
+    anneal = parse_anneal(["melee_damage=1:40", f"rewards_alive=8:0@{2 * EACH}"])
+    trainer, found = Trainer(config(3 * EACH, anneal=anneal, settings={"scale_rewards": False})), []
+    for _ in range(3):
+        trainer.collect()
+        damage = trainer.report()["anneal/melee_damage"]
+        assert trainer.env.worlds.number("melee_damage") == damage
+        found.append((damage, float(np.max(trainer.lane.samples.rewards))))
+    assert found == [(1, 8.0), (14, 4.0), (27, 0.0)]
+    assert anneal[0].value(0, trainer.config.scenario) == 1

@@ -1,0 +1,293 @@
+"""`outlast.train` and `outlast train`: a run in one call, and several side by side, in a process each."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.ecs import NumberError
+from outlast.envs.cli.main import parser
+from outlast.envs.errors import UsageError
+from outlast.envs.rollout.saved import CHECKPOINT
+
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from outlast.training.base.config import TrainingConfig, Workload
+from outlast.training.base.errors import TrainingError
+from outlast.training.cli import train
+from outlast.training.runs.child_runs import ChildRun, side_by_side
+from outlast.training.runs.live_view import LiveView
+from tests.helpers.runs import assert_same, names, outlast_train, points
+from tests.training.test_crew import children
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+TINY: dict[str, Any] = {"preset": "original", "worlds": 8, "rollout": 512, "threads": 1, "settings": {"n_epochs": 1}}
+WORDS = ("--preset=original", "--worlds=8", "--rollout=512", "--threads=1", "--ppo=n_epochs=1", "--quiet")
+
+
+def test_a_run_in_one_call_is_that_of_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    given: dict[str, Any] = TINY | {"seed": 3, "quiet": True, "melee_damage": 20, "memory": 8, "critic": "state"}
+    run = outlast.train("ffa_1", tmp_path / "a", steps=1500, **given)
+    more = ("--set", "melee_damage=20", "--memory", "8", "--critic", "state")
+    assert outlast_train("ffa_1", *WORDS, "--steps", "1.5e3", "--seed", "3", *more) == 0
+    assert "ffa_1-melee_damage=20-original-3: 2,048 agent-steps, which are 1,024 env" in capsys.readouterr().out
+    assert_same(tmp_path / "a", tmp_path / "runs/ffa_1-melee_damage=20-original-3")
+    assert (run.folder, run.steps, run.policy.name) == (tmp_path / "a", 2048, CHECKPOINT.format(2048))
+    assert run.logged["time/env_steps"] == 1024
+    again = outlast.train("ffa_1", tmp_path / "a", steps=2500, **given, resume=True)
+    assert again.steps == 3072
+    done = outlast.train("ffa_1", tmp_path / "a", steps=2500, **given, resume=True)
+    assert done.logged == pytest.approx(again.logged, nan_ok=True)
+    assert outlast.load_policy(again.policy).header["steps"] == 3072
+
+
+def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    weights = "self:0.5,scripted:0.5"
+    one = outlast.train("ffa_1", steps=1, **TINY, quiet=True, opponents=weights, anneal="rewards_kill=10:0")
+    assert one.folder == Path("runs/ffa_1-original-0")
+    both = {"opponents": {"self": 0.5, "scripted": 0.5}, "anneal": ["rewards_kill=10:0"]}
+    other = outlast.train("ffa_1", "other", steps=1, **TINY, quiet=True, **both)
+    assert points(one.folder) == points(other.folder)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"melee_damge": 3}, "did you mean melee_damage"),
+        ({"opponent": "past"}, "did you mean opponents"),
+        ({"gamma": 0.9}, r"gamma is a number of PPO: settings=\{'gamma': 0.9\}"),
+        ({"settings": {"gama": 0.9}}, "did you mean gamma"),
+        ({"opponents": "slef"}, "did you mean self"),
+        ({"critic": "world"}, "critic = 'world': allowed are 'own', 'state'"),
+        ({"anneal": None}, "anneal = None: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'"),
+        ({"settings": "gamma=0.9"}, "settings = 'gamma=0.9': numbers of PPO by name are needed, as in"),
+        ({"opponents": {max: 1, "self": 1}}, "opponents: <built-in function max> is no opponent of training: names or"),
+        ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: names .* {'self': 1, 'runs/a': 1}"),
+        ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
+        ({"processes": 1.5}, "processes = 1.5: a whole number from 1 is needed"),
+        ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
+    ],
+)
+def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises((NumberError, UsageError, outlast.ScenarioError), match=words):
+        outlast.train("ffa_1", tmp_path / "run", **wrong)
+    assert not (tmp_path / "run").exists()
+
+
+def work(steps: int, **options: Any) -> Workload:
+    return Workload.of(TrainingConfig(outlast.variant("ffa_2"), steps=steps, **options))
+
+
+def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
+    back = outlast.variant("ffa_2").with_(outlast.systems.Respawn()).replace(ending_rule="never", ending_limit=9)
+    assert TrainingConfig(back, steps=1).dead == "keep"
+    with pytest.raises(TrainingError, match="dead = 'drop': agents come back here"):
+        TrainingConfig(back, steps=1, dead="drop")
+
+
+def test_whole_rollouts_are_said_before_they_are_collected() -> None:
+    """F23: --steps 100 collects 65,536, and showed 0.00/100 meanwhile."""
+    sizes = "(256 worlds x 128 steps x 2 agents)"
+    assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
+    assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
+    assert (work(100).total, work(10**7).total, work(65_537).total) == (65_536, 153 * 65_536, 131_072)
+    varied = outlast.variant("ffa_2").vary(n_agents=outlast.integers(2, 3))
+    asked = TrainingConfig(varied, steps=8192, worlds=8, rollout=1024)
+    assert str(Workload.of(asked)) == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
+    partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})  # steps of opponents count
+    assert (str(partly), partly.total) == (str(work(10**7)), work(10**7).total)
+
+
+def test_the_first_line_says_it_and_whether_a_resumed_run_begins_at_0(tmp_path: Path, capsys) -> None:
+    """As after a kill before the first checkpoint; a run that does go on says nothing of it."""
+    for steps, resume, gone in ((100, False, False), (2000, True, False), (100, True, True)):
+        for file in tmp_path.glob("steps_*.zip") if gone else ():
+            file.unlink()
+        assert outlast.train("ffa_1", tmp_path, steps=steps, resume=resume, **TINY).steps == 1024 * (1 + steps // 2000)
+        first, *rest = capsys.readouterr().err.splitlines()
+        assert (f"no checkpoint in {tmp_path} yet: begins at 0" in rest) == gone
+        if steps == 100:
+            words = "ffa_1, preset original, seed 0: 100 agent-steps, rounded up to one rollout of 1,024 "
+            assert first == f"{words}(8 worlds x 64 steps x 2 agents), with an update after each"
+            assert rest[-1].startswith("1.02k of 1.02k agent-steps; ")
+
+
+def test_what_is_slow_to_load_is_not_loaded(tmp_path: Path) -> None:
+    """It takes seconds and 80 MB. A process of its own, as other tests may have loaded it."""
+    program = "import sys, outlast; outlast.train('ffa_1', sys.argv[1], steps=1, worlds=8, rollout=64, quiet=True); "
+    program += "sys.exit('torch._dynamo' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program, str(tmp_path / "run")], check=False).returncode == 0
+    # and without what else is slow to load
+    text = "import sys; from outlast.training.cli import plot, train, watch\n"
+    text += "assert not {'torch', 'stable_baselines3', 'http.server', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", text], check=True)
+
+
+@pytest.mark.nightly
+def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys) -> None:
+    """What comes out is what single runs give."""
+    options = ("--steps", "1024", *WORDS, "--out")
+    assert outlast_train("ffa_1", "1v1_heals_mid", "--seed", "0", "3", *options, str(tmp_path)) == 0
+    output = capsys.readouterr().out
+    for name in ("ffa_1-original-0", "ffa_1-original-3", "ffa_2-original-0", "ffa_2-original-3"):
+        assert f"{name}: trained 1,024 agent-steps in" in output
+        assert names(tmp_path / name) == [CHECKPOINT.format(1024)]
+    assert outlast_train("ffa_2", "--seed", "3", "--threads", "1", *options, str(tmp_path / "one")) == 0
+    assert points(tmp_path / "one") == points(tmp_path / "ffa_2-original-3")
+    assert points(tmp_path / "one") != points(tmp_path / "ffa_2-original-0")
+
+
+@pytest.mark.nightly
+def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys) -> None:
+    small = ("--seed", "0", "1", *WORDS, "--out", str(tmp_path))
+    alone = ("--seed", "0", "--steps", "1024", *WORDS, "--out", str(tmp_path / "ffa_1-original-0"))
+    assert outlast_train("ffa_1", *alone) == 0
+    assert outlast_train("ffa_1", "--steps", "2048", *small) == 2
+    output = capsys.readouterr().out
+    assert "ffa_1-original-0: outlast: " in output
+    assert "is not empty: go on with --resume" in output
+    assert "ffa_1-original-1: trained 2,048 agent-steps" in output
+    assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
+    assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
+
+
+@pytest.mark.parametrize(
+    ("program", "last"),
+    [
+        ("", "outlast train ffa_2 --resume"),  # the end of the help; what reads its input must hold nothing
+        ("print('said\\n' * 100_000, 'at last\\n')", "run: at last\n"),  # more than a pipe holds
+    ],
+    ids=["help", "much"],
+)
+def test_a_run_ends_well_whatever_it_prints(program: str, last: str, tmp_path: Path, capsys) -> None:
+    run = ChildRun(tmp_path / "run", ["--help"], resume=False)
+    if program:
+        run.words = [sys.executable, "-c", program]
+    run.start()
+    assert run.process.wait(60) == run.report() == 0
+    assert last in capsys.readouterr().out
+
+
+class Killed(ChildRun):
+    def start(self) -> None:
+        super().start()
+        self.process.kill()
+
+
+def test_a_run_that_was_killed_failed(tmp_path: Path, capsys) -> None:
+    """Also beside others that end well."""
+    runs = [kind(tmp_path / name, ["--help"], resume=False) for kind, name in ((Killed, "killed"), (ChildRun, "well"))]
+    assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == 128 + signal.SIGKILL
+    assert "killed: ended by signal 9: ended without a word" in capsys.readouterr().out
+
+
+def test_every_option_reaches_every_run() -> None:
+    """Words of options that differ from the usual in every option give the same options again."""
+    (command,) = (each.choices["train"] for each in parser()._actions if isinstance(each.choices, dict))
+    given = """
+        --layout=maze --set=n_agents=3 --set=melee_damage=4 --vary=melee_reach=uniform(1,2) --without=heals --with=Maze
+        --import=a.py --roles=r.json --save-scenario=s.json --preset=paper --steps=7 --ppo=gamma=0.5 --anneal=a=1:2
+        --policies=side --memory=3 --critic=state --dead=drop --warm-start=scripted --opponents=self:2,past
+        --prioritised --snapshots=4 --worlds=8 --rollout=512 --every=9 --film --quiet --out=o --resume --seed 3
+        --device=cuda --threads=2 --processes=2 --jobs=2 --halves --ray
+    """
+    options = command.parse_args(["ffa_1", *given.split()])
+    usual = command.parse_args(["ffa_1"])
+    assert [name for name in vars(usual) if getattr(usual, name) == getattr(options, name)] == ["variant", "run"]
+    again = command.parse_args(["ffa_1", *command.words(options, leave_out=train.OWN)])
+    different = {name for name in vars(usual) if getattr(again, name) != getattr(options, name)}
+    assert different == set(train.OWN) - {"variant"}
+    assert command.words(usual) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("ffa_1 1v1_heals_low", "name each variant and each seed once"),
+        ("ffa_1 --jobs 2", "--jobs has no effect on one run: leave it out, or name several"),
+        ("ffa_2 --ppo gama=1", "PPO has no number 'gama'; did you mean gamma.$"),
+        ("ffa_2 --steps 1.5", "1.5: an integer of at least 1 is needed"),
+        ("ffa_2 --memory 8 --rollout 2560", "--rollout 4096"),
+    ],
+)
+def test_what_the_command_refuses(words: str, message: str, tmp_path: Path, capsys) -> None:
+    """Whether the words are wrong or the plan."""
+    with pytest.raises((TrainingError, SystemExit)) as caught:
+        outlast_train(*words.split(), "--out", str(tmp_path / "run"))
+    assert re.search(message, f"{caught.value}{capsys.readouterr().err}")
+    assert not (tmp_path / "run").exists()
+
+
+def test_resumed_runs_without_a_checkpoint_are_named(tmp_path: Path, monkeypatch, capsys) -> None:
+    """A run that was killed before its first one, and a run that never began."""
+    monkeypatch.setattr(train, "side_by_side", lambda *_: 0)
+    for k, name in enumerate(["log.csv", CHECKPOINT.format(1024)]):
+        (tmp_path / f"ffa_1-fast-{k}").mkdir()
+        (tmp_path / f"ffa_1-fast-{k}" / name).touch()
+    assert outlast_train("ffa_1", "--seed", "0", "1", "2", "--resume", "--out", str(tmp_path)) == 0
+    assert capsys.readouterr().err.splitlines()[1] == "no checkpoint yet, begins at 0: ffa_1-fast-0, ffa_1-fast-2"
+
+
+@contextlib.contextmanager
+def two_runs(
+    folder: Path, prepare: Callable[[], object] | None = None
+) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
+    """A command that trains two runs, which have logged something; and their logs. prepare: called in its process."""
+    words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(folder), *WORDS]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, preexec_fn=prepare) as process:
+        logs = [folder / f"{name}-original-0/log.csv" for name in ("ffa_1", "ffa_2")]
+        deadline = time.monotonic() + 200
+        while not all(log.exists() and log.read_text().count("\n") > 1 for log in logs):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
+        yield process, logs
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
+    with two_runs(tmp_path, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) as (process, logs):
+        process.kill()  # one that a script has begun in the background
+    deadline = time.monotonic() + 100
+    while not all(names(log.parent) for log in logs):  # a run that is killed has no checkpoint so early
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    time.sleep(1)
+    sizes = [log.stat().st_size for log in logs]
+    time.sleep(2)
+    assert [log.stat().st_size for log in logs] == sizes  # nobody goes on
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_asked_or_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
+    """Clusters send SIGTERM to every process, and the command stops its runs: they are interrupted twice."""
+    with two_runs(tmp_path) as (process, logs):
+        process.send_signal(signal.SIGUSR1)
+        deadline = time.monotonic() + 100
+        while not all(names(log.parent) for log in logs):  # no other checkpoint comes so early
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
+        for pid in [*children(process.pid), process.pid] if number == signal.SIGTERM else [process.pid]:
+            os.kill(pid, number)
+        out, err = process.communicate(timeout=100)
+    assert process.returncode == status
+    assert err.strip() == "outlast: stopped: go on with --resume"
+    assert out.count(": trained ") == 2
+    assert all(names(log.parent) for log in logs)
