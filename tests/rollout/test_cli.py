@@ -1,38 +1,55 @@
-"""The command line does what the README says, and says what is wrong in one line."""
+"""The command line does what the README says, takes words as people type them, and refuses mistakes in one line."""
 
 import contextlib
 import logging
+import os
 import re
+import shlex
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 import outlast
-from outlast import ABLATIONS, variant
+from outlast import ABLATIONS, FloorPlan, variant
 from outlast.ecs import NumberError, Worlds
 from outlast.envs.cli import main as cli
+from outlast.envs.cli import options
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import scenario
+from outlast.envs.cli.overview import SECTIONS, summaries
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
 from tests.conftest import interrupted_after, run
 
 
-def test_variants_lists_all_eight_with_their_original_names(capsys):
+def test_variants_lists_all_eight_with_their_original_names(capsys) -> None:
     status, out, _ = run(capsys, "variants")
     assert status == 0
     variants, ablations = out.split("\n\n")
     assert len(variants.splitlines()) == 8
     assert len(ablations.splitlines()) == 1 + len(ABLATIONS)
     assert "teams_4  2v2_all_high" in out
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(("--version",))
+    assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"
 
 
-def test_schedule_prints_the_generated_code(capsys):
+def test_schedule_prints_the_tick_and_the_generated_code(capsys) -> None:
     status, out, _ = run(capsys, "schedule", "ffa_1", "--source")
     assert status == 0
     assert "# ---- MELEE (step): attacks have landed" in out
     assert "def unit(arguments, first, last):  # melee.aim" in out
+    status, out, _ = run(capsys, "schedule", "1v1_heals_low")
+    assert status == 0
+    assert out.index("motors.drive") < out.index("physics.collide") < out.index("safe_zone.apply_damage")
+    assert "boxes." not in out
 
 
 def test_a_system_runs_as_python(capsys):
@@ -43,13 +60,6 @@ def test_a_system_runs_as_python(capsys):
     status, _, err = run(capsys, *few, "--interpret", "melee.ain")
     assert status == 2
     assert "did you mean melee.aim" in err
-
-
-def test_schedule_prints_the_tick(capsys):
-    status, out, _ = run(capsys, "schedule", "1v1_heals_low")
-    assert status == 0
-    assert out.index("motors.drive") < out.index("physics.collide") < out.index("safe_zone.apply_damage")
-    assert "boxes." not in out
 
 
 def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
@@ -84,12 +94,6 @@ def test_rollout_plays_whole_episodes_unless_steps_are_given(capsys):
     assert "not allowed with argument" in capsys.readouterr().err
 
 
-def test_the_same_seed_gives_the_same_table(capsys):
-    arguments = ("rollout", "ffa_2", "--worlds", "2", "--steps", "120", "--set", "safe_zone_damage=100", "--quiet")
-    tables = [run(capsys, *arguments, "--seed", seed)[1].split("ended")[1] for seed in ("5", "5", "6")]
-    assert tables[0] == tables[1] != tables[2]
-
-
 def others(name: str) -> Iterator[tuple[Any, Scenario]]:
     """Values like that of a number of teams_4, which has all mechanics, and the scenario with each that it takes."""
     asked = variant("teams_4")
@@ -120,24 +124,6 @@ def test_set_changes_any_number(name: str) -> None:
             assert scenario(options) == expected
 
 
-def test_a_smaller_room_gets_a_smaller_zone(capsys):
-    numbers = (
-        "--set",
-        "room_size=20",
-        "--set",
-        "safe_zone_radii=8,4",
-        "--set",
-        "safe_zone_stand=5",
-        "--set",
-        "safe_zone_shrink=5",
-    )
-    status, out, _ = run(
-        capsys, "rollout", "ffa_2", *numbers, "--set", "safe_zone_damage=100", "--worlds", "2", "--quiet"
-    )
-    assert status == 0
-    assert float(out.split("length")[1].split()[0]) <= 21  # when the last circle is gone
-
-
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
     monkeypatch.setitem(POLICIES, "random", interrupted_after(110))
@@ -149,26 +135,9 @@ def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
 
 def test_deaths_are_logged_on_request(capsys, caplog):
     with caplog.at_level("INFO", "outlast.deaths"):
-        run(
-            capsys,
-            "rollout",
-            "ffa_1",
-            "--worlds",
-            "4",
-            "--steps",
-            "103",
-            "--policy",
-            "noop",
-            "--set",
-            "safe_zone_damage=100",
-        )
+        words = ("--worlds=4", "--steps=103", "--policy=noop", "--set=safe_zone_damage=100")
+        run(capsys, "rollout", "ffa_1", *words)
     assert "died of zone" in caplog.text
-
-
-def test_the_version_is_printed(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(("--version",))
-    assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"
 
 
 def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
@@ -179,3 +148,279 @@ def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
     assert err.startswith("outlast: compiling 1 system of ffa_1 for this machine; machine code is kept in ")
     assert "outlast: compiled in 0 s\n" in err
     assert logging.getLogger("outlast").handlers == []
+
+
+def commands() -> Any:
+    """The commands of the parser, as argparse keeps them."""
+    (found,) = (action for action in cli.parser()._actions if isinstance(action.choices, dict))
+    return found
+
+
+NAMES = list(commands().choices)
+FEW = "rollout ffa_1 --worlds 2 --steps 3 --quiet"
+
+
+def test_alone_it_shows_every_command_with_an_example(capsys) -> None:
+    texts = []
+    for words in ((), ("help",), ("--help",)):
+        with pytest.raises(SystemExit, match="0"):
+            cli.main(words)
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1] == texts[2]
+    lines = texts[0].splitlines()
+    for name, about in summaries(commands()).items():
+        where = lines.index(f"  {name:<11} {about}")
+        assert lines[where + 1].strip().startswith(f"outlast {name}")
+    assert list(SECTIONS) == [title for title in SECTIONS if f"{title}:" in lines]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_of_a_command(capsys, name: str) -> None:
+    """It says what it does, options stand in groups, and every example is understood."""
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(("help", name))
+    text = capsys.readouterr().out
+    command: Parser = commands().choices[name]
+    assert text.startswith(f"usage: outlast {name}")
+    assert command.description
+    assert command.examples
+    for example, says in command.examples:
+        assert f"  # {says}\n  outlast {example}\n" in f"{text}\n"
+        if not example.startswith("help"):
+            cli.parser().parse_args(shlex.split(example))
+    for title, actions in command.groups():
+        assert f"\n{title}:\n" in text
+        assert all(action.help for action in actions), title
+
+
+def test_counts_are_written_as_people_write_them() -> None:
+    for text, value in {"7": 7, "1e3": 1000, "2.5e6": 2_500_000, "1_000": 1000, "3.0": 3, " 4 ": 4}.items():
+        assert options.count(text) == value
+    for text in ("0", "-1", "1.5", "1e-3", "nan", "inf", "1e999999999", "x", "", "1,000", "0x10"):
+        with pytest.raises(options.argparse.ArgumentTypeError, match=r"an integer of at (least 1|most 1,000,000,000,)"):
+            options.count(text)
+
+
+def test_every_count_of_every_command_takes_an_exponent() -> None:
+    """Whatever is an integer by default, or takes one."""
+    kinds = {options.positive, options.nonnegative, options.seed, options.port}
+    for name, command in commands().choices.items():
+        for _, actions in command.groups():
+            for action in actions:
+                assert action.type is not int, (name, action.option_strings)
+                if action.type in kinds - {options.port}:
+                    assert action.type("1e3") == 1000
+
+
+def test_a_value_may_begin_with_a_minus() -> None:
+    words = ["frames", "ffa_1", "--views", "-ids,+vision", "--steps", "3", "--out", "film"]
+    parsed = cli.parser().parse_args(words)
+    assert (parsed.views, parsed.steps) == ("-ids,+vision", 3)
+    assert cli.parser().parse_args(["frames", "ffa_1", "--views=-ids", "--out", "f"]).views == "-ids"
+
+
+NONE = "must be >= 1 and <= 65536; for none, leave it out: --without"
+LINES = {
+    "rolout ffa_1": "COMMAND: rolout: did you mean rollout?; known: variants",
+    "help rolout": "COMMAND: rolout: did you mean rollout?",
+    "--verison": "there is no option --verison: did you mean --version?",
+    f"{FEW} --wrlds 3": "there is no option --wrlds: did you mean --worlds?",
+    f"{FEW} ffa_2": "ffa_2 is one word too many",
+    "evaluate ffa_2 random --episodes 1 scripted": "scripted is one word too many; put what belongs together in a row",
+    "rollout": "required: VARIANT",
+    "frames ffa_1": "required: --out",
+    "frames ffa_1 --out ''": "--out: the name of a file or folder is needed, not nothing",
+    "frames ffa_1 --out / --steps 1 --quiet": "give a folder of their own",
+    f"{FEW} --record ''": "--record: the name of a file or folder is needed, not nothing",
+    f"{FEW} --record -": "--record: the name of a file is needed: only --json - writes to standard output",
+    "replay ''": "file: the name of a file or folder is needed, not nothing",
+    f"{FEW} --seed {2**64}": f"--seed: {2**64}: an integer of at most 2**64 - 1 is needed",
+    f"{FEW} --steps many": "--steps: many: an integer of at least 1 is needed",
+    f"{FEW} --steps 1e13": "--steps: 1e13: an integer of at most 1,000,000,000,000 is needed",
+    f"{FEW} --worlds": "--worlds: expected one argument",
+    f"{FEW} --worlds 0": "--worlds: 0: an integer of at least 1 is needed",
+    "rollout ffa_1 --worlds 1e12": "there is not enough memory, take fewer --worlds",
+    f"{FEW} --set room_size=1e30": "room.size = 1e+30: must be >= 1 and <= 10000",
+    f"{FEW} --set n_agents=100": "115 bodies (100 agent, 15 heal) do not fit into spawn_grid.cells = 8 x 8 = 64 cells",
+    "rollout ffa_1 --set mele_damage=3": "no number 'mele_damage'; did you mean melee_damage",
+    "rollout ffa_1 --set n_heals=0": f"heals.count = 0: {NONE} heals",
+    "rollout ffa_1 --set safe_zone_radii=5,x": "safe_zone.radii[1] = 'x': a finite number",
+    "rollout ffa_1 --set safe_zone_radii=13,4": "safe_zone.radii: 13 does not fit into a room of side 25",
+    "rollout ffa_1 --set melee_damage=1,2": "melee.damage = '1,2': an integer",
+    f"{FEW} --set agents_count": "--set agents_count: NUMBER=VALUE is needed",
+    f"{FEW} --episodes 3": "not allowed with argument --steps",
+    f"{FEW} --policy nobody": f"nobody: did you mean noop? {', '.join(POLICIES)} or a saved policy",
+    f"{FEW} --policy nowhere.zip": "nowhere.zip",
+    f"{FEW} --others scripted:x": "the weight of scripted is 'x'",
+    f"{FEW} --csv a.parquet": "episodes are written as NAME.csv",
+    f"{FEW} --record nowhere/a.rec": "nowhere/a.rec cannot be written: there is no folder nowhere",
+    "rollout ffa_9": "there is no variant 'ffa_9'; did you mean ffa_4 or ffa_3? known: ffa_1, ",
+    "rollout nowhere.py:arena": "nowhere.py",
+    "schedule ''": "''",
+    "schedule nothing": "there is no variant 'nothing'; known: ",
+    "replay nowhere.rec": "nowhere.rec: No such file or directory",
+    "replay .": "",
+    "play ffa_1 --fps 0 --no-browser": "--fps: 0: a number above 0",
+    "play ffa_1 --port 99999": "--port: 99999: a port is needed",
+    "completion tcsh": "shell: tcsh",
+    f"{FEW} --others scriptd:0.5": "--others: scriptd: did you mean scripted",
+    f"{FEW} --others noop --ray": "outlast: --others plays on one machine: leave it out with --ray",
+    "layout nowhere --out x.png": "layout nowhere: No such file or directory; maze, rooms, pillars",
+    "layout maze --out x.gif": "x.gif: layouts are written as NAME.png or NAME.html or NAME.json",
+    "layout maze --size 9999 --out x.png": "--size 9999: pixels from 64 to 4096",
+    "layout maze --size 200 --out x.html": "--size 200 is for pictures",
+    "layout maze --worlds 2 --out x.json": "is for the floor plan of one world",
+    "layout maze --out /nowhere/x.json": "/nowhere/x.json cannot be written: there is no folder",
+    "layout maze --worlds 100000 --out x.png": "are 124264 pixels wide; at most 16384 are possible",
+    "layout x.json --out x.json": "LAYOUT and --out are both x.json: give another name for one",
+    "rollout ffa_1 --layout /dev/null": "/dev/null is no floor plan: a drawing of 0 x 0 characters",
+}
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_mistakes_are_one_line(line: str, capsys, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = cli.main(shlex.split(line))
+    except SystemExit as left:
+        status = int(str(left.code))
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "")
+    assert err.startswith("outlast")
+    assert len(err.splitlines()) == 1
+    assert LINES[line] in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def outlast_in_shell(line: str, place: Path, **variables: str) -> tuple[int, str]:
+    """Exit status and stderr of a line in which $O is the command; its status is that of the command."""
+    environment = {**os.environ, **variables, "O": f"{shlex.quote(sys.executable)} -m outlast"}
+    done = subprocess.run(["bash", "-c", line], cwd=place, env=environment, capture_output=True, text=True)
+    return done.returncode, done.stderr
+
+
+UNBUFFERED = pytest.mark.parametrize("unbuffered", ["", "1"])
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None or not Path("/dev/full").exists(), reason="needs Linux")
+
+
+@needs_bash
+@UNBUFFERED
+def test_who_stops_reading_stops_a_command_in_silence(tmp_path: Path, unbuffered: str) -> None:
+    for words in ("variants", "--help"):
+        line = f"$O {words} | true; exit ${{PIPESTATUS[0]}}"
+        assert outlast_in_shell(line, tmp_path, PYTHONUNBUFFERED=unbuffered) == (0, "")
+
+
+@needs_bash
+@UNBUFFERED
+def test_files_are_complete_whatever_becomes_of_what_is_printed(tmp_path: Path, unbuffered: str) -> None:
+    files = "--csv a.csv --json a.json --events a.events.csv"
+    line = f"$O rollout ffa_2 --worlds 2 --quiet --others random {files} >/dev/full"
+    status, text = outlast_in_shell(line, tmp_path, PYTHONUNBUFFERED=unbuffered)
+    assert status == 2
+    assert "No space left on device" in text
+    assert "Traceback" not in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.events.csv", "a.json"]
+
+
+@needs_bash
+def test_any_encoding_and_closed_streams_will_do(tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="needs imageio-ffmpeg: outlast[video]")
+    rollout = "$O rollout ffa_2 --worlds 2 --others random"
+    assert outlast_in_shell(f"{rollout} --quiet", tmp_path, PYTHONIOENCODING="ascii") == (0, "")
+    assert outlast_in_shell(f"{rollout} --csv a.csv 2>&- >&-", tmp_path)[0] == 0
+    assert outlast_in_shell("$O frames ffa_1 --steps 2 --size 64 --out a.mp4 --quiet 2>&-", tmp_path)[0] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.mp4"]
+
+
+def test_what_a_mosaic_leaves_out_is_said(capsys, tmp_path: Path) -> None:
+    small = ("--steps=1", "--size=64", "--quiet", "--out", tmp_path / "frames")
+    status, _, err = run(capsys, "frames", "ffa_1", "--mosaic=2x2", "--worlds=9", *small)
+    assert (status, err) == (0, "outlast: a mosaic of 2x2 has room for 4 of the 9 worlds\n")
+
+
+def test_a_data_set_is_what_its_name_says(capsys, tmp_path: Path) -> None:
+    recording = tmp_path / "a.rec"
+    run(capsys, *shlex.split(FEW), "--record", recording)
+    status, _, err = run(capsys, "replay", recording, "--quiet", "--data", tmp_path / "samples.csv")
+    assert status == 2
+    assert "there is no export to .csv; give a folder without an ending for .npz files, NAME.parquet" in err
+    assert [file.name for file in tmp_path.iterdir()] == ["a.rec"]
+
+
+def completed(script: str, shell: str, *words: str) -> set[str]:
+    """What the shell offers in the place of the last word."""
+    if shell == "bash":
+        given = " ".join(map(shlex.quote, ("outlast", *words)))
+        text = f'{script}\nCOMP_WORDS=({given}); COMP_CWORD={len(words)}; _outlast; printf "%s\\n" "${{COMPREPLY[@]}}"'
+        done = subprocess.run(["bash", "-c", text], capture_output=True, text=True, check=True)
+    else:
+        text = f"{script}\ncomplete -C {shlex.quote(' '.join(('outlast', *words)))}"
+        done = subprocess.run(["fish", "--no-config", "-c", text], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return {line.partition("\t")[0] for line in done.stdout.splitlines()}
+
+
+@pytest.mark.parametrize("shell", ["bash", "fish"])
+def test_shells_complete(shell: str, capsys, tmp_path: Path, monkeypatch) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a fight.rec").write_text("")
+    script = run(capsys, "completion", shell)[1]
+    assert completed(script, shell, "ro") == {"rollout"}
+    assert completed(script, shell, "rollout", "ffa_") == {"ffa_1", "ffa_2", "ffa_3", "ffa_4"}
+    assert completed(script, shell, "rollout", "ffa_2", "--pol") == {"--policy"}
+    assert completed(script, shell, "rollout", "ffa_2", "--policy", "sc") == {"scripted"}
+    assert completed(script, shell, "rollout", "ffa_2", "--quiet", "--se") >= {"--seed", "--set"}
+    assert completed(script, shell, "train", "ffa_2", "--preset", "o") == {"original"}
+    assert completed(script, shell, "help", "sch") == {"schedule"}
+    assert completed(script, shell, "layout", "ma") == completed(script, shell, "check", "--layout", "ma") == {"maze"}
+    (found,) = completed(script, shell, "replay", "a")
+    assert found.replace("\\", "") == "a fight.rec"
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+def test_the_script_for_zsh_is_read(capsys, tmp_path: Path) -> None:
+    (tmp_path / "_outlast").write_text(run(capsys, "completion", "zsh")[1])
+    load = f"fpath=({tmp_path} $fpath); autoload -U compinit; compinit -u -D"
+    text = f"{load}; autoload +X _outlast; print $_comps[outlast]"
+    done = subprocess.run(["zsh", "-f", "-c", text], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("_outlast\n", "")
+
+
+def test_layouts_are_drawn_and_written_down(capsys, tmp_path: Path) -> None:
+    """A picture of several worlds; and a plan, of which the next call draws the same picture."""
+    assert run(capsys, "layout", "pillars", "--set", "n_pillars=5", "--out", tmp_path / "plan.json")[0] == 0
+    assert len(FloorPlan.load(tmp_path / "plan.json").walls) == 5
+    for name, out in (("pillars", "one.png"), (tmp_path / "plan.json", "two.png")):
+        more = ("--set", "n_pillars=5") if name == "pillars" else ()
+        assert run(capsys, "layout", name, *more, "--variant", "ffa_1", "--out", tmp_path / out)[0] == 0
+    one, two = (cv2.imread(str(tmp_path / out)) for out in ("one.png", "two.png"))
+    assert (one.shape, two.shape) == ((384, 384, 3), (384, 384, 3))
+    assert (one != two).any(-1).mean() < 0.02  # who starts where is drawn by another mechanic
+    assert run(capsys, "layout", "pillars", "--worlds", 3, "--out", tmp_path / "three.png")[0] == 0
+    assert cv2.imread(str(tmp_path / "three.png")).shape == (776, 776, 3)
+    assert run(capsys, "layout", "rooms", "--worlds", 2, "--out", tmp_path / "rooms.html")[0] == 0
+    assert "<title>rooms: ffa_3-with_rooms" in (tmp_path / "rooms.html").read_text()
+
+
+def test_a_floor_plan_overwrites_nothing(capsys, tmp_path: Path, monkeypatch) -> None:
+    """Start areas are not written: the plan says so."""
+    monkeypatch.chdir(tmp_path)
+    FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)]).save("plan.json")
+    before = Path("plan.json").read_bytes()
+    status, _, err = run(capsys, "layout", "./plan.json", "--out", "plan.json")
+    assert (status, err) == (2, "outlast: LAYOUT and --out are both plan.json: give another name for one\n")
+    status, _, err = run(capsys, "layout", "plan.json", "--variant", "ffa_1", "--out", "walls.json")
+    assert (status, "plan.json has start areas, which are not written" in err) == (0, True)
+    status, _, err = run(capsys, "layout", "maze", "--out", "plan.json")
+    assert (status, "plan.json exists; floor plans overwrite nothing" in err) == (2, True)
+    assert Path("plan.json").read_bytes() == before
+
+
+def test_commands_take_a_layout(capsys, tmp_path: Path) -> None:
+    (tmp_path / "plan.txt").write_text("A" + "." * 38 + "B\n" + "." * 40 + "\n" + ".....#" * 6 + "....\n" + "." * 40)
+    given = ("rollout", "ffa_1", "--layout", tmp_path / "plan.txt", "--set", "safe_zone_radii=2,1")
+    assert "room_width=40" in run(capsys, *given, "--worlds", 2, "--steps", 5, "--quiet")[1]
+    assert run(capsys, "schedule", "ffa_1", "--layout", "maze")[1].count("maze.") > 3

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from tests.helpers.outputs import rows_of
 ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--set=safe_zone_damage=20", "--set=pickup_reach=4.0", "--quiet")
 
 
-def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> None:
+def test_a_file_says_what_the_environment_said(capsys, tmp_path: Path) -> None:
     """Of the same rollout: every event of it, in order of steps, then of worlds; entities by their names."""
     path = tmp_path / "events.csv"
     status, _, err = run(capsys, *ROLLOUT, "--steps=120", "--events", path)
@@ -48,7 +47,7 @@ def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> N
     assert {"hit", "death", "strike", "item_picked", "item_used"} <= {row["event"] for row in rows}
 
 
-def test_parquet_has_the_same_rows_with_types(capsys: Any, tmp_path: Path) -> None:
+def test_parquet_has_the_same_rows_with_types(capsys, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     for name in ("a.csv", "a.parquet"):
         assert run(capsys, *ROLLOUT, "--steps=40", "--events", tmp_path / name)[0] == 0
@@ -61,7 +60,7 @@ def test_parquet_has_the_same_rows_with_types(capsys: Any, tmp_path: Path) -> No
     assert texts == [list(row.values()) for row in rows_of(tmp_path / "a.csv")]
 
 
-def test_whole_episodes_only(capsys: Any, tmp_path: Path) -> None:
+def test_whole_episodes_only(capsys, tmp_path: Path) -> None:
     """What a world plays after the episodes that count is in the file as little as in the table."""
     path = tmp_path / "events.csv"
     out = run(capsys, *ROLLOUT, "--episodes=2", "--policy=noop", "--events", path)[1]
@@ -71,7 +70,7 @@ def test_whole_episodes_only(capsys: Any, tmp_path: Path) -> None:
     assert float(out.split("deaths_zone")[1].split()[0]) == pytest.approx(deaths / 6, abs=1e-4)
 
 
-def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_ctrl_c_leaves_what_there_is(capsys, tmp_path: Path, monkeypatch) -> None:
     whole, part = tmp_path / "whole.csv", tmp_path / "part.csv"
     rollout = (
         *ROLLOUT,
@@ -92,7 +91,7 @@ def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: A
     assert sorted(file.name for file in tmp_path.iterdir()) == ["part.csv", "whole.csv"]
 
 
-def test_a_replay_writes_the_same_file(capsys: Any, tmp_path: Path) -> None:
+def test_a_replay_writes_the_same_file(capsys, tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("live.csv", "again.csv", "some.csv")]
     record = tmp_path / "a.rec"
     run(capsys, *ROLLOUT, "--steps=50", "--events", files[0], "--record", record)
@@ -103,7 +102,7 @@ def test_a_replay_writes_the_same_file(capsys: Any, tmp_path: Path) -> None:
     assert rows_of(files[2]) == chosen
 
 
-def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_what_cannot_be_is_refused(capsys, tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "a.csv").write_text("mine")
     for given, words in (
         (tmp_path / "a.csv", "exists; events overwrite nothing"),
@@ -120,9 +119,6 @@ def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any
     assert "pip install 'outlast[data]'" in err
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
     assert (tmp_path / "a.csv").read_text() == "mine"
-
-
-# ---- events of a user's own
 
 
 class Shout(Event, capacity="agents", whom="listener"):
@@ -156,18 +152,15 @@ def test_a_users_own_events_are_everywhere(tmp_path: Path) -> None:
     for _ in range(3):
         env.step(np.tile(env.noop, (2, env.num_agents, 1)))
     rows = env.events()["shout"]
-    assert rows[["world", "tick", "agent", "listener"]].tolist() == [
-        (w, 3, i, [-1, 0][i]) for w in (0, 1) for i in (0, 1)
-    ]
+    found = rows[["world", "tick", "agent", "listener"]].tolist()
+    assert found == [(w, 3, i, [-1, 0][i]) for w in (0, 1) for i in (0, 1)]
     table = event_table(env.worlds.layout, {"shout": rows}, first_world=5)
     words = [[str(column[k]) for column in table.values()] for k in range(4)]
     assert words[2] == ["6", "1", "3", "shout", "agent 0", "", "2.5", "", "words=[0, 7]"]
     assert words[3] == ["6", "1", "3", "shout", "agent 1", "agent 0", "2.5", "", "words=[1, 7] side=1"]
     page = [event for event in events(env.worlds, 1) if event["kind"] == "other"]
-    assert [(event["agent"], event["cause"]) for event in page] == [
-        (0, "shout 2.5 words=[0, 7]"),
-        (1, "shout agent 0 2.5 words=[1, 7] side=1"),
-    ]
+    causes = ["shout 2.5 words=[0, 7]", "shout agent 0 2.5 words=[1, 7] side=1"]
+    assert [(event["agent"], event["cause"]) for event in page] == [*enumerate(causes)]
     env.close()
 
 

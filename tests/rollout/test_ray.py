@@ -48,9 +48,6 @@ def same(one, other):
     return one.rows() == other.rows() and all(np.array_equal(a[key], b[key]) for a, b in tables for key in a | b)
 
 
-# ---- before there is a cluster
-
-
 def test_importing_outlast_leaves_ray_alone():
     program = "import outlast, outlast.envs.cli.main, outlast.envs.rollout.local, sys; sys.exit('ray' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program]).returncode == 0
@@ -62,9 +59,6 @@ def test_no_cluster_is_said_at_once(capsys, address):
     assert cli.main(("rollout", "ffa_1", "--ray", address)) == 2
     (line,) = [line for line in capsys.readouterr().err.strip().splitlines() if "compil" not in line]
     assert line.startswith(f"outlast: no Ray cluster at {address}: ")
-
-
-# ---- rollouts
 
 
 @pytest.mark.parametrize("size", [1, 4, 256])
@@ -250,9 +244,6 @@ def test_the_command_prints_the_same_table(workers, capsys):
 def test_options_for_one_machine_are_refused(capsys, more):
     assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
     assert "leave them out with --ray" in capsys.readouterr().err
-
-
-# ---- training
 
 
 def tasks():
