@@ -1,5 +1,7 @@
-"""Training on a GPU, where there is one: the numbers of a CPU but for rounding."""
+"""Training on a GPU, where there is one: the numbers of a CPU. And what it needs of shapes, checked on a CPU."""
 
+import contextlib
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,35 +10,30 @@ import numpy as np
 import pytest
 
 from outlast import variant
+from outlast.envs.rollout.saved import checkpoints
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.envs.rollout.saved import checkpoints  # noqa: E402
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.policies.player import Player  # noqa: E402
-from outlast.training.ppo.cuda_graph import GraphedGradients  # noqa: E402
-from outlast.training.ppo.minibatches import Chunks, Samples  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.runs.run import TrainingRun  # noqa: E402
-from tests.helpers.trainers import nearly  # noqa: E402
+import torch
 
-pytestmark = [
-    pytest.mark.usefixtures("one_torch_thread"),
-    pytest.mark.filterwarnings("ignore:Synchronization debug mode is a prototype"),
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU"),
-]
-OPTIONS: dict[str, dict[str, Any]] = {
-    "fast": {},
-    "original": {"preset": "original"},
-    "paper": {"preset": "paper"},
-    "memory": {"memory": 16},
-    "state": {"critic": "state"},
-    "sides": {"policies": "side"},
-    "drop": {"dead": "drop"},
-    "opponents": {"opponents": {"self": 0.4, "past": 0.3, "scripted": 0.3}, "snapshots": 1},
-    "imitation": {"warm_start": "scripted:1000"},
-}
+from outlast.training.base.config import TrainingConfig
+from outlast.training.policies.player import Player
+from outlast.training.policies.rows import FILL, Rows
+from outlast.training.ppo import cuda_graph
+from outlast.training.ppo.adam import Adam
+from outlast.training.ppo.cuda_graph import GraphedGradients
+from outlast.training.ppo.learner import Learner
+from outlast.training.ppo.minibatches import Chunks, Samples
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs.run import TrainingRun
+from tests.helpers.trainers import nearly
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+OPTIONS: list[dict[str, Any]] = [{}, {"preset": "original"}, {"preset": "paper"}, {"memory": 16}, {"critic": "state"}]
+OPTIONS += [{"policies": "side"}, {"dead": "drop"}, {"warm_start": "scripted:1000"}]
+OPTIONS += [{"opponents": {"self": 0.4, "past": 0.3, "scripted": 0.3}, "snapshots": 1}]
 EACH = 16 * 32  # steps of a rollout
+on_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 some_options = pytest.mark.parametrize("changes", [{}, {"memory": 16}, {"critic": "state"}], ids=str)
 
 
@@ -51,7 +48,8 @@ def parameters(trainer: Trainer) -> list[Any]:
     return [each for policy in trainer.policies for each in policy.parameters()]
 
 
-@pytest.mark.parametrize("changes", OPTIONS.values(), ids=OPTIONS)
+@on_gpu
+@pytest.mark.parametrize("changes", OPTIONS, ids=str)
 def test_the_numbers_are_those_of_a_cpu(changes: dict[str, Any]) -> None:
     plain, gpu = (Trainer(config(device, **changes)) for device in ("cpu", "cuda"))
     for trainer in (plain, gpu):
@@ -66,6 +64,7 @@ def test_the_numbers_are_those_of_a_cpu(changes: dict[str, Any]) -> None:
     assert not all(torch.equal(*pair) for pair in zip(first, parameters(gpu), strict=True))
 
 
+@on_gpu
 @some_options
 def test_graphs_give_the_gradients_of_single_kernels(changes: dict[str, Any]) -> None:
     trainer = Trainer(config("cuda", **changes))
@@ -82,6 +81,8 @@ def test_graphs_give_the_gradients_of_single_kernels(changes: dict[str, Any]) ->
     assert 1 <= len(graphed.graphs) <= len(parts)
 
 
+@pytest.mark.filterwarnings("ignore:Synchronization debug mode is a prototype")
+@on_gpu
 @some_options
 def test_nothing_waits_in_an_update(changes: dict[str, Any]) -> None:
     gpu = Trainer(config("cuda", **changes))
@@ -103,6 +104,7 @@ def test_nothing_waits_in_an_update(changes: dict[str, Any]) -> None:
         torch.cuda.set_sync_debug_mode("default")
 
 
+@on_gpu
 @pytest.mark.parametrize("devices", [("cuda", "cpu"), ("cpu", "cuda")], ids="-".join)
 def test_a_run_goes_on_on_another_device(devices: tuple[str, str], tmp_path: Path) -> None:
     for k, device in enumerate(devices):
@@ -115,6 +117,7 @@ def test_a_run_goes_on_on_another_device(devices: tuple[str, str], tmp_path: Pat
     nearly([each for policy in last.policies for each in policy.parameters()], parameters(whole), 1e-2)
 
 
+@on_gpu
 def test_a_saved_policy_plays_against_learners_on_a_gpu(tmp_path: Path) -> None:
     TrainingRun(replace(config("cuda"), steps=2 * EACH), tmp_path / "run").train()
     saved = str(checkpoints(tmp_path / "run")[-1])
@@ -122,3 +125,114 @@ def test_a_saved_policy_plays_against_learners_on_a_gpu(tmp_path: Path) -> None:
     for trainer in (gpu, plain):
         trainer.update(trainer.collect())
     nearly(parameters(gpu), parameters(plain), 2e-3)
+
+
+META = torch.device("meta")
+
+
+def trainer(**changes: Any) -> Trainer:
+    return Trainer(TrainingConfig(variant("teams_2"), "fast", worlds=16, rollout=EACH, **changes))
+
+
+@pytest.fixture(scope="module")
+def played() -> tuple[Trainer, Any]:
+    """A trainer, and a rollout of it, which can be differentiated."""
+    one = trainer()
+    rollout = one.collect()
+    everything = torch.arange(len(rollout.seen))
+    return one, replace(rollout, seen=rollout.seen.select(everything))
+
+
+def gradients(policy: Any, seen: Any) -> list[Any]:
+    """Outputs and gradients of a loss, in float64, where no order of summation shows."""
+    policy = deepcopy(policy).double()
+    seen = Rows(seen.own.double(), seen.entities.double(), seen.count, seen.known, seen.room)
+    logs, values, _ = policy(seen)
+    policy.zero_grad()
+    (logs.square().mean() + values.square().mean()).backward()
+    return [logs, values, *(parameter.grad.clone() for parameter in policy.parameters())]
+
+
+def test_rows_of_nobody_change_no_number(played: tuple[Trainer, Any]) -> None:
+    policy, seen = played[0].policies[0], played[1].seen
+    filled, blind = seen.filled(), Rows(seen.own[:3], seen.entities[:0], torch.zeros(3, dtype=torch.long))
+    assert (len(filled.entities) % FILL, len(filled.pairs[0]) % FILL) == (0, 0)
+    assert len(filled.entities) > len(seen.entities)
+    nearly(gradients(policy, filled), gradients(policy, seen))
+    nearly(gradients(policy, blind.filled()), gradients(policy, blind))
+
+
+@pytest.mark.parametrize("size", [1, 2, 100, 512])
+def test_minibatches_of_filled_rows_are_those_of_others(played: tuple[Trainer, Any], size: int) -> None:
+    policy, seen = played[0].policies[0], played[1].seen
+    part = torch.randperm(len(seen), generator=torch.Generator().manual_seed(size))[:size]
+    one, other = seen.filled().select(part), seen.select(part)
+    assert (len(one.entities) % FILL, len(one.pairs[0]) % FILL) == (0, 0)
+    assert torch.equal(one.entities[: len(other.entities)], other.entities)
+    nearly(gradients(policy, one), gradients(policy, other))
+
+
+@pytest.mark.parametrize("changes", [{}, {"memory": 16}, {"policies": "agent"}], ids=str)
+def test_a_copy_that_is_trained_elsewhere_gives_the_same_bits(changes: dict[str, Any]) -> None:
+    plain, other = (trainer(**changes) for _ in range(2))
+    for learner in other.learners:
+        learner.trained = deepcopy(learner.policy)
+        learner.parameters = list(learner.trained.parameters())
+        learner.optimizer = Adam(learner.parameters)
+    for _ in range(2):
+        for one in (plain, other):
+            one.update(one.collect())
+    for one, two in zip(plain.policies, other.policies, strict=True):
+        assert all(map(torch.equal, one.parameters(), two.parameters()))
+
+
+class Recomputed:
+    """What a CUDA graph does: the same again, from tensors that are there to tensors that are there."""
+
+    def __init__(self, compute: Any, given: Any) -> None:
+        self.compute, self.given, self.found = compute, given, compute(cuda_graph._copy(given))
+
+    def replay(self) -> None:
+        figures, gradients = self.compute(cuda_graph._copy(self.given))
+        for kept, values in zip((self.found[0], *self.found[1]), (figures, *gradients), strict=True):
+            kept.copy_(values)
+
+
+@pytest.mark.parametrize("changes", [{}, {"memory": 16}, {"critic": "state"}], ids=str)
+def test_graphs_read_the_minibatch_that_they_are_asked_for(changes: dict[str, Any], monkeypatch) -> None:
+    captured = []
+
+    def capture(compute: Any, batch: Any, memory: Any) -> Any:
+        captured.append(one := Recomputed(compute, given := cuda_graph._copy(batch)))
+        return cuda_graph.Captured(one, cuda_graph._tensors(given), one.found)
+
+    monkeypatch.setattr(cuda_graph, "_capture", capture)
+    monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: None)
+    monkeypatch.setattr(torch.cuda, "device", contextlib.nullcontext)
+    one = trainer(**changes)
+    learner, rollout = one.learners[0], one.collect()
+    samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, torch.device("cpu"))
+    samples.seen = samples.seen.filled()
+    graphed = cuda_graph.GraphedGradients(torch.device("cpu"))
+    parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)
+    for k in range(3):
+        for part in parts:
+            figures, gradients = graphed(learner._gradients, batch := samples.select(part))
+            expected = learner._gradients(batch)
+            nearly([figures, *gradients], [expected[0], *expected[1]])
+        assert k or len(captured) < len(parts)  # not at the first time
+    assert len(captured) == len(graphed.graphs)
+
+
+def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[Trainer, Any]) -> None:
+    """A minibatch and its gradients on the device without numbers: asking for one fails there, and so does mixing."""
+    one, rollout = played
+    learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator(), device=META)
+    samples, shapes = Samples(rollout, 0, META), set()
+    for part in torch.randperm(rollout.learner.size).tensor_split(4):
+        seen = samples.seen.select(part)
+        shapes.add((len(seen.entities), len(seen.pairs[0])))
+        figures = learner._differentiate(samples, part, map)
+        assert {parameter.grad.device for parameter in learner.parameters} == {figures.device} == {META}
+        torch.nn.utils.clip_grad_norm_(learner.parameters, 0.5)
+    assert all(size % FILL == 0 for shape in shapes for size in shape)
