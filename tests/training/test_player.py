@@ -1,4 +1,4 @@
-"""Trained policies as functions, and as opponents."""
+"""Trained policies as functions and as opponents; their files; and what they say of their own choices."""
 
 import contextlib
 import json
@@ -11,24 +11,32 @@ import gymnasium
 import numpy as np
 import pytest
 
-import outlast
-from outlast import make_vec, variant
+from outlast import Recording, Replay, load_policy, make_vec, record, variant
+from outlast.envs.rollout.memory import told
+from outlast.envs.scenarios.fingerprint import fingerprint
+from tests.conftest import run
+from tests.helpers.added_fields import Stamina
+from tests.helpers.execution_modes import short
+
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+import torch
+from safetensors.numpy import save
+
+from outlast.training.base import policy_file
+from outlast.training.base.config import TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
-
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-from outlast import load_policy  # noqa: E402
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.noise import EpisodeNoise  # noqa: E402
-from outlast.training.base.presets import PRESETS, preset  # noqa: E402
-from outlast.training.base.run_header import NAME  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.policies.player import Player  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.runs import resume  # noqa: E402
-from outlast.training.runs.episode import recorded_scenario  # noqa: E402
-from tests.helpers.added_fields import Stamina  # noqa: E402
-from tests.helpers.checkpoints import KEPT  # noqa: E402
+from outlast.training.base.noise import EpisodeNoise
+from outlast.training.base.presets import PRESETS, preset
+from outlast.training.base.run_header import NAME
+from outlast.training.policies import checkpoint
+from outlast.training.policies.networks import Extractor
+from outlast.training.policies.player import Player
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs import resume
+from outlast.training.runs.episode import recorded_scenario
+from outlast.training.runs.resume import capture
+from tests.helpers.checkpoints import KEPT
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -55,28 +63,6 @@ def test_a_player_has_the_policy_of_the_trainer(tmp_path: Path, chosen: str) -> 
     drawn = [(one(observations), other(observations)) for _ in range(3)]
     assert all(np.array_equal(*pair) for pair in drawn)
     assert any((pair[0] != expected).any() for pair in drawn)
-
-
-def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
-    saved(tmp_path / "a.zip")
-    player = Player(tmp_path / "a.zip")
-    scenario = player.scenario(variant("teams_3"))
-    assert scenario.numbers()["cameras_mode"] == "revealed"
-    env = make_vec(scenario, 3, seed=0)
-    observations, _ = env.reset()
-    assert player(observations).shape == (3, 4, 6)
-    lone: Any = gymnasium.make("outlast/Teams-v1", scenario=scenario, others=player)
-    lone.reset(seed=0)
-    for _ in range(3):
-        _, reward, *_ = lone.step(lone.action_space.sample())
-    assert reward == 1
-    many = gymnasium.make_vec("outlast/Teams-v1", 3, scenario=scenario, others=load_policy(tmp_path / "a.zip"))
-    many.reset(seed=0)
-    played = [many.action_space.sample() for _ in range(3)]
-    assert len({actions.tobytes() for actions in played}) == 3
-    for actions in played:
-        _, rewards, *_ = many.step(actions)
-    assert rewards.tolist() == [1, 1, 1]
 
 
 def test_files_play_in_mixtures(tmp_path: Path) -> None:
@@ -132,10 +118,8 @@ def test_chances_are_those_of_the_policy() -> None:
     assert abs(numbers.mean() - 0.5) < 4 * math.sqrt(1 / 12 / count)
     assert abs(numbers.var() - 1 / 12) < 4 * math.sqrt(1 / 180 / count)
     centred = numbers - 0.5
-    for one, two in (
-        (centred[1:], centred[:-1]), (centred[:, 1:], centred[:, :-1]), (centred[:, :, 0], centred[:, :, 1]),
-        (centred[..., 1:], centred[..., :-1]),
-    ):  # fmt: skip
+    for axis in range(4):
+        one, two = np.split(np.moveaxis(centred, axis, 0)[: centred.shape[axis] // 2 * 2], 2)
         assert abs((one * two).mean()) < 4 / 12 / math.sqrt(one.size)
 
 
@@ -175,16 +159,6 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     with pytest.raises(KeyboardInterrupt):
         players[0](observations)
     assert torch.get_num_threads() == 3
-
-
-@pytest.mark.parametrize("chosen", PRESETS)
-def test_an_agent_that_sees_nothing_plays(tmp_path: Path, chosen: str) -> None:
-    """Alone in a batch; and batches of none."""
-    saved(tmp_path / "a.zip", chosen)
-    player = Player(tmp_path / "a.zip")
-    for batch in ((1,), (), (0, 4)):
-        blind = {key: np.zeros((*batch, *shape), np.float32) for key, shape in player.shapes.items()}
-        assert player(blind).shape == (*batch, 6)
 
 
 @pytest.mark.parametrize("path", sorted(KEPT.rglob("*.safetensors")), ids=lambda path: str(path.relative_to(KEPT)))
@@ -230,27 +204,253 @@ def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
         player.check(make_vec(team, 1))
 
 
-def test_other_observations_are_refused(tmp_path: Path) -> None:
+def test_what_does_not_fit_is_a_sentence(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
-    observations, _ = make_vec("teams_2", 2, seed=0).reset()
-    with pytest.raises(
-        TrainingError, match=r"a\.zip: .* teams_3 and does not fit here: it needs box_items, box_slot, boxes;"
-    ):
-        Player(tmp_path / "a.zip")(observations)
-
-
-@pytest.mark.parametrize(
-    ("here", "words"),
-    [
+    player = Player(tmp_path / "a.zip")
+    for here, words in (
         (variant("teams_2"), "it needs box_items, box_slot, boxes; give"),
         (variant("teams_3").replace(n_heals=5), "heals is 15 x 2 in training and 5 x 2 here; give"),
         (variant("ffa_1"), "it needs box_items, box_slot, boxes; others is 3 x "),
+    ):
+        with pytest.raises(TrainingError, match=f"a.zip: .* was trained on teams_3 and does not fit here: {words}"):
+            player.check(make_vec(player.scenario(here), 1))
+
+
+HEADER: dict[str, Any] = {"version": 1, "steps": 3, "preset": "fast", "memory": 0, "state": 0, "team": [0, 0]}
+HEADER |= {"observations": {"own": [8]}, "fields": {"own": {"id": [1, 1.0]}}, "actions": [3, 2]}
+HEADER |= {"scenario": fingerprint(variant("ffa_2"))}
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    """In order of the policies, of which there are more than ten, and to the bit where float16 holds the numbers."""
+    generator = np.random.default_rng(0)
+    exact = [{"a.weight": np.full((2, 3), k / 8, np.float32), "a.bias": np.float32([k])} for k in range(12)]
+    exact[3]["a.weight"] = generator.normal(size=(2, 3)).astype(np.float32)
+    places = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
+    for place in places:
+        policy_file.write(place, HEADER, exact)
+    assert places[0].read_bytes() == places[1].read_bytes()
+    header, found = policy_file.read(places[0])
+    assert header == HEADER
+    one, other = ([{k: (v.shape, v.dtype) for k, v in own.items()} for own in each] for each in (found, exact))
+    assert one == other
+    assert all(np.array_equal(own["a.bias"], each["a.bias"]) for own, each in zip(found, exact, strict=True))
+    assert np.abs(found[3]["a.weight"] - exact[3]["a.weight"]).max() < 2**-10
+    assert not np.array_equal(found[3]["a.weight"], exact[3]["a.weight"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is not a policy"),
+        (b"\xff" * 64, "is not a policy"),
+        (save({"0.a": np.zeros(2, np.float16)}), "does not describe a run"),
+        (save({"0.a": np.zeros(2, np.float16)}, {"outlast": "{}"}), "its .*preset.* is missing"),
+        (None, r"its tensors are not called 0\.NAME, 1\.NAME"),
     ],
 )
-def test_what_does_not_fit_is_a_sentence(tmp_path: Path, here: outlast.Scenario, words: str) -> None:
-    saved(tmp_path / "a.zip")
-    player = Player(tmp_path / "a.zip")
-    env = make_vec(player.scenario(here), 1)
-    with pytest.raises(TrainingError, match=f"a.zip: the policy was trained on teams_3 and does not fit here: {words}"):
-        player.check(env)
-    env.close()
+def test_other_files_are_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    place = tmp_path / "a.safetensors"
+    place.write_bytes(content) if content is not None else policy_file.write(place, HEADER, [])
+    with pytest.raises(TrainingError, match=message):
+        policy_file.read(place)
+    with pytest.raises(TrainingError, match="cannot be read: No such file"):
+        policy_file.read(tmp_path / "b.safetensors")
+
+
+SIZE = {"worlds": 2, "rollout": 64}
+
+
+@pytest.fixture(params=["fast", "original"])
+def places(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Path]:
+    """Paths of one policy: a checkpoint, its weights, and these without the critic."""
+    trainer = Trainer(TrainingConfig(variant("ffa_2"), request.param, **SIZE))
+    generator = torch.Generator().manual_seed(0)
+    for weight in trainer.policies[0].parameters():  # which float16 holds
+        torch.nn.init.normal_(weight, std=0.1, generator=generator)
+        weight.data.copy_(weight.data.half())
+    found = {name: tmp_path / f"{name}.safetensors" for name in ("whole", "acting")} | {"zip": tmp_path / "a.zip"}
+    checkpoint.write_checkpoint(found["zip"], resume.capture(trainer, trainer.config.header()))
+    header, (weights,) = checkpoint.read_policies(found["zip"])
+    own = {name: values.numpy() for name, values in weights.items()}
+    policy_file.write(found["whole"], header, [own])
+    acting = {name: values for name, values in own.items() if not name.startswith(policy_file.CRITIC)}
+    policy_file.write(found["acting"], header, [acting])
+    assert len(acting) < len(own)
+    return found
+
+
+def test_they_play_as_the_checkpoint_does(places: dict[str, Path]) -> None:
+    players = {name: load_policy(path, 3) for name, path in places.items()}
+    env = make_vec(players["zip"].scenario(variant("ffa_2")), 4, seed=0)
+    observations, _ = env.reset()
+    for _ in range(20):
+        actions = {name: player(observations) for name, player in players.items()}
+        assert np.array_equal(actions["whole"], actions["zip"])
+        assert np.array_equal(actions["acting"], actions["zip"])
+        observations, *_ = env.step(actions["zip"])
+    explained = {name: player.explainer()(observations) for name, player in players.items()}
+    assert np.isnan(explained["acting"][0]).all()
+    np.testing.assert_array_equal(explained["whole"][0], explained["zip"][0])
+    for name in ("whole", "acting"):
+        assert all(map(np.array_equal, explained[name][1:], explained["zip"][1:])), name
+    assert [player.critic for player in players.values()] == [True, False, True]
+    assert all(player.header == players["zip"].header for player in players.values())
+
+
+def test_a_run_begins_with_their_weights_if_there_is_a_critic(places: dict[str, Path]) -> None:
+    whole, acting = str(places["whole"]), str(places["acting"])
+    preset = Player(whole).preset.name
+    assert [parse_warm_start(text) for text in (whole, f"{whole}:2e6")] == [(whole, 0), (whole, 2_000_000)]
+    trainer = Trainer(TrainingConfig(variant("ffa_2"), preset, warm_start=whole, **SIZE))
+    trainer.take_weights()
+    like = Player(places["zip"]).policies[0].state_dict()
+    assert all(torch.equal(values, like[name]) for name, values in trainer.policies[0].state_dict().items())
+    bare = Trainer(TrainingConfig(variant("ffa_2"), preset, warm_start=acting, **SIZE))
+    with pytest.raises(TrainingError, match=r"acting\.safetensors has no critic, .*: --warm-start .*acting\.safet.*:"):
+        bare.take_weights()
+    taught = Trainer(TrainingConfig(variant("ffa_2"), preset, warm_start=f"{acting}:64", **SIZE))
+    assert taught.imitate(lambda done, tags: None)
+
+
+def test_weights_of_another_policy_are_refused(places: dict[str, Path], tmp_path: Path) -> None:
+    header, (own,) = policy_file.read(places["acting"])
+    cases: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+        ({}, {name: own[name] for name in list(own)[1:]}, "does not hold the weights"),
+        ({}, own | {"critic.last.bias": np.zeros(1, np.float32)}, "does not hold the weights"),
+        ({}, own | {"actor.last.bias": np.full(own["actor.last.bias"].shape, np.nan)}, "beyond 1000, or that are none"),
+        ({"actions": [60_000]}, own, "too small for the observations"),
+        ({"actions": [3, 3]}, own, "actor.last.weight"),
+        ({"memory": 9}, own, "does not hold the weights"),
+        ({"memory": 4096}, own, "too small for"),
+        ({"state": 2**16}, own, "too small for"),
+    ]
+    for changes, weights, words in cases:
+        policy_file.write(tmp_path / "b.safetensors", header | changes, [weights])
+        with pytest.raises(TrainingError, match=rf"b\.safetensors is broken: .*{words}"):
+            load_policy(tmp_path / "b.safetensors")
+    (tmp_path / "c.safetensors").write_bytes(places["zip"].read_bytes())
+    with pytest.raises(TrainingError, match=r"c\.safetensors is not a policy"):
+        load_policy(tmp_path / "c.safetensors")
+
+
+Array = np.ndarray[Any, Any]
+ACTIONS = (3, 3, 3, 2, 2, 2)
+
+
+def explained_policy(path: Path, preset: str = "original", **options: Any) -> Path:
+    """A policy that is not nearly uniform, as a checkpoint."""
+    config = TrainingConfig(short("ffa_2"), preset, worlds=4, rollout=4 * 32, seed=3, threads=1, **options)
+    trainer = Trainer(config)
+    for own in trainer.policies:
+        torch.nn.init.normal_(own.actor.last.weight, std=0.3)
+        for extractor in own.extractors:
+            torch.nn.init.normal_(extractor.attention.in_proj_weight, std=0.5)
+    checkpoint.write_checkpoint(path, capture(trainer, config.header()))
+    return path
+
+
+def played(path: Path, steps: int = 30) -> tuple[Any, dict[str, Array]]:
+    """The likeliest player, and what agents observe after so many random steps, of which they see something."""
+    player = load_policy(path, seed=None)
+    env = make_vec(player.scenario(variant("ffa_2")), 4, seed=0)
+    observations, _ = env.reset()
+    for k in range(steps):
+        observations, *_ = env.step(np.random.default_rng(k).integers(0, ACTIONS, (4, 2, 6)))
+    return player, observations
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_probabilities_and_values_are_those_of_the_networks(tmp_path: Path, preset: str) -> None:
+    player, observations = played(explained_policy(tmp_path / "a.zip", preset))
+    value, likely, attention = player.explainer()(observations)
+    with torch.no_grad():
+        logs, values, _ = player.policies[0](player.packer(observations))
+    np.testing.assert_allclose(value, values.numpy().reshape(4, 2), rtol=1e-5)
+    each = np.split(likely, np.cumsum(ACTIONS)[:-1], -1)
+    for k, shares in enumerate(each):
+        np.testing.assert_allclose(shares.sum(-1), 1, rtol=1e-5)
+        np.testing.assert_allclose(shares.reshape(8, -1), logs[: ACTIONS[k], k].exp().T.numpy(), rtol=1e-4)
+    assert np.array_equal(np.stack([shares.argmax(-1) for shares in each], -1), player(observations))
+    assert attention.shape == (4, 2, sum(rows for _, rows in player.explainer().entities))
+    assert (attention >= 0).all()
+    assert (attention.sum(-1) <= 1 + 1e-5).all()
+    assert attention.max() > 0.1
+
+
+@pytest.mark.parametrize("preset", [name for name in PRESETS if not PRESETS[name].egocentric])
+def test_attention_is_that_of_naive_attention(tmp_path: Path, preset: str) -> None:
+    player, observations = played(explained_policy(tmp_path / "a.zip", preset))
+    attention = player.explainer()(observations)[2]
+    for w in range(4):
+        for i in range(2):
+            mine = {key: array[w, i] for key, array in observations.items()}
+            np.testing.assert_allclose(attention[w, i], naive_attention(player, mine), atol=2e-5)
+
+
+def naive_attention(player: Any, mine: dict[str, Array]) -> Array:
+    """The attention of one agent, row by row, head by head, in float64."""
+    own: Extractor = player.policies[0].extractors[0]
+    leaky, heads = player.preset.leaky, player.preset.heads
+    weights = torch.split(own.weight * own.scale, [kind.features for kind in own.layout.kinds])
+    rows, visible = [], []
+    for kind, weight, bias in zip(own.layout.kinds, weights, own.bias, strict=True):
+        made = mine[kind.key].astype(float) @ weight.detach().numpy() + bias.detach().numpy()
+        rows += [*(np.tanh(made) if player.preset.activation == "tanh" else np.maximum(made, 0))]
+        visible += [*(mine[f"{kind.key}_mask"] > 0)]
+    if leaky:
+        rows, visible = [*rows, np.zeros_like(rows[0])], [*visible, True]
+    matrix, shift = (each.detach().numpy() for each in (own.attention.in_proj_weight, own.attention.in_proj_bias))
+    queries, keys, _ = (np.split(np.array(rows) @ matrix.T + shift, 3, 1)[k] for k in range(3))
+    shares = np.zeros(len(rows))
+    for query in np.flatnonzero(visible):
+        for q, k in zip(np.split(queries, heads, 1), np.split(keys, heads, 1), strict=True):
+            logits = k @ q[query] / np.sqrt(q.shape[1]) + (~np.array(visible) if leaky else 0)
+            power = np.exp(logits) * (True if leaky else np.array(visible))
+            shares += power / power.sum() / heads / sum(visible)
+    return shares[: sum(kind.rows for kind in own.layout.kinds)]
+
+
+@pytest.mark.parametrize("policies", ["shared", "side"])
+def test_it_has_a_memory_of_its_own(tmp_path: Path, policies: str) -> None:
+    """Explained in between or not, a player does the same; and what it does is what was likeliest."""
+    path = explained_policy(tmp_path / "a.zip", "fast", memory=8, policies=policies)
+    env, one, other = make_vec(short("ffa_2"), 3, seed=1), load_policy(path, None), load_policy(path, None)
+    acts, explain = (told(one, env), told(other, env)), told(one.explainer(), env)
+    observations, _ = env.reset()
+    for _ in range(40):
+        likely = explain(observations)[1]
+        actions = acts[0](observations)
+        assert np.array_equal(actions, acts[1](observations))
+        best = [shares.argmax(-1) for shares in np.split(likely, np.cumsum(ACTIONS)[:-1], -1)]
+        assert np.array_equal(np.stack(best, -1), actions)
+        observations, *_ = env.step(actions)
+
+
+def test_rollouts_record_it_of_policies_that_fit(tmp_path: Path, capsys) -> None:
+    """As the policy thought in the same rollout without a recording, and only of the agents that it plays."""
+    path, names = explained_policy(tmp_path / "a.zip"), ("--worlds=3", "--steps=50", "--seed=2", "--quiet")
+    options = ("--policy", path, "--record-policy", *names)
+    assert run(capsys, "rollout", "ffa_2", *options, "--record", tmp_path / "a.rec")[0] == 0
+    replay, player = Replay(Recording.open(tmp_path / "a.rec")), load_policy(path, 2)
+    env, explain = make_vec(player.scenario(variant("ffa_2")), 3, seed=2), player.explainer()
+    observations, _ = env.reset()
+    for tick in replay.ticks():
+        if tick:
+            value, likely, attention = explain(observations)
+            assert replay.policy is not None
+            np.testing.assert_array_equal(replay.policy["value"], value)
+            np.testing.assert_array_equal(replay.policy["probabilities"], likely.astype(np.float16))
+            np.testing.assert_array_equal(replay.policy["attention"], attention.astype(np.float16))
+            observations, *_ = env.step(player(observations))
+    others = ("--others", "scripted", "--record", tmp_path / "b.rec")
+    assert run(capsys, "rollout", "ffa_2", *options, *others)[0] == 0
+    replay = Replay(Recording.open(tmp_path / "b.rec"))
+    for _ in replay.ticks(last=20):
+        pass
+    assert replay.policy is not None
+    assert np.isnan(replay.policy["probabilities"]).all(-1).sum(1).tolist() == [1, 1, 1]
+    player, env = load_policy(explained_policy(tmp_path / "a.zip")), make_vec("teams_4", 1, seed=0)
+    with pytest.raises(ValueError, match="the policy was trained on ffa_2 and does not fit here"):
+        record(env, tmp_path / "a.rec", policy=player)
+    assert not (tmp_path / "a.rec").exists()
