@@ -4,9 +4,11 @@ import contextlib
 import functools
 import hashlib
 import http.server
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from email.message import Message
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -17,7 +19,7 @@ import outlast
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.models import fetched, models
-from outlast.envs.rollout.saved import is_saved, located, policy_file, text_of
+from outlast.envs.rollout.saved import CHECKPOINT, checkpoints, is_saved, located, policy_file, text_of
 from outlast.envs.storage import kept_results
 from outlast.envs.storage.kept_results import ADDRESS, RESULTS
 from tests.conftest import run
@@ -69,7 +71,7 @@ class Server:
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Server]:
+def server(monkeypatch, tmp_path: Path) -> Iterator[Server]:
     """A server of the results, which is the address of models, and an empty cache."""
     pytest.importorskip("pooch", reason="needs pooch: outlast[models]")
     if not RESULTS.is_dir():
@@ -86,7 +88,11 @@ def cached(tmp_path: Path) -> list[str]:
     return sorted(path.name for path in (tmp_path / "cache").rglob("*") if path.is_file())
 
 
-# ---- the table
+def described(address: str) -> Message:
+    """The metadata of a package with one address."""
+    about = Message()
+    about["Project-URL"] = address
+    return about
 
 
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
@@ -110,7 +116,7 @@ def test_the_table_agrees_with_the_headers() -> None:
         assert (model.preset, model.seed, model.steps) == told, model.name
 
 
-def test_they_are_listed(capsys: Any) -> None:
+def test_they_are_listed(capsys) -> None:
     status, out, err = run(capsys, "models")
     head, *lines = out.splitlines()
     assert (status, err, head.split()[-1]) == (0, "", "name")
@@ -119,12 +125,11 @@ def test_they_are_listed(capsys: Any) -> None:
     known = models()[NAME]
     numbers = [f"{known.steps:,}", f"{known.wins:.3f}", f"{known.size:,}", known.sha256[:12]]
     assert line.split() == [known.preset, "0", *numbers, NAME]
+    with pytest.raises(UsageError, match="no policy is named"):
+        located("")
 
 
-# ---- names and paths
-
-
-def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch) -> None:
     """Whatever is in the working directory; a folder of that name is meant by "./" in front, or by a Path."""
     monkeypatch.chdir(tmp_path)
     Path(NAME).mkdir(parents=True)
@@ -146,17 +151,14 @@ def test_unknown_names_are_refused(name: str) -> None:
             ask(name)
 
 
-# ---- files
-
-
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
-def test_a_checkout_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_checkout_has_them(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pooch", None)
     assert fetched(NAME) == located(NAME) == RESULTS / "policies" / f"{NAME}.safetensors"
 
 
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
-def test_an_installed_outlast_finds_them_in_a_checkout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_installed_outlast_finds_them_in_a_checkout(monkeypatch, tmp_path: Path) -> None:
     """If that is the working directory, as where it was installed from."""
     monkeypatch.delenv(ADDRESS, raising=False)
     monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
@@ -185,10 +187,7 @@ def test_nothing_stays_of_a_download_that_fails(server: Server, tmp_path: Path) 
     another = rf"{NAME}: what is at http.* is another file, by its checksum; nothing was kept; set {ADDRESS}"
     failures: list[tuple[dict[str, Any], str]] = [
         ({"content": b"another"}, another),
-        (
-            {"status": 404},
-            rf"{NAME} cannot be downloaded from http.*: 404 Not Found; connect .* {ADDRESS}",
-        ),
+        ({"status": 404}, rf"{NAME} cannot be downloaded from http.*: 404 Not Found; connect .* {ADDRESS}"),
         ({"cut": 100}, rf"{NAME} (cannot be downloaded|: what is at) .*"),
     ]
     for changes, words in failures:
@@ -210,7 +209,7 @@ def test_without_a_network_the_message_names_the_cure(server: Server, tmp_path: 
     server.close = lambda: None  # type: ignore[method-assign]
 
 
-def test_without_pooch_the_message_names_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pooch_the_message_names_the_cure(monkeypatch) -> None:
     monkeypatch.setenv(ADDRESS, "http://127.0.0.1:9/results")
     monkeypatch.setitem(sys.modules, "pooch", None)
     with pytest.raises(UsageError, match=rf"{NAME} is downloaded by pooch: pip install 'outlast\[models\]'"):
@@ -218,7 +217,7 @@ def test_without_pooch_the_message_names_the_cure(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("form", [str, Path.as_uri])
-def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch) -> None:
     """Its files are read where they are, if they are the ones of the table."""
     if not RESULTS.is_dir():
         pytest.skip("results are not part of this archive")
@@ -238,51 +237,29 @@ def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch: pytest.M
     ("address", "message"),
     [("http://[", "is 'http://\\[', which is no address"), ("ftp://x/", "an address of http, https or file is needed")],
 )
-def test_an_address_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, address: str, message: str) -> None:
+def test_an_address_that_is_none_is_refused(monkeypatch, address: str, message: str) -> None:
     monkeypatch.setenv(ADDRESS, address)
     with pytest.raises(UsageError, match=rf"{NAME}: {ADDRESS} .*{message}"):
         fetched(NAME)
 
 
-def test_a_policy_without_a_name_is_refused() -> None:
-    with pytest.raises(UsageError, match="no policy is named"):
-        located("")
-
-
-def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch, tmp_path: Path) -> None:
     asked = list[str]()
     monkeypatch.delenv(ADDRESS, raising=False)
     monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kept_results, "_downloaded", lambda address, *given: asked.append(address))
-    monkeypatch.setattr(kept_results, "metadata", lambda name: Described("Source, https://host/outlast"))
-    with pytest.raises(
-        UsageError,
-        match=f"{NAME}: an installed .* knows no address of them: set {ADDRESS} to a folder",
-    ):
+    monkeypatch.setattr(kept_results, "metadata", lambda name: described("Source, https://host/outlast"))
+    with pytest.raises(UsageError, match=f"{NAME}: an installed .* knows no address of them: set {ADDRESS} to a"):
         fetched(NAME)
-    monkeypatch.setattr(kept_results, "metadata", lambda name: Described("Results, https://host/raw/results"))
+    monkeypatch.setattr(kept_results, "metadata", lambda name: described("Results, https://host/raw/results"))
     fetched(NAME)
     fetched(LONG)
     name = LONG.replace("+", "%2B").replace("=", "%3D")
     assert asked == [f"https://host/raw/results/policies/{each}.safetensors" for each in (NAME, name)]
 
 
-class Described:
-    """The metadata of a package with one address."""
-
-    def __init__(self, address: str) -> None:
-        self.address = address
-
-    def get_all(self, key: str) -> list[str]:
-        """Return what a key has."""
-        return {"Project-URL": [self.address]}[key]
-
-
-# ---- playing
-
-
-def test_models_play_wherever_policies_do(capsys: Any) -> None:
+def test_models_play_wherever_policies_do(capsys) -> None:
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
     pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
     if not RESULTS.is_dir():
@@ -297,10 +274,8 @@ def test_models_play_wherever_policies_do(capsys: Any) -> None:
         status, out, _ = run(capsys, "rollout", "teams_3", "--policy", policy, "--others", others, *small)
         assert (status, NAME in out) == (0, True)
     found = outlast.evaluate("teams_3", [NAME, "teams_3/original-1"], episodes=2, worlds=2, quiet=True)
-    assert [(each.label, each.text) for each in found.chosen] == [
-        ("fast-0", NAME),
-        ("original-1", "teams_3/original-1"),
-    ]
+    labels = [("fast-0", NAME), ("original-1", "teams_3/original-1")]
+    assert [(each.label, each.text) for each in found.chosen] == labels
     config = functools.partial(TrainingConfig, outlast.variant("teams_3"), worlds=2, rollout=64)
     against = Trainer(config(opponents={"self": 1.0, NAME: 1.0}))
     against.collect()
@@ -309,3 +284,20 @@ def test_models_play_wherever_policies_do(capsys: Any) -> None:
     begun = Trainer(config(warm_start=NAME))
     begun.take_weights()
     assert begun.config.header()["plan"]["warm_start"] == NAME
+
+
+def test_checkpoints_are_in_order_of_their_steps(tmp_path: Path) -> None:
+    """Not of their names; and a copy beside them is none."""
+    names = [CHECKPOINT.format(steps) for steps in (512, 9_999_999_999, 10_000_007_168)]
+    for name in (*names, "steps_good.zip", "steps_0000000600.zip.part", "steps_.zip"):
+        tmp_path.joinpath(name).touch()
+    assert [path.name for path in checkpoints(tmp_path)] == names
+
+
+def test_without_torch_the_message_names_the_cure() -> None:
+    code = "import sys; sys.modules['torch'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    cure = "pip install 'outlast[train]' (safetensors>=0.4.3, tensorboard>=2.16, torch>=2.4)"
+    assert result.stderr == f"outlast: a.zip needs torch: {cure}\n"

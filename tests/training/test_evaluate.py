@@ -1,8 +1,10 @@
-"""Cross-play, counted again in plain Python."""
+"""Cross-play, counted again in plain Python; ratings; and groups of runs that differ by seeds."""
 
+import json
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,31 +15,31 @@ from outlast.envs.errors import UsageError
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
+
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+import torch
+
+import outlast
+from outlast.training.arena import evaluation as report
+from outlast.training.arena.evaluation import Evaluation
+from outlast.training.arena.films import film_players
+from outlast.training.arena.groups import PolicyGroup, group_policies, rate_groups
+from outlast.training.arena.match import Match, ratio
+from outlast.training.arena.players import Contender, contenders, labels
+from outlast.training.arena.ratings import anchored, elo
+from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
-
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-from outlast.training.arena.evaluation import Evaluation  # noqa: E402
-from outlast.training.arena.films import film_players  # noqa: E402
-from outlast.training.arena.match import Match, ratio  # noqa: E402
-from outlast.training.arena.players import Contender, contenders, labels  # noqa: E402
-from outlast.training.arena.ratings import anchored, elo  # noqa: E402
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.presets import PRESETS  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.policies.player import Player  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.runs import resume  # noqa: E402
-from tests.training.test_player import saved  # noqa: E402
+from outlast.training.base.presets import PRESETS
+from outlast.training.policies import checkpoint
+from outlast.training.policies.player import Player
+from outlast.training.ppo.trainer import Trainer
+from outlast.training.runs import resume
+from tests.helpers.checkpoints import KEPT
+from tests.training.test_player import saved
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-
-QUICK = {
-    "safe_zone_damage": 20,
-    "safe_zone_stand": 20,
-    "safe_zone_shrink": 10,
-    "melee_damage": 20,
-}  # episodes of a hundred steps
+QUICK = {"safe_zone_damage": 20, "safe_zone_stand": 20, "safe_zone_shrink": 10, "melee_damage": 20}  # 100 steps
 
 
 def quick(name: str) -> Scenario:
@@ -90,11 +92,9 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
                 figures["life"][here], figures["length"][here] = lives, ticks[w]
                 figures["wins"][here] = [0.5 + 0.5 * np.sign(lives[k] - lives[1 - k]) for k in (0, 1)]
                 figures["kills"][here] = [info["statistics"]["kills"][w, (k + w + count[w]) % 2] for k in (0, 1)]
-                alive = [
-                    [observations["own"][w, i, -7:].any() for i in agents if (i // size + w + count[w]) % 2 == k]
-                    for k in (0, 1)
-                ]
-                figures["dead"][here] = [len(living) - sum(living) for living in alive]
+                for i in agents:
+                    role = (i // size + w + count[w]) % 2
+                    figures["dead"][(*here, role)] += not observations["own"][w, i, -7:].any()
             if done[w]:
                 count[w], ticks[w], last[w] = count[w] + 1, 0, 0
         if done.any():
@@ -134,20 +134,21 @@ def test_the_report_says_where_wins_depend_on_the_side() -> None:
     unequal = Evaluation(quick("teams_1").replace(teams_sizes=(1, 3)), contenders(["random"]), episodes=64)
     unequal.play()
     unequal.close()
-    assert re.search(
-        r"\nthe side matters in 1 of 1 pairings, .*: random against random wins 0\.\d+ ± \S+ on the first side, 0\.",
-        str(unequal),
-    )
+    words = r"\nthe side matters in 1 of 1 .*: random against random wins 0\.\d+ ± \S+ on the first side, 0\."
+    assert re.search(words, str(unequal))
     assert "the side matters" not in str(evaluated("ffa_1", "random", episodes=64))
 
 
-@pytest.mark.parametrize("chosen", [preset.name for preset in PRESETS.values() if preset.cameras == "masked"])
-def test_cameras_mode_is_nothing_to_a_player_trained_on_masked_rows(tmp_path: Path, chosen: str) -> None:
-    saved(tmp_path / "a.zip", chosen)
+MASKED = [preset.name for preset in PRESETS.values() if preset.cameras == "masked"]
+
+
+@pytest.mark.parametrize("chosen", ["scripted", "random", *MASKED])
+def test_cameras_mode_is_nothing_to_those_who_do_not_read_hidden_rows(tmp_path: Path, chosen: str) -> None:
+    if chosen in PRESETS:
+        saved(tmp_path / "a.zip", chosen)
     envs = [make_vec(quick("teams_3").replace(cameras_mode=mode), 8, seed=3) for mode in ("masked", "revealed")]
-    players = [Player(tmp_path / "a.zip", seed=4) for _ in envs]
-    seen = [env.reset()[0] for env in envs]
-    differ = 0
+    players = [Player(tmp_path / "a.zip", seed=4) if chosen in PRESETS else POLICIES[chosen](env, 0) for env in envs]
+    seen, differ = [env.reset()[0] for env in envs], 0
     for _ in range(150):
         actions = [player(observations) for player, observations in zip(players, seen, strict=True)]
         assert np.array_equal(*actions)
@@ -155,17 +156,6 @@ def test_cameras_mode_is_nothing_to_a_player_trained_on_masked_rows(tmp_path: Pa
         differ += (seen[0]["others"] != seen[1]["others"]).any()
         seen = [env.step(choice)[0] for env, choice in zip(envs, actions, strict=True)]
     assert differ > 100
-
-
-@pytest.mark.parametrize("name", ["scripted", "random"])
-def test_cameras_mode_is_nothing_to_policies_by_name(name: str) -> None:
-    envs = [make_vec(quick("teams_3").replace(cameras_mode=mode), 8, seed=3) for mode in ("masked", "revealed")]
-    policies = [POLICIES[name](env, 0) for env in envs]
-    seen = [env.reset()[0] for env in envs]
-    for _ in range(150):
-        actions = [policy(observations) for policy, observations in zip(policies, seen, strict=True)]
-        assert np.array_equal(*actions)
-        seen = [env.step(choice)[0] for env, choice in zip(envs, actions, strict=True)]
 
 
 def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> None:
@@ -204,22 +194,6 @@ def test_keyed_policies_play_each_world_for_itself(tmp_path: Path, memory: int, 
     assert all(same[1:]) == (keyed or memory > 0)
 
 
-def test_a_policy_against_itself_wins_half() -> None:
-    evaluation = evaluated("ffa_1", "scripted", episodes=400, worlds=100)
-    mean, error = evaluation.pairings[0].estimates(0)["wins"]
-    assert 0.015 < error < 0.026
-    assert abs(mean - 0.5) < 4 * error
-    assert evaluation.ratings() is None
-    won, drawn, lost = evaluation.pairings[0].won_drawn_lost()
-    assert (won + drawn + lost, (won + drawn / 2) / 400) == (400, mean)
-
-
-def test_sides_are_even_also_where_worlds_are_odd() -> None:
-    evaluation = Evaluation(quick("ffa_1"), contenders(["noop", "random"]), episodes=3, worlds=3)
-    assert (evaluation.each, evaluation.episodes) == (2, 6)
-    evaluation.close()
-
-
 def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
     chosen = contenders([str(tmp_path / "a.zip"), "random"])
@@ -230,14 +204,11 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     assert chosen[0].player is not None
     chosen[0].player.header["actions"] = [3, 3]
     with pytest.raises(
-        TrainingError, match=r"trained where actions have \[3, 3\] values, and here they have \[3, 3, 3, 2, 2, 2\]"
+        TrainingError, match=r"trained where actions have \[3, 3\] values, and here they have \[3, 3, 3"
     ):
         Evaluation(variant("teams_3"), chosen, worlds=2)
     with pytest.raises(TrainingError, match="one side"):
         Evaluation(variant("teams_3").replace(teams_count=1), chosen[1:], worlds=2)
-
-
-# ---- Elo ratings and standard errors, against closed forms and against random games
 
 
 @pytest.mark.parametrize(("won", "drawn", "lost"), [(300, 0, 100), (10, 80, 30), (50, 0, 0), (0, 5, 0)])
@@ -262,21 +233,6 @@ def test_expected_scores_give_back_the_ratings() -> None:
     assert elo(expected * chain, np.zeros((4, 4)))[0] == pytest.approx(true, abs=0.1)
 
 
-def test_errors_are_the_scatter_of_ratings() -> None:
-    rng, count, tables = np.random.default_rng(0), 200, 400
-    found, estimated = [], []
-    chances = {(0, 1): (0.5, 0.2), (0, 2): (0.6, 0.3), (1, 2): (0.45, 0.2)}  # of a win, of a draw
-    for _ in range(tables):
-        wins, draws = np.zeros((2, 3, 3))
-        for (i, j), (win, draw) in chances.items():
-            wins[i, j], draws[i, j], wins[j, i] = rng.multinomial(count, (win, draw, 1 - win - draw))
-            draws[j, i] = draws[i, j]
-        ratings, errors = elo(wins, draws)
-        found.append(ratings)
-        estimated.append(errors)
-    assert np.mean(estimated, 0) == pytest.approx(np.std(found, 0), rel=4 / math.sqrt(2 * tables))
-
-
 def test_ratings_of_several_tables_are_those_of_each() -> None:
     wins, draws = np.random.default_rng(0).integers(0, 50, (2, 6, 4, 4)).astype(float)
     wins[3, 0, 1:] = wins[3, 1:, 0] = draws[3, 0] = draws[3, :, 0] = 0
@@ -284,34 +240,10 @@ def test_ratings_of_several_tables_are_those_of_each() -> None:
     draws += draws.swapaxes(1, 2)
     expected = [elo(*tables) for tables in zip(wins, draws, strict=True)]
     assert np.stack(elo(wins, draws), 1) == pytest.approx(np.array(expected), abs=1e-6)
-
-
-def test_a_player_that_always_wins_has_a_rating_and_a_wide_error() -> None:
-    wins = np.array([[0, 100, 100], [0, 0, 50], [0, 50, 0]])
-    ratings, errors = elo(wins, np.zeros((3, 3)))
-    assert 1500 < ratings[0] < 2500
-    assert ratings[1] == pytest.approx(ratings[2])
-    assert 100 < errors[0] < 200
-
-
-def test_players_that_no_games_join_have_none() -> None:
     wins = np.zeros((4, 4))
     wins[0, 1] = wins[2, 3] = 10
     with pytest.raises(ValueError, match="no chain of games joins all players"):
         elo(wins, np.zeros((4, 4)))
-
-
-# ---- ratings against fixed opponents
-
-
-def test_expected_scores_against_fixed_opponents_give_back_the_ratings() -> None:
-    true, fixed, count = np.array([700.0, 1000, 2100]), np.array([400.0, 900, 1000, 1900]), 10_000_000
-    expected = count / (1 + 10 ** ((fixed - true[:, None]) / 400))
-    half = 0.2 * (count - np.abs(2 * expected - count))  # of the games: drawn
-    ratings, _ = anchored(expected - half / 2, half, count - expected - half / 2, fixed)
-    assert ratings == pytest.approx(true, abs=0.05)
-    alone, _ = anchored(*(each[:1] for each in (expected - half / 2, half, count - expected - half / 2)), fixed)
-    assert alone[0] == pytest.approx(ratings[0], abs=1e-6)  # whoever else is rated
 
 
 @pytest.mark.parametrize(("won", "drawn", "lost"), [(300, 0, 100), (10, 80, 30), (50, 0, 0), (0, 0, 50)])
@@ -322,24 +254,6 @@ def test_against_one_fixed_opponent_the_rating_is_the_closed_form(won: int, draw
     variance = (won + 0.5 + drawn / 4) / count - share**2
     assert ratings[0] == pytest.approx(1234 + 400 * math.log10(share / (1 - share)))
     assert errors[0] == pytest.approx(400 / math.log(10) * math.sqrt(variance / count) / (share * (1 - share)))
-
-
-def test_who_wins_or_loses_everything_has_a_bound_with_a_wide_error() -> None:
-    fixed, none, all_ = np.array([600.0, 1000, 1400]), np.zeros((1, 3)), np.full((1, 3), 320)
-    (best,), (above,) = anchored(all_, none, none, fixed)
-    (worst,), (below,) = anchored(none, none, all_, fixed)
-    assert best - 1000 == pytest.approx(1000 - worst)
-    assert 2000 < best < 2600
-    assert above == pytest.approx(below)
-    assert 100 < above < 400
-
-
-def test_errors_against_fixed_opponents_are_the_scatter_of_ratings() -> None:
-    rng, fixed, tables = np.random.default_rng(0), np.array([800.0, 1000, 1300]), 2000
-    chances = [(0.7, 0.1, 0.2), (0.45, 0.1, 0.45), (0.1, 0.2, 0.7)]
-    wins, draws, losses = np.stack([rng.multinomial(200, each, tables) for each in chances], 1).transpose(2, 0, 1)
-    ratings, errors = anchored(wins, draws, losses, fixed)
-    assert errors.mean() == pytest.approx(ratings.std(), rel=4 / math.sqrt(2 * tables))
 
 
 @pytest.mark.parametrize(
@@ -367,38 +281,6 @@ def test_a_ratio_is_a_mean_with_its_error() -> None:
     few = np.zeros((200, 2))  # a column that three episodes have
     few[[5, 70, 150]] = [[1, 1], [2, 1], [5.5, 1]]
     assert ratio(few) == pytest.approx((8.5 / 3, np.std([1, 2, 5.5], ddof=1) / math.sqrt(3)))
-    found = []
-    for _ in range(1000):  # of numbers that go together
-        counts = rng.integers(0, 10, 100)
-        found.append(ratio(np.stack([rng.binomial(counts, 0.3), counts], 1)))
-    means, errors = np.array(found).T
-    assert means.mean() == pytest.approx(0.3, abs=4 * means.std() / math.sqrt(1000))
-    assert errors.mean() == pytest.approx(means.std(), rel=0.1)
-
-
-def test_the_title_of_a_film_has_both_players_and_their_sides() -> None:
-    for names, sides in (
-        (("scripted", "random"), ("side 0", "side 1")),
-        (("ffa_2-original-0", "ffa_2-original-1"), ("side 0", "side 1")),
-        (("runs-a-folder-of-many-ffa_2-fast-0", "runs-a-folder-of-many-ffa_2-fast-17"), ("side 0", "side 1")),
-        (("ffa_2-original-0", "scripted"), ("sides 0 2 4", "sides 1 3")),
-    ):
-        text = film_players(names, sides)
-        strip = Canvas(512, 256, 22)
-        assert strip.length(text, 11) + strip.length("tick 1234", 11) < 512 - 4 * 11  # pixels, with the margins
-        first, second = text.split(" against ")
-        for shown, name, own in ((first, names[0], sides[0]), (second, names[1], sides[1])):
-            start, _, ending = shown.removesuffix(f" ({own})").partition("..")
-            assert shown.endswith(f" ({own})")
-            assert name.startswith(start)
-            assert name.endswith(ending)
-            assert len(shown) - len(own) > 8
-    assert film_players(("scripted", "random"), ("side 0", "side 1")) == "scripted (side 0) against random (side 1)"
-
-
-def test_two_policies_are_not_given_one_label() -> None:
-    with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two of them are called lr-1e-3 in files"):
-        contenders({"lr 1e-3": "noop", "lr=1e-3": "scripted"})
 
 
 @pytest.mark.parametrize("given", [{"episodes": 0}, {"worlds": 0}, {"episodes": 1.5}])
@@ -407,9 +289,161 @@ def test_numbers_of_an_evaluation_that_cannot_be_are_refused(given: dict[str, An
         Evaluation(quick("ffa_1"), contenders(["noop"]), **given)
 
 
-def test_labels_are_as_short_as_can_be() -> None:
+def test_labels_and_titles_are_as_short_as_can_be() -> None:
     assert labels(["random", "runs/a/steps_1.zip", "scripted"]) == ["random", "steps_1", "scripted"]
     assert labels(["runs/a b/steps_1.zip", "runs/c/steps_1.zip"]) == ["a-b-steps_1", "c-steps_1"]
     assert labels(["random", "runs/random.zip"]) == ["random", "runs-random"]
     with pytest.raises(TrainingError, match="named twice"):
         labels(["runs/a.zip", "runs/../runs/a.zip"])
+    with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two of them are called lr-1e-3 in files"):
+        contenders({"lr 1e-3": "noop", "lr=1e-3": "scripted"})
+    long, strip = "runs-a-folder-of-many-ffa_2-fast", Canvas(512, 256, 22)
+    for names in (("scripted", "random"), ("ffa_2-original-0", "ffa_2-original-1"), (f"{long}-0", f"{long}-17")):
+        text = film_players(names, ("side 0", "sides 1 3"))
+        assert strip.length(text, 11) + strip.length("tick 1234", 11) < 512 - 4 * 11  # pixels, with the margins
+        for part, name, side in zip(text.split(" against "), names, ("side 0", "sides 1 3"), strict=True):
+            start, _, ending = part.removesuffix(f" ({side})").partition("..")
+            assert name.startswith(start)
+            assert name.endswith(ending)
+            assert len(part) - len(side) > 8
+    assert film_players(("scripted", "random"), ("side 0", "side 1")) == "scripted (side 0) against random (side 1)"
+
+
+PLAN = {"preset": "fast", "seed": 0, "worlds": 64, "rollout": 1024, "settings": {}}
+
+
+def policy_of(label: str, plan: dict[str, Any] | None = None, steps: int = 100, **numbers: float) -> Any:
+    """A contender as far as groups ask for it."""
+    header = {"plan": plan or {}, "steps": steps, "scenario": {"name": "ffa_2", "numbers": numbers}}
+    return SimpleNamespace(label=label, text=f"{label}.zip", player=SimpleNamespace(header=header))
+
+
+def seeds(label: str, plan: dict[str, Any], count: int, **options: Any) -> list[Any]:
+    return [policy_of(f"{label}{seed}", plan | {"seed": seed}, **options) for seed in range(count)]
+
+
+def test_groups_are_runs_that_differ_by_seeds() -> None:
+    fast, scaled = seeds("f", PLAN, 3), seeds("s", PLAN | {"preset": "scaled"}, 2)
+    chosen = [Contender("random", "random"), *fast[:2], *scaled, policy_of("kept"), fast[2]]
+    assert group_policies(chosen) == [
+        PolicyGroup("random", (0,), False),
+        PolicyGroup("fast", (1, 2, 6), True),
+        PolicyGroup("scaled", (3, 4), True),
+        PolicyGroup("kept", (5,), False),  # it does not say how it was trained
+    ]
+    assert group_policies(fast) == [PolicyGroup("ffa_2", (0, 1, 2), True)]
+    games = [*fast[:2], *seeds("other", PLAN | {"preset": "paper"}, 2)]
+    for each in games[2:]:
+        each.player.header["scenario"]["name"] = "ffa_1"
+    assert [group.label for group in group_policies(games)] == ["ffa_2, fast", "ffa_1, paper"]
+    other = [*fast, *seeds("o", PLAN, 1, melee_damage=20), *seeds("older", PLAN, 1, steps=200)]
+    assert [group.members for group in group_policies(other)] == [(0, 1, 2), (3,), (4,)]
+    with pytest.raises(TrainingError, match=r"f0.zip and again.zip are the same run, or both of seed 0"):
+        group_policies([*fast, policy_of("again", PLAN)])
+
+
+def test_ratings_and_wins_of_groups_by_hand() -> None:
+    groups = [PolicyGroup("a", (0, 2), True), PolicyGroup("b", (1,), True)]
+    wins, draws = np.zeros((2, 3, 3))
+    wins[0, 1], wins[1, 0] = 800, 200
+    wins[2, 1], wins[1, 2], draws[1, 2], draws[2, 1] = 300, 500, 200, 200
+    wins[0, 2] = 1000  # games within a group do not count
+    found = rate_groups(groups, wins, draws, seed=0)
+    assert found.wins.value[0, 1] == pytest.approx((0.8 + 0.4) / 2)
+    assert found.wins.value[1, 0] == pytest.approx(0.4)
+    assert np.isnan(np.diag(found.wins.value)).all()
+    assert found.ratings.value[0] - found.ratings.value[1] == pytest.approx(400 * math.log10(600.5 / 400.5))
+    low, high = found.wins.low[0, 1], found.wins.high[0, 1]  # all resampled runs may be the one or the other
+    assert (low, high) == pytest.approx((0.4, 0.8), abs=0.05)
+    assert found.wins.low[1, 0] == pytest.approx(1 - high)
+    again = rate_groups(groups, wins, draws, seed=0)
+    assert np.array_equal(again.ratings.low, found.ratings.low)
+
+
+def pair(wins: float, losses: float, seed: int = 0, reps: int = 2000) -> Any:
+    """Ratings of two single runs, of which the first has won and lost so many games against the second."""
+    groups = [PolicyGroup("a", (0,), True), PolicyGroup("b", (1,), False)]
+    return rate_groups(groups, np.array([[0, wins], [losses, 0]]), np.zeros((2, 2)), seed, reps)
+
+
+def test_losses_bound_ratings_and_who_wins_every_game_may_be_any_better() -> None:
+    found = pair(20, 0)
+    assert found.wins.value[0, 1] == found.wins.high[0, 1] == 1
+    assert found.wins.value[1, 0] == found.wins.low[1, 0] == 0
+    assert 0.8 < found.wins.low[0, 1] < 0.95
+    found = pair(1000, 0)
+    chance = 5.0239 / 2 / 1001  # of a loss, by Jeffreys: of a beta (1/2, 1000.5), as good as a chi square of 1 degree
+    assert found.ratings.low[0] == pytest.approx(1000 + 200 * math.log10((1 - chance) / chance), abs=10)
+    assert found.ratings.low[0] + 100 < found.ratings.value[0] == pytest.approx(1000 + 200 * math.log10(1000.5 / 0.5))
+    assert found.ratings.high[0] == np.inf
+    assert found.ratings.low[1] == -np.inf
+    groups = [PolicyGroup(name, (k,), True) for k, name in enumerate("abc")]
+    wins = np.array([[0.0, 50, 40], [0, 0, 30], [10, 20, 0]])  # a loses to c, who loses to b
+    found = rate_groups(groups, wins, np.zeros((3, 3)), 0)
+    assert np.isfinite(found.ratings).all()
+    assert ((found.ratings.low < found.ratings.value) & (found.ratings.value < found.ratings.high)).all()
+    found = rate_groups(groups, np.triu(np.full((3, 3), 50.0), 1), np.zeros((3, 3)), 0)
+    assert np.isinf(found.ratings.low).tolist() == [False, True, True]
+    assert np.isinf(found.ratings.high).tolist() == [True, True, False]
+
+
+def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: Path) -> None:
+    for name, worlds, seed in (("a", 4, 0), ("b", 4, 1), ("c", 8, 0)):
+        config = TrainingConfig(variant("ffa_2"), "fast", worlds=worlds, rollout=256, seed=seed)
+        checkpoint.write_checkpoint(tmp_path / f"{name}.zip", resume.capture(Trainer(config), config.header()))
+    quick = variant("ffa_2").replace(safe_zone_damage=50, safe_zone_stand=5)
+    chosen = contenders([*(tmp_path / f"{name}.zip" for name in "abc"), "noop"])
+    evaluation = Evaluation(quick, chosen, episodes=8, worlds=8)
+    evaluation.play_pair(evaluation.pairs[0])
+    assert evaluation.groups() is None
+    evaluation.pairings.clear()
+    evaluation.play()
+    evaluation.close()
+    text = str(evaluation)
+    assert "over games of these very policies" in text
+    assert "\nworlds=4: a, b\n95 % intervals over training seeds and games" in text
+    assert text.index("Elo of groups") < text.index("wins of group, against") < text.index("\nc: one run: its error is")
+    assert "its error is of games alone, and says nothing of other seeds" in text
+    narrow = report.text(evaluation, 80)
+    tables = [line for line in narrow.split("\n") if "  " in line]
+    assert max(map(len, tables)) <= 80 < max(map(len, text.split("\n")))
+    assert sorted({*narrow.split()}) == sorted({*text.split()})
+    report.write_tables(evaluation, tmp_path)
+    rows = (tmp_path / "groups.csv").read_text().splitlines()
+    assert rows[0] == "group,runs,against,figure,value,low,high"
+    assert [row.split(",")[:4] for row in rows[1:5]] == [
+        ["worlds=4", "2", "", "elo"],
+        ["worlds=4", "2", "c", "wins"],
+        ["worlds=4", "2", "noop", "wins"],
+        ["c", "1", "", "elo"],
+    ]
+    kept = json.loads((tmp_path / "evaluation.json").read_text())["groups"]
+    assert (len(kept), kept[0]["group"], kept[0]["figure"]) == (9, "worlds=4", "elo")
+
+
+def test_the_report_says_what_no_bound_is_and_why_there_are_no_groups() -> None:
+    played = SimpleNamespace(chosen=[policy_of("a", PLAN), policy_of("b", PLAN)], groups=lambda: pair(20, 0))
+    text = report._group_ratings(played, pair(20, 0))  # type: ignore[arg-type]
+    assert re.search(r"a  .* \[\d+, inf\]\nb  .* \[-inf, \d+\]\n.*; inf: no game bounds the rating on that side", text)
+    assert "inf:" not in report._group_ratings(played, pair(15, 5))  # type: ignore[arg-type]
+    (row, *_) = report._json(report._group_rows(played))  # type: ignore[arg-type]
+    assert row[-1] is None
+    assert 1000 < row[-2] < row[-3]
+    played = SimpleNamespace(chosen=[policy_of("a", PLAN), policy_of("b", PLAN)], groups=lambda: None)
+    (reason,) = report._groups(played, None)  # type: ignore[arg-type]
+    assert reason.startswith("no groups of training seeds: a.zip and b.zip are the same run, or both of seed 0")
+    played.chosen = [Contender("random", "random"), Contender("noop", "noop")]
+    assert list(report._groups(played, None)) == []  # type: ignore[arg-type]
+
+
+def test_a_policy_that_takes_the_likeliest_actions_does_so_in_evaluations() -> None:
+    """And whoever evaluates it gets it back as it was."""
+    policy_file = KEPT / "ffa_2/original-0.safetensors"
+    policy, options = outlast.load_policy(policy_file, seed=None), {"episodes": 8, "worlds": 8, "quiet": True}
+    options |= {"ending_limit": 60, "cameras_mode": "revealed"}
+    found = outlast.evaluate("ffa_2", {"p": policy, "r": "random"}, **options)
+    assert policy.generator is None
+    plain = outlast.evaluate("ffa_2", {"p": lambda observed: policy(observed), "r": "random"}, **options)
+    sampled = outlast.evaluate("ffa_2", {"p": outlast.load_policy(policy_file), "r": "random"}, **options)
+    told = [str(each.estimates("p", "r")) for each in (found, plain, sampled)]
+    assert told[0] == told[1] != told[2]
