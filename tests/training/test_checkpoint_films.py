@@ -3,6 +3,7 @@
 import importlib
 import logging
 import random
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,20 +14,21 @@ import pytest
 
 from outlast import variant
 from outlast.components import Body
+from outlast.envs.films import HOLD
 from outlast.envs.rendering import video
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.envs.films import HOLD  # noqa: E402
-from outlast.training.base import policy_file  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.runs import film  # noqa: E402
-from outlast.training.runs.episode import episode, recorded_scenario  # noqa: E402
-from outlast.training.runs.film import film_checkpoint  # noqa: E402
-from tests.helpers.checkpoints import KEPT, as_checkpoint  # noqa: E402
+import torch
+
+from outlast.training.base import policy_file
+from outlast.training.base.errors import TrainingError
+from outlast.training.runs import film
+from outlast.training.runs.episode import episode, recorded_scenario
+from outlast.training.runs.film import film_checkpoint
+from tests.helpers.checkpoints import KEPT, as_checkpoint
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -37,11 +39,8 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
+def short(monkeypatch) -> None:
     monkeypatch.setattr(film, "MOST", 60)
-
-
-# ---- episodes
 
 
 def test_an_episode_is_played_to_its_end_and_is_the_same_again(policy: Path) -> None:
@@ -54,28 +53,26 @@ def test_an_episode_is_played_to_its_end_and_is_the_same_again(policy: Path) -> 
     assert 10 < len(paths[0]) < 5000
     assert np.array_equal(paths[0], paths[1])
     assert not np.array_equal(paths[0][:5], paths[2][:5])
-
-
-def test_an_episode_that_goes_on_is_left(policy: Path) -> None:
-    with episode(policy, seed=0, most=7) as played:
+    with episode(policy, seed=0, most=7) as played:  # it goes on, and is left
         assert list(played.ticks) == list(range(8))
 
 
-@pytest.mark.parametrize(
-    "scenario",
-    [
+def test_the_scenario_of_a_run_is_in_its_header_and_a_difference_is_reported() -> None:
+    for scenario in (
         variant("ffa_1"),
         variant("teams_2+health_cap+bounty").replace(melee_damage=7, safe_zone_radii=(8.0, 4.0)),
         variant("ffa_3+steering").replace(n_agents=5, cameras_mode="revealed"),
-    ],
-    ids=lambda scenario: scenario.name,
-)
-def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
-    made, differs = recorded_scenario({"scenario": fingerprint(scenario), "modules": classes(scenario)})
-    assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
+    ):
+        made, differs = recorded_scenario({"scenario": fingerprint(scenario), "modules": classes(scenario)})
+        assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
+    header = policy_file.read_header(KEPT / "ffa_1/original-0.safetensors", ())
+    del header["scenario"]["numbers"]["give_last_passes_on"]
+    made, differs = recorded_scenario(header)
+    assert made.name == "ffa_1"
+    assert differs == "give_last_passes_on is not there there and False here"
 
 
-def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch) -> None:
     """Of a file that was imported twice, those that are there now."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs/examples"))
     import tag
@@ -93,14 +90,6 @@ def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytes
     assert "tag" not in sys.modules
 
 
-def test_a_difference_of_the_scenario_is_reported() -> None:
-    header = policy_file.read_header(KEPT / "ffa_1/original-0.safetensors", ())
-    del header["scenario"]["numbers"]["give_last_passes_on"]
-    made, differs = recorded_scenario(header)
-    assert made.name == "ffa_1"
-    assert differs == "give_last_passes_on is not there there and False here"
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -112,9 +101,6 @@ def test_a_difference_of_the_scenario_is_reported() -> None:
 def test_a_scenario_that_cannot_be_made_is_refused(change: dict[str, Any], words: str) -> None:
     with pytest.raises(TrainingError, match=words):
         recorded_scenario({"scenario": fingerprint(variant("ffa_2")) | change, "modules": classes(variant("ffa_2"))})
-
-
-# ---- films
 
 
 def test_a_film_is_short_whole_and_named_after_the_checkpoint(policy: Path, tmp_path: Path) -> None:
@@ -138,7 +124,11 @@ def test_a_film_leaves_random_numbers_and_threads_alone(policy: Path, tmp_path: 
     assert states() == before
 
 
-def test_films_of_one_seed_begin_in_the_same_world(tmp_path: Path) -> None:
+def test_films_of_one_seed_begin_in_the_same_world_of_the_scenario_that_is_given(policy: Path, tmp_path: Path) -> None:
+    ours = variant("teams_3").replace(ending_limit=20)
+    (path,) = film_checkpoint(policy, tmp_path, ours)
+    end = 1 + round(HOLD * film.FPS)  # frames that show the end, which is no third tick
+    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) == 20 // film.EVERY + 1 + end
     firsts = []
     for k in range(2):
         path = KEPT / f"ffa_2/original-{k}.safetensors"
@@ -147,28 +137,18 @@ def test_films_of_one_seed_begin_in_the_same_world(tmp_path: Path) -> None:
     assert np.array_equal(*firsts)
 
 
-def test_a_scenario_that_is_given_is_played(policy: Path, tmp_path: Path) -> None:
-    ours = variant("teams_3").replace(ending_limit=20)
-    (path,) = film_checkpoint(policy, tmp_path, ours)
-    end = 1 + round(HOLD * film.FPS)  # frames that show the end, which is no third tick
-    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) == 20 // film.EVERY + 1 + end
-
-
 @pytest.mark.parametrize("content", [b"", b"PK", b"not a checkpoint"])
-def test_what_goes_wrong_is_logged_and_ends_nothing(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes
-) -> None:
+def test_what_goes_wrong_is_logged_and_ends_nothing(tmp_path: Path, caplog, content: bytes) -> None:
     (tmp_path / "steps_1.zip").write_bytes(content)
     with caplog.at_level(logging.WARNING, "outlast"):
         assert film_checkpoint(tmp_path / "steps_1.zip", tmp_path) == []
-    assert "there is no film of" in caplog.text
+        assert film_checkpoint(KEPT / "ffa_2/original-0.safetensors", tmp_path / "steps_1.zip" / "films") == []
+    assert caplog.text.count("there is no film of") == 2
     assert [path.name for path in tmp_path.iterdir()] == ["steps_1.zip"]
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), video.writer.FilmError("cut short")])
-def test_a_full_disk_ends_nothing(
-    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
-) -> None:
+def test_a_full_disk_ends_nothing(policy: Path, tmp_path: Path, monkeypatch, caplog, error: Exception) -> None:
     def fail(*_: Any) -> None:
         raise error
 
@@ -177,18 +157,7 @@ def test_a_full_disk_ends_nothing(
         assert film_checkpoint(policy, tmp_path) == []
     assert str(error.args[-1]) in caplog.text
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_ends_nothing(policy: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert film_checkpoint(policy, tmp_path / "file" / "films") == []
-
-
-def test_ctrl_c_is_raised_and_leaves_nothing(policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(video.writer, "_verify", stop)
+    monkeypatch.setattr(video.writer, "_verify", lambda *_: signal.raise_signal(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
         film_checkpoint(policy, tmp_path)
     assert list(tmp_path.iterdir()) == []

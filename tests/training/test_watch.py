@@ -1,7 +1,10 @@
-"""Watching a run: what is played, what is shown, and the command."""
+"""What is shown of a run: in the terminal and in logs, and on the page that plays its newest policy."""
 
 import base64
+import io
 import json
+import logging
+import math
 import os
 import re
 import shutil
@@ -19,22 +22,191 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from outlast.envs import progress
+from outlast.envs.cli.options import messages_shown
+from outlast.envs.errors import PlayError
+from outlast.envs.progress import Progress
+from outlast.envs.rollout.saved import CHECKPOINT
 from tests.conftest import call
 from tests.web.clients import answer
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.envs.errors import PlayError  # noqa: E402
-from outlast.envs.rollout.saved import CHECKPOINT  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.log_file import HEADER, read_log  # noqa: E402
-from outlast.training.cli import watch as command  # noqa: E402
-from outlast.training.runs import watch  # noqa: E402
-from outlast.training.runs.logs import CsvLog  # noqa: E402
-from outlast.training.runs.watch import RunWatcher, figures  # noqa: E402
-from tests.helpers.checkpoints import as_checkpoint  # noqa: E402
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.log_file import HEADER, read_log
+from outlast.training.base.run_summary import GROUPS, Figure, headline
+from outlast.training.cli import watch as command
+from outlast.training.runs import watch
+from outlast.training.runs.live_view import LiveView
+from outlast.training.runs.logs import CsvLog
+from outlast.training.runs.watch import RunWatcher, figures
+from tests.helpers.checkpoints import as_checkpoint
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
+TAGS = {"time/collected_per_second": 90_123.0, "time/updated_per_second": 36_500.0, "time/fps": 24_000.0}
+TAGS |= {"rollout/steps": 812.4, "rollout/reward0": 400.0, "rollout/reward1": 420.0, "rollout/heals_used": 2.7}
+TAGS |= {"rollout/kills0": 0.25, "rollout/kills1": 0.5, "train/epochs": 3.25, "train/approx_kl": 0.0113}
+TAGS |= {
+    "behaviour/near": 0.1,
+    "train/entropy": 4.211,
+    "wins/scripted": 0.118,
+    "games/scripted": 310,
+    "wins/past": 0.55,
+}
+
+
+class Terminal(io.StringIO):
+    """As much of a terminal as progress bars need."""
+
+    def isatty(self) -> bool:
+        return True
+
+    def rows(self) -> list[str]:
+        """What is on it, down to the last row that is not empty; and the row that the cursor is in."""
+        rows, row, column = [""], 0, 0
+        for code, text in re.findall(r"(\x1b\[\d*[AKJ]|[\r\n])|([^\x1b\r\n]+)", self.getvalue()):
+            if text:
+                rows[row] = rows[row][:column].ljust(column) + text + rows[row][column + len(text) :]
+                column += len(text)
+            elif code == "\r":
+                column = 0
+            elif code == "\n":
+                row, column = row + 1, 0
+                rows += [""] * (row == len(rows))
+            elif code.endswith("A"):
+                row -= int(code[2:-1] or 1)
+                assert row >= 0, "above the terminal"
+            else:
+                rows[row] = rows[row][:column]
+                rows = rows[: row + 1] if code.endswith("J") else rows
+        self.row = row
+        return rows
+
+
+@pytest.fixture
+def terminal(monkeypatch) -> Terminal:
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("LINES", "24")
+    return Terminal()
+
+
+def test_figures_are_those_of_the_tags_in_order() -> None:
+    found = headline(TAGS)
+    names = ["collecting", "updating", "length", "return", "kills", "heals used", "scripted", "past", "epochs", "KL"]
+    assert [figure.name for figure in found] == [*names, "entropy"]  # their texts are in what a log gets
+    assert {figure.group for figure in found} == set(GROUPS)
+    assert headline({}) == []
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none_are_left_out(value: float) -> None:
+    assert headline({"rollout/steps": value, "wins/past": value, "rollout/kills0": value}) == []
+    assert headline({"wins/past": 0.5, "games/past": value}) == [Figure("wins", "past", 0.5, "50 %")]
+    tags = {"wins/past": 0.5, "games/past": 310.0, "rating/past": 1040.4, "rating/self": 905.6}
+    assert [figure.text for figure in headline(tags)] == ["50 % (310, Elo 1040)", "906"]
+
+
+def test_the_terminal_shows_a_bar_and_a_line_for_each_group(terminal: Terminal) -> None:
+    view = LiveView(1_000_000, 10_000_000, file=terminal)
+    view.now("collecting")
+    assert re.fullmatch(r" 10% \|\S+ +\| 1.00M of 10.0M \[.* left, .*, collecting\]", terminal.rows()[0])
+    view.update(4_500_000, 10_000_000, TAGS)
+    view.update(4_500_000, 10_000_000, {"train/epochs": 3.25})  # the others stay
+    view.now("epoch 3")
+    bar, *lines = terminal.rows()
+    assert (bar[:4], bar[-9:]) == (" 45%", " epoch 3]")
+    assert len(bar) == 99
+    assert lines == [
+        "speed     collecting 90.1k/s · updating 36.5k/s",
+        "episodes  length 812 · return 400.0 / 420.0 · kills 0.75 · heals used 2.70",
+        "wins      scripted 12 % (310) · past 55 %",
+        "learning  epochs 3.2 · KL 0.0113 · entropy 4.21",
+    ]
+    assert terminal.row == 0
+
+
+def test_closing_leaves_it_and_goes_on_below(terminal: Terminal) -> None:
+    view = LiveView(0, 100, file=terminal)
+    view.update(100, 100, TAGS)
+    view.now("epoch 2")
+    view.close()
+    terminal.write("done")
+    rows = terminal.rows()
+    assert (rows[0][:4], rows[5]) == ("100%", "done")
+    assert "epoch" not in rows[0]
+    assert len(rows) == 6
+    view.close()
+    view.update(100, 100, TAGS)
+    view.now("nothing")
+    assert terminal.rows() == rows
+
+
+@pytest.mark.parametrize(("columns", "lines"), [(200, 50), (72, 10), (60, 24), (30, 10), (12, 4), (5, 2), (2, 1)])
+def test_it_stays_within_any_terminal(terminal: Terminal, monkeypatch, columns: int, lines: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("LINES", str(lines))
+    view = LiveView(0, 10_000_000, file=terminal)
+    view.update(4_500_000, 10_000_000, TAGS)
+    view.now("collecting")
+    assert all(len(row) < columns for row in terminal.rows())
+    assert len(terminal.rows()) <= max(1, lines - 1)
+    view.close()
+    assert len(terminal.rows()) <= max(1, lines - 1) + 1
+
+
+def test_messages_are_written_above_it(terminal: Terminal, monkeypatch) -> None:
+    monkeypatch.setattr("sys.stderr", terminal)
+    with messages_shown():
+        view = LiveView(0, 100)
+        view.update(10, 100, TAGS)
+        logging.getLogger("outlast.training").warning("no room for a film")
+        view.now("epoch 1")
+        rows = terminal.rows()
+        view.close()
+    assert rows[0] == "outlast: no room for a film"
+    assert (rows[1][:4], rows[2][:5], len(rows)) == (" 10%", "speed", 6)
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    file = io.StringIO()
+    view = LiveView(1_000_000, 2_000_000, file=file)
+    for k in range(1, 8):
+        clock[0] += progress.EVERY / 3
+        view.now("collecting")
+        view.update(1_000_000 + 100_000 * k, 2_000_000, TAGS)
+    view.close()
+    view.close()
+    lines = file.getvalue().splitlines()
+    assert [line.split()[0] for line in lines] == ["1.10M", "1.40M", "1.70M"]  # and nothing twice
+    assert lines[0] == (
+        "1.10M of 2.00M agent-steps; 10.0k/s, 01:30 left; speed: collecting 90.1k/s, updating 36.5k/s; episodes: "
+        "length 812, return 400.0 / 420.0, kills 0.75, heals used 2.70; wins: scripted 12 % (310), past 55 %; "
+        "learning: epochs 3.2, KL 0.0113, entropy 4.21"
+    )
+    assert "\x1b" not in file.getvalue()
+
+
+def test_what_is_slow_or_has_no_end_is_shown_without_a_rate_or_a_total(monkeypatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    file = io.StringIO()
+    for total in (4, 0):
+        with Progress(total, "matches", file=file) as shown:
+            clock[0] += 60
+            shown.add(note="between friends")
+    assert file.getvalue().splitlines() == ["1 of 4 matches; 03:00 left; between friends", "1 matches; between friends"]
+
+
+@pytest.mark.parametrize("kind", [io.StringIO, Terminal])
+def test_quiet_is_quiet(kind: type[io.StringIO]) -> None:
+    file = kind()
+    view = LiveView(0, 100, quiet=True, file=file)
+    view.now("collecting")
+    view.update(50, 100, TAGS)
+    view.close()
+    assert file.getvalue() == ""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +222,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def watched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunWatcher]:
+def watched(folder: Path, monkeypatch) -> Iterator[RunWatcher]:
     monkeypatch.setattr(watch, "POLL", 0.02)
     monkeypatch.setattr(watch, "MOST", 40)
     watcher, stop = RunWatcher(folder), threading.Event()
@@ -88,9 +260,6 @@ def log(folder: Path, *rows: tuple[str, int, float]) -> Path:
     return path
 
 
-# ---- what is played
-
-
 def test_it_waits_for_the_first_checkpoint_and_plays_it(watched: RunWatcher, folder: Path, policy: Path) -> None:
     status = watched.status()
     assert status["message"] == f"There is no checkpoint in {folder} yet: the first one will be played."
@@ -106,9 +275,7 @@ def test_it_waits_for_the_first_checkpoint_and_plays_it(watched: RunWatcher, fol
     assert base64.b64decode(found["data"])[:2] == b"\x1f\x8b"
 
 
-def test_the_first_episode_grows_and_later_ones_are_whole(
-    watched: RunWatcher, folder: Path, policy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_the_first_episode_grows(watched: RunWatcher, folder: Path, policy: Path, monkeypatch) -> None:
     """A page has a picture after the first tick, and need not wait for a whole episode."""
     published, published_as = list[tuple[int, int, bool]](), watch._published
 
@@ -120,14 +287,18 @@ def test_the_first_episode_grows_and_later_ones_are_whole(
     monkeypatch.setattr(watch, "_published", note)
     add(folder, 1024, policy)
     until(watched, lambda status: whole(watched))
-    watched.episode()
+    time.sleep(0.3)
+    assert published[-1] == (1, 41, True)  # as nobody has taken it
+    first = watched.episode()
     until(watched, lambda status: status["episode"]["number"] == 2)
+    assert first is not None
+    assert watched.episode()["data"] != first["data"]
     beginnings = [(1, ticks, False) for ticks in (1, 2, 4, 8, 16, 32)]
     assert published[:8] == [*beginnings, (1, 41, True), (2, 41, True)]
 
 
-def test_a_first_episode_that_breaks_off_is_replaced_by_one_of_an_older_checkpoint(
-    watched: RunWatcher, folder: Path, policy: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_first_episode_that_breaks_off_is_replaced(
+    watched: RunWatcher, folder: Path, policy: Path, monkeypatch
 ) -> None:
     begun = list[None]()
 
@@ -146,36 +317,8 @@ def test_a_first_episode_that_breaks_off_is_replaced_by_one_of_an_older_checkpoi
     assert status["episode"] == {"number": 2, "steps": 1024}
 
 
-def test_another_episode_is_played_when_one_was_taken(watched: RunWatcher, folder: Path, policy: Path) -> None:
-    add(folder, 1024, policy)
-    until(watched, lambda status: whole(watched))
-    first = watched.status()["episode"]["number"]
-    time.sleep(0.3)
-    assert watched.status()["episode"]["number"] == first  # nobody took it
-    one, again = watched.episode(), watched.episode()
-    assert one is not None
-    assert again is not None
-    assert one["number"] == first
-    until(watched, lambda status: status["episode"]["number"] > first)
-    other = watched.episode()
-    assert other is not None
-    assert other["data"] != one["data"]
-
-
-def test_a_newer_checkpoint_takes_its_place(watched: RunWatcher, folder: Path, policy: Path) -> None:
-    add(folder, 1024, policy)
-    first = until(watched, lambda status: bool(status["episode"]))["episode"]["number"]
-    add(folder, 2048, policy)
-    status = until(watched, lambda status: status["episode"]["number"] > first)
-    assert status["newest"]["steps"] == status["episode"]["steps"] == 2048
-    assert watched.source is not None
-    assert watched.source[0].name == CHECKPOINT.format(2048)
-
-
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"x" * 1000], ids=["empty", "cut", "noise"])
-def test_a_broken_checkpoint_is_reported_and_an_older_one_played(
-    watched: RunWatcher, folder: Path, policy: Path, content: bytes
-) -> None:
+def test_a_broken_checkpoint_is_reported(watched: RunWatcher, folder: Path, policy: Path, content: bytes) -> None:
     add(folder, 1024, policy)
     broken = folder / CHECKPOINT.format(2048)
     broken.write_bytes(content)
@@ -189,12 +332,6 @@ def test_a_broken_checkpoint_is_reported_and_an_older_one_played(
     assert watched.status()["message"] == ""
 
 
-def test_where_no_checkpoint_can_be_played_none_is_said_to_be(watched: RunWatcher, folder: Path) -> None:
-    (folder / CHECKPOINT.format(1024)).write_bytes(b"")
-    until(watched, lambda status: "cannot be played" in status["message"])
-    assert watched.status()["message"].startswith(CHECKPOINT.format(1024))
-
-
 def test_checkpoints_and_folders_may_vanish(watched: RunWatcher, folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
     until(watched, lambda status: bool(status["episode"]))
@@ -203,7 +340,7 @@ def test_checkpoints_and_folders_may_vanish(watched: RunWatcher, folder: Path, p
     assert watched.episode() is not None
 
 
-def test_nothing_is_played_while_nobody_looks(folder: Path, policy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_played_while_nobody_looks(folder: Path, policy: Path, monkeypatch) -> None:
     add(folder, 1024, policy)
     watcher = RunWatcher(folder)
     monkeypatch.setattr(watch, "AWAY", -1.0)
@@ -211,9 +348,6 @@ def test_nothing_is_played_while_nobody_looks(folder: Path, policy: Path, monkey
     assert watcher._wanted() is None
     monkeypatch.setattr(watch, "AWAY", 60.0)
     assert watcher._wanted() is not None
-
-
-# ---- what is shown
 
 
 def test_figures_come_from_the_log(folder: Path) -> None:
@@ -234,18 +368,14 @@ def test_figures_come_from_the_log(folder: Path) -> None:
     assert figures({}) == []
 
 
-def test_curves_are_thinned_together(folder: Path) -> None:
+def test_curves_are_thinned_together_and_nothing_is_lost_where_few_episodes_end(folder: Path) -> None:
     """Sums over sides are of the same steps, although a rollout lacks a side."""
     rows = [(f"rollout/kills{side}", k, 1.0) for k in range(1, 301) for side in (0, 1, 2) if (side, k) != (2, 150)]
     (kills,) = [each for each in figures(read_log(log(folder, *rows))) if each["name"] == "kills"]
     assert [(step, value) for step, value in kills["points"] if value != 3] == [(150, pytest.approx(8 / 3))]
     assert len(kills["points"]) <= watch.POINTS
-
-
-def test_nothing_is_lost_where_episodes_end_in_some_rollouts_only(folder: Path) -> None:
-    rows = [("train/entropy", k, 5.0) for k in range(1, 601)] + [
-        ("rollout/steps", k, 1.0 * k) for k in range(6, 601, 6)
-    ]
+    rows = [("train/entropy", k, 5.0) for k in range(1, 601)]
+    rows += [("rollout/steps", k, 1.0 * k) for k in range(6, 601, 6)]
     (length,) = [each for each in figures(read_log(log(folder, *rows))) if each["name"] == "length"]
     assert length["points"] == [(k, k) for k in range(6, 601, 6)]
 
@@ -262,7 +392,7 @@ def test_a_log_without_a_row_is_waited_for(folder: Path) -> None:
     begun.close()
 
 
-def test_a_log_is_read_again_when_it_has_changed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_is_read_again_when_it_has_changed(folder: Path, monkeypatch) -> None:
     watcher, reads = RunWatcher(folder), list[Path]()
     monkeypatch.setattr(watch.log_file, "read_log", lambda path: reads.append(path) or read_log(path))
     log(folder, ("rollout/steps", 10, 100.0))
@@ -285,25 +415,14 @@ def test_a_status_is_json_whatever_was_logged(folder: Path) -> None:
     json.dumps(status, allow_nan=False)
 
 
-# ---- the command
-
-COMMAND = (  # for a process, also where the entry point has not been installed
-    "import sys; from outlast.envs.cli.grammar import Parser; from outlast.training.cli import watch; "
-    "parser = Parser(); watch.add(parser.add_subparsers()); "
-    "options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
-    "sys.exit(options.run(options))"
-)
 outlast_watch = partial(call, command, "--no-browser")
 
 
-def test_the_command_is_there_without_torch() -> None:
-    text = "import sys, outlast.training.cli.watch; assert not {'torch', 'http.server'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", text], check=True)
-
-
 def test_without_torch_the_cure_is_reported(folder: Path) -> None:
-    code = f"import sys; sys.modules['torch'] = None; {COMMAND}"
-    done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=False)
+    code = "import sys; sys.modules['torch'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "watch", str(folder), "--no-browser"], capture_output=True, text=True, check=False
+    )
     assert "watching needs torch: pip install 'outlast[train]'" in done.stderr
 
 
@@ -329,9 +448,8 @@ def test_a_taken_port_is_reported(folder: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
 def test_ctrl_c_ends_it_cleanly(folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
-    process = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    words, pipe = [sys.executable, "-m", "outlast", "watch", str(folder), "--no-browser"], subprocess.PIPE
+    process = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
