@@ -71,9 +71,12 @@ def test_what_a_job_raises_ends_the_others() -> None:
     assert time.monotonic() - start < 50
 
 
-def test_a_process_that_is_killed_is_an_error() -> None:
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_process_that_is_killed_is_an_error(order: int) -> None:
+    """Whether it was started first or last."""
     with pytest.raises(TrainingError, match="a process that played was ended, maybe as memory ran out"):
-        [*results([_kill_this_process, partial(time.sleep, 100)], 2)]
+        [*results([_kill_this_process, partial(time.sleep, 1000)][::order], 2)]
 
 
 UNGUARDED = {

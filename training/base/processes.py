@@ -55,6 +55,7 @@ def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
     try:
         with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
             pending = [pool.submit(job) for job in jobs]
+            pool.submit(int)  # wakes the pool's thread, which else would not see the process end that was started last
         for future in pending:
             yield future.result()
     except BaseException as error:
