@@ -298,10 +298,14 @@ def test_labels_and_titles_are_as_short_as_can_be() -> None:
     with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two of them are called lr-1e-3 in files"):
         contenders({"lr 1e-3": "noop", "lr=1e-3": "scripted"})
     long, strip = "runs-a-folder-of-many-ffa_2-fast", Canvas(512, 256, 22)
-    for names in (("scripted", "random"), ("ffa_2-original-0", "ffa_2-original-1"), (f"{long}-0", f"{long}-17")):
-        text = film_players(names, ("side 0", "sides 1 3"))
+    for names, sides in (
+        (("ffa_2-original-0", "ffa_2-original-1"), ("side 0", "side 1")),
+        ((f"{long}-0", f"{long}-17"), ("side 0", "side 1")),
+        (("ffa_2-original-0", "scripted"), ("sides 0 2 4", "sides 1 3")),
+    ):
+        text = film_players(names, sides)
         assert strip.length(text, 11) + strip.length("tick 1234", 11) < 512 - 4 * 11  # pixels, with the margins
-        for part, name, side in zip(text.split(" against "), names, ("side 0", "sides 1 3"), strict=True):
+        for part, name, side in zip(text.split(" against "), names, sides, strict=True):
             start, _, ending = part.removesuffix(f" ({side})").partition("..")
             assert name.startswith(start)
             assert name.endswith(ending)

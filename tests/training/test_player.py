@@ -323,7 +323,6 @@ def test_weights_of_another_policy_are_refused(places: dict[str, Path], tmp_path
         ({"actions": [3, 3]}, own, "actor.last.weight"),
         ({"memory": 9}, own, "does not hold the weights"),
         ({"memory": 4096}, own, "too small for"),
-        ({"state": 2**16}, own, "too small for"),
     ]
     for changes, weights, words in cases:
         policy_file.write(tmp_path / "b.safetensors", header | changes, [weights])
@@ -452,5 +451,5 @@ def test_rollouts_record_it_of_policies_that_fit(tmp_path: Path, capsys) -> None
     assert np.isnan(replay.policy["probabilities"]).all(-1).sum(1).tolist() == [1, 1, 1]
     player, env = load_policy(explained_policy(tmp_path / "a.zip")), make_vec("teams_4", 1, seed=0)
     with pytest.raises(ValueError, match="the policy was trained on ffa_2 and does not fit here"):
-        record(env, tmp_path / "a.rec", policy=player)
-    assert not (tmp_path / "a.rec").exists()
+        record(env, tmp_path / "c.rec", policy=player)
+    assert not (tmp_path / "c.rec").exists()
