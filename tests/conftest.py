@@ -26,7 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
 
 # Tests of what repeats the paper, which is in the repository only, not in a package that was installed.
 OF_RESEARCH = ("docs/test_site.py", "robustness/test_hostile_results.py")
-OF_RESEARCH += tuple(f"training/test_{name}.py" for name in ("compare_runs", "curves", "jobs", "paper", "plot"))
+OF_RESEARCH += tuple(f"training/test_{name}.py" for name in ("compare_runs", "paper", "plot"))
 collect_ignore = [] if find_spec("outlast.training.research") else [*OF_RESEARCH]
 
 COMPILED = not numba.config.DISABLE_JIT

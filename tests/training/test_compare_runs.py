@@ -32,23 +32,12 @@ KEPT = Path(__file__).resolve().parents[2] / "results/worlds-64"
 
 
 def run(
-    place: Path,
-    name: str | outlast.Scenario = "ffa_2",
-    height: float = 1.0,
-    points: int = 20,
-    numbers: Any = None,
-    **plan: Any,
+    place: Path, name: Any = "ffa_2", height: float = 1.0, points: int = 20, numbers: Any = None, **plan: Any
 ) -> Path:
     """The folder of a run whose curves rise to a height."""
     place.mkdir(parents=True)
-    given = {
-        "preset": "fast",
-        "seed": 0,
-        "worlds": 256,
-        "rollout": 32768,
-        "settings": {},
-        "steps": 1000 * points,
-    } | plan
+    given = {"preset": "fast", "seed": 0, "worlds": 256, "rollout": 32768, "settings": {}}
+    given |= {"steps": 1000 * points} | plan
     scenario = fingerprint((variant(name) if isinstance(name, str) else name).replace(**numbers or {}))
     (place / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
     rows = [("tag", "step", "value")]
@@ -66,9 +55,6 @@ def labels(*places: Path, by: tuple[str, ...] = ()) -> list[str]:
 
 def groups(*places: Path) -> list[RunGroup]:
     return group_runs(load(places))
-
-
-# ---- groups
 
 
 def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path) -> None:
@@ -90,10 +76,8 @@ def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path
             results.load_runs([tmp_path / name])
     found = {group.label: [each.origin.name for each in group.runs] for group in groups(tmp_path)}
     assert sorted(found.values()) == [[name, f"{name}1"] for name in sorted(games)]
-    assert labels(tmp_path / "low", tmp_path / "high1") == [
-        "melee_damage=integers(5, 8)",
-        "melee_damage=integers(5, 80)",
-    ]
+    two = ["melee_damage=integers(5, 8)", "melee_damage=integers(5, 80)"]
+    assert labels(tmp_path / "low", tmp_path / "high1") == two
     assert labels(tmp_path / "roles", tmp_path / "weak") == ["hunter melee_damage=5", "hunter melee_damage=50"]
 
 
@@ -129,12 +113,6 @@ def test_what_chooses_levels_is_known_by_its_name_only(tmp_path: Path) -> None:
     assert note.endswith("by the name of what chooses levels only: mk.<locals>.choose")
 
 
-def test_variants_and_presets_are_named_by_their_names(tmp_path: Path) -> None:
-    run(tmp_path / "a", "ffa_2"), run(tmp_path / "b", "teams_3"), run(tmp_path / "c", "ffa_2", preset="original")
-    assert labels(tmp_path) == ["ffa_2, fast", "ffa_2, original", "teams_3, fast"]
-    assert labels(tmp_path / "a") == ["ffa_2"]
-
-
 def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> None:
     """ffa_1 and ffa_2 differ in few numbers; a preset that tells the runs apart does not stand for the game."""
     run(tmp_path / "a", "ffa_1", preset="original", numbers={"cameras_mode": "revealed"})  # as this preset has it
@@ -142,19 +120,10 @@ def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> 
     assert labels(tmp_path) == ["ffa_1, original", "ffa_2, paper"]
     assert "| ffa_1 | original |" in str(compare([tmp_path]))
     assert compare([tmp_path]).csv().splitlines()[1].startswith("ffa_1,original,")
+    run(tmp_path / "t", "teams_3"), run(tmp_path / "b2", "ffa_2")
+    assert labels(tmp_path / "t", tmp_path / "b", tmp_path / "b2") == ["ffa_2, fast", "ffa_2, paper", "teams_3, fast"]
     run(tmp_path / "c/d"), run(tmp_path / "c/e", numbers={"melee_damage": 20}, preset="original")
     assert labels(tmp_path / "c") == ["melee_damage=5, fast", "melee_damage=20, original"]
-
-
-def test_scenarios_of_ones_own_are_compared(tmp_path: Path) -> None:
-    """Nothing is imported, and nothing about them needs to be known."""
-    for name, speed in (("slow", 1.0), ("quick", 2.5)):
-        place = run(tmp_path / name)
-        header = json.loads((place / "run.json").read_text())
-        header["scenario"] |= {"name": "mud", "code": {"mud": ["mud.Mud", "3.11", "abc"]}}
-        header["scenario"]["numbers"]["mud_speed"] = speed
-        (place / "run.json").write_text(json.dumps(header))
-    assert labels(tmp_path) == ["mud_speed=1", "mud_speed=2.5"]
 
 
 def test_a_setting_that_no_run_has_is_refused_with_a_hint(tmp_path: Path) -> None:
@@ -165,15 +134,11 @@ def test_a_setting_that_no_run_has_is_refused_with_a_hint(tmp_path: Path) -> Non
         labels(tmp_path)
 
 
-# ---- curves and ends
-
-
 def test_what_has_several_sides_is_their_mean_and_kills_their_sum(tmp_path: Path) -> None:
     runs = load([run(tmp_path / "a", height=2.0)])
     panels = chosen(runs, ())
-    assert [panel.title for panel in panels] == [
-        *("return, mean over sides", "length", "kills, sum over sides", "wins/scripted")
-    ]
+    titles = ["return, mean over sides", "length", "kills, sum over sides", "wins/scripted"]
+    assert [panel.title for panel in panels] == titles
     curves = drawn(runs[0], panels)
     np.testing.assert_allclose(curves.values["return"], 4.0 * np.arange(1, 21))
     np.testing.assert_allclose(curves.values["kills"], 3.0)
@@ -189,17 +154,14 @@ def test_what_has_several_sides_is_their_mean_and_kills_their_sum(tmp_path: Path
         chosen(runs, ("lenght",))
 
 
-def test_runs_with_other_points_are_averaged_between_their_points() -> None:
+def test_means_are_between_the_points_of_runs_and_intervals_are_students() -> None:
     one = Curves(np.array([0, 10, 20]), {"a": np.array([0.0, 10, 20])})
     other = Curves(np.array([5, 15, 25]), {"a": np.array([15.0, 25, 35])})
     found = average([one, other], "a")
     assert found.steps.tolist() == [0, 5, 10, 15, 20, 25]
     assert found.mean.tolist() == [0, 10, 15, 20, 25, 35]
     assert (found.high - found.low).tolist() == [0, 10, 10, 10, 10, 0]
-
-
-def test_intervals_are_students() -> None:
-    """Quantiles of t from tables."""
+    # quantiles of t from tables
     assert interval([1.0, 3.0]) == pytest.approx((2 - 12.706, 2 + 12.706))
     low, high = interval(list(map(float, range(21))))
     assert (high - low) / 2 == pytest.approx(2.0860 * np.std(range(21), ddof=1) / 21**0.5, rel=1e-3)
@@ -220,9 +182,6 @@ def test_the_table_has_a_row_for_each_group_and_curve(tmp_path: Path) -> None:
     assert (length["runs"], length["seeds"], rows["20", "kills"]["low 95 %"]) == ("2", "0 1", "")
     assert "| 5 | 0, 1 | 20,000 | 39.0 [" in str(found)
     assert "| 20 | 0 | 20,000 | 19.5 | 3.00 |" in str(found)
-
-
-# ---- figures
 
 
 def drawn_axes(*places: Path, **options: Any) -> tuple[Any, Any]:
@@ -275,12 +234,6 @@ def test_tags_are_titles_as_they_are_and_ratings_fill_their_panel(tmp_path: Path
     assert [axes[k].get_ylim()[0] for k in (0, 2)] == [0, 0]
 
 
-def test_a_single_point_is_seen(tmp_path: Path) -> None:
-    run(tmp_path / "a", points=1)
-    _, axes = drawn_axes(tmp_path, curves=("length",))
-    assert {line.get_marker() for line in axes[0].lines if line.get_linewidth() > 1} == {"o"}
-
-
 def test_nothing_of_a_figure_is_cut_off_or_overlaps(tmp_path: Path) -> None:
     """Texts are inside of the picture, and the legend is above the panels, with many groups of long names, too."""
     many = ",".join(f"{name}:0.1" for name in ("self", "past", "scripted", "camper", "hunter", "hoarder", "healer"))
@@ -313,10 +266,7 @@ def test_the_same_runs_make_the_same_file(tmp_path: Path) -> None:
         assert files[0] == files[1]
 
 
-# ---- what cannot be drawn
-
-
-def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog) -> None:
     """F22: one of them made the whole command fail."""
     run(tmp_path / "a"), run(tmp_path / "b", seed=1), run(tmp_path / "c", seed=2)
     (tmp_path / "b/log.csv").write_text("tag,step,value\ntrain/loss,10,1\n")
@@ -324,19 +274,9 @@ def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog
     with caplog.at_level(logging.WARNING, "outlast"):
         assert [each.origin.name for each in load([tmp_path])] == ["a"]
     assert len(caplog.messages) == 2
-    assert (
-        f"left out: {tmp_path / 'b/log.csv'} has no rollout/steps: no episode has ended in it yet" in caplog.messages[0]
-    )
+    assert f"left out: {tmp_path / 'b/log.csv'} has no rollout/steps: no episode has ended" in caplog.messages[0]
     with pytest.raises(TrainingError, match=r"there is nothing to draw: .*no episode has ended"):
         load([tmp_path / "b"])
-
-
-def test_unfinished_runs_are_drawn_and_said(tmp_path: Path) -> None:
-    run(tmp_path / "a"), run(tmp_path / "b", seed=1, points=5, steps=20_000)
-    found = compare([tmp_path])
-    (group,) = found.groups
-    assert [each.seed for each in group.ended] == [0]
-    assert "Unfinished: b (5,000 agent-steps)" in str(found)
 
 
 def test_a_run_is_unfinished_by_what_it_was_last_asked_for_where_its_plan_may_go_on(tmp_path: Path) -> None:
@@ -351,7 +291,7 @@ def test_a_run_is_unfinished_by_what_it_was_last_asked_for_where_its_plan_may_go
     assert "Unfinished: seed 1 (20,000 agent-steps)" in str(compare([tmp_path]))
 
 
-def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys) -> None:
     run(tmp_path / "a")
     for words, reason in (
         ((str(KEPT), "--x", "time"), "does not say how long it took"),
