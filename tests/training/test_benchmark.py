@@ -18,15 +18,15 @@ from outlast import integers, variant
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError, UsageError
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.arena.match import Act  # noqa: E402
-from outlast.training.arena.players import Contender  # noqa: E402
-from outlast.training.arena.ratings import anchored  # noqa: E402
-from outlast.training.base import policy_file  # noqa: E402
-from outlast.training.base.config import TrainingConfig  # noqa: E402
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.benchmark import (  # noqa: E402
+from outlast.training.arena.match import Act
+from outlast.training.arena.players import Contender
+from outlast.training.arena.ratings import anchored
+from outlast.training.base import policy_file
+from outlast.training.base.config import TrainingConfig
+from outlast.training.base.errors import TrainingError
+from outlast.training.benchmark import (
     anchors,
     crossplay,
     described,
@@ -40,17 +40,16 @@ from outlast.training.benchmark import (  # noqa: E402
     tasks,
     verify,
 )
-from outlast.training.benchmark import entry as entries  # noqa: E402
-from outlast.training.benchmark.agents import Agent  # noqa: E402
-from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
-from outlast.training.benchmark.games import Games  # noqa: E402
-from outlast.training.benchmark.matches import digest  # noqa: E402
-from outlast.training.benchmark.result import Content, Result  # noqa: E402
-from outlast.training.benchmark.verify import checks, cross_checks  # noqa: E402
-from outlast.training.policies.player import Player  # noqa: E402
+from outlast.training.benchmark import entry as entries
+from outlast.training.benchmark.agents import Agent
+from outlast.training.benchmark.entry import Entry, EntryRun
+from outlast.training.benchmark.games import Games
+from outlast.training.benchmark.matches import digest
+from outlast.training.benchmark.result import Content, Result
+from outlast.training.benchmark.verify import checks, cross_checks
+from outlast.training.policies.player import Player
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-
 NAME, BUDGET, GAMES = "quick-v1", 512, 4
 SHORT = {"safe_zone_damage": 20, "safe_zone_stand": 20, "safe_zone_shrink": 10}  # episodes of a hundred steps
 SMALL = {"worlds": 8, "rollout": 256}
@@ -120,7 +119,7 @@ def first(results: Path, tmp_path: Path) -> Result:
 BEST = "response"
 
 
-def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_matches_are_played_and_none_again(results: Path, capsys) -> None:
     found = {each.name: each for each in kept.find(results)}
     assert [*found] == ["fast/0", "fast/1", "mine/1"]
     every = {(game, name) for game in ("trained", "strong blows") for name in ("self", *STYLES, "steps_0000000512")}
@@ -188,9 +187,6 @@ def _outcomes(found: Result) -> dict[Any, Any]:
     return {key: {name: match[name] for name in ("won", "figures")} for key, match in found.against.items()}
 
 
-# ---- what results do not claim with impunity
-
-
 def wrong(entry: Result, only: tuple[str, str] = ("trained", "scripted")) -> list[str]:
     """What verification finds of the entry itself and of one of its matches."""
     kept = [match for match in entry.matches if (match["game"], match["against"]) == only]
@@ -198,14 +194,24 @@ def wrong(entry: Result, only: tuple[str, str] = ("trained", "scripted")) -> lis
     return [found.wrong for found in every if found.wrong]
 
 
-def test_a_true_result_is_as_recorded(first: Result) -> None:
+def test_a_true_result_is_as_recorded_and_another_recording_is_found(first: Result) -> None:
     assert wrong(first) == []
-    for path in first.folder.glob("*.rec"):
-        path.unlink()
-    assert [bool(check().missing) for check in checks(first)] == [False, *[True] * len(first.matches)]
+    # also where its digest is in the result: it is played by other policies, or of another game
+    match, target = first.against["trained", "scripted"], first.folder / "trained-scripted.rec"
+    shutil.copy(first.folder / "trained-random.rec", target)
+    assert wrong(first) == ["its recording is another file than the one that was made"]
+    match |= {"recording": digest(target)}
+    match |= {key: first.against["trained", "random"][key] for key in ("won", "drawn", "lost", "figures")}
+    (found,) = wrong(first)
+    assert re.match(r"scripted did not play it: in world \d+, tick \d+, agent \d it chooses \[.*\], not \[", found)
+    shutil.copy(first.folder / "strong-blows-scripted.rec", target)
+    match |= {"recording": digest(target)}
+    (found,) = wrong(first)
+    assert "trained-scripted.rec is of another game" in found
+    assert "what numbers are drawn from is" in found
 
 
-def test_what_cannot_be_verified_is_no_success(first: Result, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_verified_is_no_success(first: Result, capsys) -> None:
     """All matches are won, and no recording is there that says otherwise."""
     for match in first.matches:
         match |= {"won": match["games"], "drawn": 0, "lost": 0}
@@ -233,34 +239,6 @@ def test_scores_that_do_not_follow_from_the_results_are_found(first: Result) -> 
     first.matches.pop()
     first.write()
     assert verify._of_scores(place).missing.endswith("is missing; run it again, to go on")
-
-
-def test_an_edited_outcome_is_found(first: Result) -> None:
-    match = first.against["trained", "scripted"]
-    lost = match["lost"]
-    match |= {"won": match["won"] + lost, "lost": 0}
-    assert wrong(first) == [f"won is {lost} in the result, and 0 in the recording"]
-
-
-def test_an_edited_figure_is_found(first: Result) -> None:
-    first.against["trained", "scripted"]["figures"][0]["kills"] = [1.5, 0.1]
-    assert wrong(first) == ["kills is 1.5 in the result, and 0 in the recording"]
-
-
-def test_another_recording_is_found(first: Result) -> None:
-    """Also where its digest is in the result: it is played by other policies, or of another game."""
-    match, target = first.against["trained", "scripted"], first.folder / "trained-scripted.rec"
-    shutil.copy(first.folder / "trained-random.rec", target)
-    assert wrong(first) == ["its recording is another file than the one that was made"]
-    match |= {"recording": digest(target)}
-    match |= {key: first.against["trained", "random"][key] for key in ("won", "drawn", "lost", "figures")}
-    (found,) = wrong(first)
-    assert re.match(r"scripted did not play it: in world \d+, tick \d+, agent \d it chooses \[.*\], not \[", found)
-    shutil.copy(first.folder / "strong-blows-scripted.rec", target)
-    match |= {"recording": digest(target)}
-    (found,) = wrong(first)
-    assert "trained-scripted.rec is of another game" in found
-    assert "what numbers are drawn from is" in found
 
 
 class Altered(Contender):
@@ -301,9 +279,7 @@ def test_one_altered_action_is_found(first: Result, side: str) -> None:
 
 
 @pytest.mark.parametrize("rounded", [1, 1000])
-def test_of_networks_what_is_within_rounding_is_counted(
-    first: Result, monkeypatch: pytest.MonkeyPatch, rounded: int
-) -> None:
+def test_of_networks_what_is_within_rounding_is_counted(first: Result, monkeypatch, rounded: int) -> None:
     """A few actions, as on another machine, but not more."""
     differ = [0]
 
@@ -328,20 +304,20 @@ def test_of_networks_what_is_within_rounding_is_counted(
     assert "policy.safetensors did not play it" in checks(entry)[1]().wrong
 
 
-def test_another_policy_is_found(first: Result, results: Path) -> None:
-    shutil.copy(results / str(BUDGET) / NAME / "fast/1" / "policy.safetensors", first.folder)
-    assert wrong(first)[0] == "policy.safetensors is another file than the one that was tested"
-    first.content["policy"]["digest"] = digest(first.folder / "policy.safetensors")
-    (found,) = wrong(first)
-    assert "policy.safetensors did not play it" in found
-
-
 @pytest.mark.parametrize(
-    ("what", "said", "by_file"), [("steps", 9, 512), ("of_task", False, True), ("met", ["healer"], [])]
+    ("change", "found"),
+    [
+        (lambda first, match: match.update(won=4, drawn=0, lost=0), r"\w+ is \d in the result, and \d in"),
+        (lambda first, match: match["figures"][0].update(kills=[1.5, 0.1]), "kills is 1.5 in the result, and 0 in the"),
+        (lambda first, match: first.content["policy"].update(steps=9), "steps of .* is 9 in the result, and 512"),
+        (lambda first, match: first.content["policy"].update(of_task=False), "of_task of .* is False in the"),
+        (lambda first, match: first.content["policy"].update(met=["healer"]), "met of .* is .* in the result"),
+    ],
 )
-def test_what_is_said_of_a_policy_is_what_its_file_says(first: Result, what: str, said: Any, by_file: Any) -> None:
-    first.content["policy"][what] = said
-    assert wrong(first) == [f"{what} of policy.safetensors is {said} in the result, and {by_file} by the file"]
+def test_what_the_result_says_is_what_its_files_say(first: Result, change: Any, found: str) -> None:
+    change(first, first.against["trained", "scripted"])
+    (wrong_there,) = wrong(first)
+    assert re.match(found, wrong_there.removeprefix("policy.safetensors: ")), wrong_there
 
 
 def test_another_opponent_or_game_is_found(first: Result) -> None:
@@ -357,7 +333,7 @@ def test_another_opponent_or_game_is_found(first: Result) -> None:
         scores._agent(tasks.task_of(NAME), [first])
 
 
-def test_another_response_is_found(first: Result, results: Path) -> None:
+def test_another_response_is_found(first: Result, results: Path, tmp_path: Path) -> None:
     """One that was trained otherwise; the policy itself, which it never beats."""
     shutil.copy(first.folder / "policy.safetensors", first.folder / "response.safetensors")
     first.content["response"] = first.content["policy"]
@@ -368,7 +344,6 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
     kept = results / str(BUDGET) / NAME / "fast/0/response.safetensors"
     for plan, steps, numbers, words in (
         ({"settings": {"learning_rate": 1e-9}}, {}, {}, "otherwise than best responses are: settings is .*, not {}"),
-        ({"dead": "drop"}, {}, {}, "otherwise than best responses are: dead is drop, not keep"),
         ({"warm_start": "scripted"}, {}, {}, "otherwise than best responses are: warm_start is scripted, not "),
         ({}, {}, {"heals_count": 3}, "otherwise than best responses are: game is False, not True"),
         ({}, {"steps": 256}, {}, "for 256 agent-steps, not for 512"),
@@ -376,6 +351,9 @@ def test_another_response_is_found(first: Result, results: Path) -> None:
         _change(kept, first.folder / "response.safetensors", plan, numbers, **steps)
         first.content["response"] = described.described(first.folder / "response.safetensors", tasks.task_of(NAME))
         assert re.match(f"response.safetensors was trained {words}", wrong(first)[0])
+    # as `--threads` says
+    _change(first.folder / "response.safetensors", tmp_path / "response.safetensors", {"threads": 3}, {})
+    assert described.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
 
 
 @pytest.mark.parametrize(("share", "fine"), [(1, True), (0.71, True), (0.7, False), (1.01, False)])
@@ -388,12 +366,6 @@ def test_errors_may_count_all_episodes_as_they_once_did(first: Result, share: fl
     assert (wrong(first, ("trained", "scripted")) == []) == fine
 
 
-def test_a_response_may_be_trained_by_any_number_of_threads(first: Result, tmp_path: Path) -> None:
-    """As `--threads` says."""
-    _change(first.folder / "response.safetensors", tmp_path / "response.safetensors", {"threads": 3}, {})
-    assert described.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
-
-
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
     response = first.against["trained", "response"]
     first.content["matches"].remove(response)
@@ -402,6 +374,8 @@ def test_matches_that_were_not_played_are_missing(first: Result) -> None:
     first.write()
     with pytest.raises(TrainingError, match="fast/0 is not complete: response is missing; run it again"):
         scores.scores(first.folder.parents[3])
+    assert main(["benchmark", "score", str(first.folder.parents[3]), "--quiet"]) == 2
+    assert not list(first.folder.parents[3].rglob("cross*"))  # nothing is played where there are no scores
     first.content["matches"].remove(first.against["strong blows", "scripted"])
     assert checks(first)[0]().missing == "it has not played scripted in the game 'strong blows'"
 
@@ -422,37 +396,13 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
 
 
-def test_what_is_of_an_unknown_task_is_said_of_its_entries(results: Path, tmp_path: Path) -> None:
-    folder = tmp_path / str(BUDGET) / "later-v9"
-    shutil.copytree(results / str(BUDGET) / NAME, folder, ignore=shutil.ignore_patterns("trained", BEST))
-    first = result.read(results / str(BUDGET) / NAME / "fast/0" / result.NAME)
-    later = Result(folder / "fast/0", first.content | {"task": "later-v9"})
-    assert [check().wrong[:32] for check in checks(later)] == ["there is no task 'later-v9'; kno"]
-    assert cross_checks(folder, [later], [later.name]) == []
-
-
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
     folder = results / str(BUDGET) / NAME
     entries = [each for each in kept.find(folder) if each.name != "mine/1"]
-    every = [check() for check in cross_checks(folder, entries, [each.name for each in entries])]
-    found = {each.what: (each.wrong, each.missing) for each in every}
-    assert found["quick-v1 fast/0 against fast/1"] == ("", "")
-    for one in ("fast/0", "fast/1"):
-        assert found[f"quick-v1 {one} against mine/1"] == ("", "the entry mine/1 is not here")
-
-
-def test_a_part_of_the_results_can_be_verified_from_within(
-    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(results / str(BUDGET) / NAME / "mine")
-    assert main(["benchmark", "verify", "1", "--jobs=1"]) == 2
-    *lines, last = capsys.readouterr().out.splitlines()
-    assert sum("against mine/1: a policy that played it is not here" in line for line in lines) == 2
-    assert not any("fast/0 against fast/1" in line for line in lines)
-    assert last == "12 checks: 0 as recorded, 0 wrong, 12 not verified"
-
-
-# ---- anchors
+    found = [check() for check in cross_checks(folder, entries, [each.name for each in entries])]
+    missing = {each.what: each.missing for each in found}
+    assert missing["quick-v1 fast/0 against fast/1"] == ""
+    assert missing["quick-v1 fast/0 against mine/1"] == "the entry mine/1 is not here"
 
 
 def test_anchors_are_the_policies_that_were_rated(place: Path, results: Path) -> None:
@@ -486,8 +436,8 @@ def test_anchors_are_the_policies_that_were_rated(place: Path, results: Path) ->
         (lambda rated: rated["fingerprint"]["numbers"].update(heals_count=3), "its ratings are of another game"),
     ],
 )
-def test_anchors_that_are_none_are_refused(
-    place: Path, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Any, message: str
+def test_other_anchors_are_refused(
+    place: Path, results: Path, tmp_path: Path, monkeypatch, change: Any, message: str
 ) -> None:
     header, policies = policy_file.read(place / "anchors" / f"{NAME}.safetensors")
     change(header["suite"])
@@ -497,21 +447,16 @@ def test_anchors_that_are_none_are_refused(
         suite.suite(tasks.task_of(NAME))
 
 
-# ---- what is read of others
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda content: content.update(version=2), "version 2: 1 is needed"),
         (lambda content: content.update(agent="../../etc"), "its agent cannot be '../../etc'"),
         (lambda content: content.pop("matches"), "KeyError: 'matches'"),
-        (lambda content: content.update(matches={"a": 1}), "its matches cannot be"),
         (lambda content: content.update(policy=None), "it has matches, but no policy that played them"),
         (lambda content: content["policy"].update(steps=None), "its policy cannot be"),
         (lambda content: content["matches"][0].update(won=400), "not all games"),
         (lambda content: content["matches"][0].update(games=2, won=2, drawn=0, lost=0), "a match of 2 games: 4 are"),
-        (lambda content: content["matches"][0].update(won=-1), "numbers of games that cannot be"),
         (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
         (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),
         (lambda content: content["matches"][0].update(game="a\nb"), "names that cannot be"),
@@ -525,10 +470,14 @@ def test_a_result_that_is_none_is_refused(first: Result, change: Callable[[Conte
         result.read(first.folder / result.NAME)
 
 
-def test_a_result_in_the_wrong_folder_is_refused(first: Result) -> None:
+def test_results_in_the_wrong_folder_are_refused(first: Result) -> None:
     shutil.move(first.folder, first.folder.with_name("7"))
     with pytest.raises(TrainingError, match="holds the result of 512/quick-v1/fast/0: move it"):
         scores.scores(first.folder.parents[3])
+    places = first.folder.parents[3]
+    shutil.copytree(first.folder.parents[1], places / "other" / str(BUDGET) / NAME)
+    with pytest.raises(TrainingError, match=f"both hold results of {NAME}: move them into one folder"):
+        scores.scores(places)
 
 
 @pytest.mark.parametrize(
@@ -546,16 +495,9 @@ def test_a_result_in_the_wrong_folder_is_refused(first: Result) -> None:
         ("anchors quick-v1", "needs a task, --policies and --out"),
     ],
 )
-def test_what_the_command_cannot_do_is_refused(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_command_cannot_do_is_refused(words: str, message: str, capsys) -> None:
     assert main(["benchmark", *words.split()]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_a_task_is_in_one_folder(first: Result) -> None:
-    places = first.folder.parents[3]
-    shutil.copytree(first.folder.parents[1], places / "other" / str(BUDGET) / NAME)
-    with pytest.raises(TrainingError, match=f"both hold results of {NAME}: move them into one folder"):
-        scores.scores(places)
 
 
 def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) -> None:
@@ -576,7 +518,7 @@ def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) 
         EntryRun(entry(tmp_path, chosen))._enter()
 
 
-def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_neither_seeds_nor_numbers_of_games_are_mixed(results: Path, tmp_path: Path, capsys) -> None:
     """Else an interval over seeds would be of no training but that one."""
     own = results / str(BUDGET) / NAME / "fast/1/policy.safetensors"
     words = ["benchmark", "run", NAME, "--agent", f"one={own}", "--seed", "0", "1", "--out", str(tmp_path)]
@@ -586,6 +528,12 @@ def test_one_training_is_of_one_seed(results: Path, tmp_path: Path, capsys: pyte
     same = replace(one, content=one.content | {"policy": two.content["policy"]})
     with pytest.raises(TrainingError, match="its policy is that of seed 0, not another training: remove it"):
         scores._agent(tasks.task_of(NAME), [same, two])
+    # a mean of ten games and one of ten thousand would be of one track
+    one, two, _ = kept.find(results)
+    other = replace(two, content=two.content | {"games": 2 * GAMES})
+    assert scores._budget(BUDGET, [one, two])["games"] == GAMES
+    with pytest.raises(TrainingError, match=f"matches of {GAMES} and {2 * GAMES} games cannot be compared"):
+        scores._budget(BUDGET, [one, other])
 
 
 def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:
@@ -615,7 +563,6 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
         ({"opponents": f"anchors/{NAME}-steps_0000000512.zip:1"}, {}, (["steps_0000000512"], True)),
         ({"anneal": "melee_damage=40:10@512"}, {}, ([], False)),
         ({"warm_start": "earlier.zip"}, {}, ([], False)),
-        ({"warm_start": "earlier.zip:2e6"}, {}, ([], False)),
         ({"levels": "choose"}, {}, ([], False)),
         ({}, {"heals_count": 3}, ([], False)),
     ):
@@ -637,30 +584,6 @@ def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str,
     policy_file.write(target, header | more, policies)
 
 
-# ---- scores and tables
-
-
-def test_numbers_of_games_are_not_mixed(results: Path) -> None:
-    """A mean of ten games and one of ten thousand would be of one track."""
-    one, two, _ = kept.find(results)
-    other = replace(two, content=two.content | {"games": 2 * GAMES})
-    assert scores._budget(BUDGET, [one, two])["games"] == GAMES
-    with pytest.raises(TrainingError, match=f"matches of {GAMES} and {2 * GAMES} games cannot be compared"):
-        scores._budget(BUDGET, [one, other])
-
-
-def test_nothing_is_played_where_there_are_no_scores(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copytree(results, tmp_path / "a", ignore=shutil.ignore_patterns("trained", BEST, "cross*"))
-    own = result.read(tmp_path / "a" / str(BUDGET) / NAME / "fast" / "1" / result.NAME)
-    own.matches.pop(0)
-    own.write()
-    assert main(["benchmark", "score", str(tmp_path / "a"), "--quiet"]) == 2
-    assert "is not complete" in capsys.readouterr().err
-    assert not list(tmp_path.rglob("cross*"))
-
-
 def test_scores_are_those_of_the_results(results: Path) -> None:
     found = scores.scores(results)["budgets"][str(BUDGET)]
     assert (found["track"], found["games"], found["common"]) == ("", GAMES, [NAME])
@@ -673,9 +596,8 @@ def test_scores_are_those_of_the_results(results: Path) -> None:
     ]
     assert fast["games"]["trained"]["seeds"] == pytest.approx(rates[0], rel=1e-5)
     assert fast["score"]["seeds"] == pytest.approx(rates[1], rel=1e-5)  # outside of training
-    assert fast["exploitability"]["seeds"] == [
-        1 - scores.rate(each.against["trained", "response"]) for each in (one, two)
-    ]
+    lost = [1 - scores.rate(each.against["trained", "response"]) for each in (one, two)]
+    assert fast["exploitability"]["seeds"] == lost
     assert found["tasks"][NAME]["agents"]["mine"]["exploitability"] is None
     members = [member for member in suite.suite(tasks.task_of(NAME)) if member.rating is not None]
     games = [[[one.against["trained", member.name][key] for member in members]] for key in ("won", "drawn", "lost")]
@@ -699,14 +621,6 @@ def test_agents_are_compared_in_tasks_that_all_of_them_have_played() -> None:
         assert len(agents) * len(common) == most
     assert scores._compared({"a": ["2", "1"]}) == (["a"], ["1", "2"])
     assert scores._compared({"a": ["1"], "b": ["2"]})[1] == []
-
-
-def test_two_agents_are_compared_in_the_tasks_of_both() -> None:
-    one, other = {"1": [0.6, 0.7], "2": [0.1, 0.2]}, {"3": [0.5], "1": [0.65, 0.4]}
-    found = scores._improvement(one, other)
-    assert found is not None
-    assert (found["value"], found["tasks"]) == (0.75, 1)
-    assert scores._improvement({"2": [0.1]}, other) is None
 
 
 def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path) -> None:
@@ -734,8 +648,6 @@ def test_kept_results_are_those_of_the_runs(results: Path, tmp_path: Path) -> No
         assert own.content == run.content | {"policy": run.content["policy"] | more, "matches": own.matches}
         self_play = run.against["trained", "self"] | {"recording": own.against["trained", "self"]["recording"]}
         assert own.against["trained", "self"] == self_play
-        numbers = {key: {name: match[name] for name in NUMBERS} for key, match in run.against.items()}
-        assert {key: {name: match[name] for name in NUMBERS} for key, match in own.against.items()} == numbers
     cross = (crossplay.load(place / str(BUDGET) / NAME) for place in (results, tmp_path / "one"))
     one, two = ([[match[key] for key in ("own", *NUMBERS)] for match in played.values()] for played in cross)
     assert one == two
@@ -770,7 +682,7 @@ def kept_changed(place: Path, change: Callable[[Content], Any]) -> None:
     (place / kept.NAME).write_bytes(lzma.compress(json.dumps(content).encode()))
 
 
-def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys) -> None:
     """Each forgery ends with status 1 and says where; what is not kept is no success."""
 
     def verified(status: int, *words: str) -> str:
@@ -788,23 +700,14 @@ def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys: pytest.C
     assert "fast/1 against mine/1: its recording is not here" in verified(2)
     kept_changed(tmp_path, lambda content: own(content)["matches"]["trained"].update(self=[0, GAMES, 0]))
     said = "quick-v1 fast/0, trained against self: {}"
-    assert re.match(said.format(r"\w+ is \d in the result, and \d in the recording"), verified(1, "--allow-missing"))
-    (tmp_path / kept.NAME).write_bytes(numbers)
-    kept_changed(tmp_path, lambda content: own(content)["self"]["figures"][0].update(life=[1.0, 0.0]))
-    assert "life is 1 in the result, and " in verified(1, "--allow-missing")
+    assert re.match(said.format(r"\w+ is \d in the result, and \d in"), verified(1, "--allow-missing"))
     (tmp_path / kept.NAME).write_bytes(numbers)
     whole, digests = games.read_bytes(), np.load(games)["digests"]
     Games(digests ^ (np.arange(len(digests)) == 7).astype("<u4"), np.load(games)["doubtful"]).write(games)
     assert said.format("its recording is another file than the one that was made") in verified(1, "--allow-missing")
-    kept_changed(tmp_path, lambda content: own(content)["self"].update(recording=digest(games)))
-    assert "trained against self: " in (found := verified(1, "--allow-missing"))
-    assert "tick 7 is the first that is not as it is when the match is played again" in found
-    (tmp_path / kept.NAME).write_bytes(numbers)
     games.write_bytes(whole)
     shutil.copy(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", policy)
     assert "0.safetensors is another file than the one that was tested" in verified(1, "--allow-missing")
-    kept_changed(tmp_path, lambda content: own(content)["policy"].update(digest=digest(policy)))
-    assert re.search(r"trained against self: .*tick [12] ", verified(1, "--allow-missing"))
     policy.unlink()
     assert "against self: a policy that played it is not here, and is not asked" in verified(2)
 
@@ -835,18 +738,13 @@ def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Resu
     [
         (lambda content: content.update(version=2), "version 2: 1 is needed"),
         (lambda content: content.pop("tasks"), "KeyError: 'tasks'"),
-        (lambda content: content["entries"][0].update(agent="../etc"), "its agent cannot be '../etc'"),
         (lambda content: content["entries"][0]["matches"]["trained"].update(scripted=[4, 1, -1]), "numbers of games"),
-        (lambda content: content["entries"][0]["matches"]["trained"].update(scripted=[4, 1, 1]), "a match of 6 games"),
         (lambda content: content["entries"][0]["matches"]["trained"].update(nobody=[4, 0, 0]), "KeyError: 'nobody'"),
-        (lambda content: content["entries"][0]["self"].update(recording="x"), "digests that are none"),
         (lambda content: content["cross"].update(a=[["fast/0", "fast/1", 1, 0, -1]]), "numbers of games"),
         (lambda content: content["cross"].update(a=[["fast/0"]]), "ValueError: not enough values"),
     ],
 )
-def test_kept_results_that_are_none_are_refused(
-    results: Path, tmp_path: Path, change: Callable[[Content], Any], message: str
-) -> None:
+def test_other_kept_results_are_refused(results: Path, tmp_path: Path, change: Any, message: str) -> None:
     kept.write(tmp_path, kept.find(results), {})
     kept_changed(tmp_path, change)
     with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + re.escape(message)):
@@ -856,17 +754,11 @@ def test_kept_results_that_are_none_are_refused(
         kept.find(tmp_path)
 
 
-def test_what_marl_eval_cannot_take_stops_no_table(
-    results: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    places = tmp_path / "results"
-    shutil.copytree(results, places, ignore=shutil.ignore_patterns("trained", BEST))
-    folder = places / str(BUDGET) / NAME
-    for seed in "01":
-        shutil.copytree(folder / "fast" / seed, folder / "Fast" / seed)
-        own = result.read(folder / "Fast" / seed / result.NAME)
-        own.content["agent"] = "Fast"
-        own.write()
-    written = {path.name for path in table.write(places, tmp_path / "tables")}
+def test_what_marl_eval_cannot_take_stops_no_table(results: Path, tmp_path: Path, monkeypatch, caplog) -> None:
+    def refuse(*_: object) -> None:
+        raise TrainingError("Fast and fast are one name to marl-eval")
+
+    monkeypatch.setattr(table, "marl_eval_json", refuse)
+    written = {path.name for path in table.write(results, tmp_path / "tables")}
     assert written == {"profile-512.png", "table.csv", "table.md"}
     assert "marl_eval-512.json is left out: Fast and fast are one name to marl-eval" in caplog.text

