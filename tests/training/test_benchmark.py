@@ -352,7 +352,7 @@ def test_another_response_is_found(first: Result, results: Path, tmp_path: Path)
         first.content["response"] = described.described(first.folder / "response.safetensors", tasks.task_of(NAME))
         assert re.match(f"response.safetensors was trained {words}", wrong(first)[0])
     # as `--threads` says
-    _change(first.folder / "response.safetensors", tmp_path / "response.safetensors", {"threads": 3}, {})
+    _change(kept, tmp_path / "response.safetensors", {"threads": 3}, {})
     assert described.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
 
 
@@ -474,6 +474,7 @@ def test_results_in_the_wrong_folder_are_refused(first: Result) -> None:
     shutil.move(first.folder, first.folder.with_name("7"))
     with pytest.raises(TrainingError, match="holds the result of 512/quick-v1/fast/0: move it"):
         scores.scores(first.folder.parents[3])
+    shutil.move(first.folder.with_name("7"), first.folder)
     places = first.folder.parents[3]
     shutil.copytree(first.folder.parents[1], places / "other" / str(BUDGET) / NAME)
     with pytest.raises(TrainingError, match=f"both hold results of {NAME}: move them into one folder"):

@@ -41,16 +41,14 @@ from outlast.training.base.curves import (
 )
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
-from outlast.training.plots.figure import STYLE
 from outlast.training.base.presets import preset
 from outlast.training.cli import plot
+from outlast.training.plots.figure import STYLE
 from outlast.training.plots.runs import kept_runs
 from outlast.training.research import figures
 from outlast.training.research.claims import FFA, TEAMS, claims_table, findings, over
-from outlast.training.research.report import csv_table, markdown
-from outlast.training.research.results import published_curves
-from outlast.training.research.report import report
-from outlast.training.research.results import PaperGroup, group_runs, load_runs
+from outlast.training.research.report import csv_table, markdown, report
+from outlast.training.research.results import PaperGroup, group_runs, load_runs, published_curves
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
 PUBLISHED = [
@@ -214,10 +212,11 @@ def test_runs_are_what_they_say_and_seeds_are_sorted(tmp_path: Path) -> None:
     assert run.unlike == {"worlds": 64, "gamma": 0.9, "safe_zone_damage": 2}
     (plain,) = load_runs([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}
+    (tmp_path / "all").mkdir()
     for seed in (10, 2):
-        folder(tmp_path / f"run{seed}", seed=seed, threads=seed)
-    folder(tmp_path / "other", preset="paper")
-    groups = group_runs(load_runs([tmp_path]))
+        folder(tmp_path / f"all/run{seed}", seed=seed, threads=seed)
+    folder(tmp_path / "all/other", preset="paper")
+    groups = group_runs(load_runs([tmp_path / "all"]))
     assert [(group.name, [run.seed for run in group.runs]) for group in groups] == [
         ("ffa_2-original", [2, 10]),
         ("ffa_2-paper", [0]),
@@ -241,13 +240,15 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
     assert len(load_runs([one, tmp_path / "one"])) == 1  # a place that is named twice
-    refused([tmp_path], "there are no runs in")
     refused([tmp_path / "none"], "there is no .*none")
-    log(tmp_path, LINES)
-    refused([tmp_path], r"has no run.json, which describes what is trained in it")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    refused([empty], "there are no runs in")
+    log(empty, LINES)
+    refused([empty], r"has no run.json, which describes what is trained in it")
     for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
-        (tmp_path / "run.json").write_bytes(content)
-        refused([tmp_path], r"run.json does not describe a run")
+        (empty / "run.json").write_bytes(content)
+        refused([empty], r"run.json does not describe a run")
 
 
 outlast_plot = partial(call, plot, "--paper")
