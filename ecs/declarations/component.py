@@ -105,16 +105,21 @@ def column(
         key: Name under which environments publish it (default: the attribute's name).
         fields: For an Observation: what its last dimension holds. Its length is that of these fields and of those that
             other mechanics add. If the rows are copies of another observation's, the key of that one.
-        unit: What it measures, such as "m". With "entity" (a row), or another unit of `index_unit`, -1 means none, and
-            rows that do not exist are refused like integers below `low`.
+        unit: What it measures, such as "m". With "entity" (a row), or another unit that `index_unit` declares, such as
+            "side", -1 means none, and indices that do not exist are refused like integers below `low`.
         below: The dimension that it is an index of, from 0 or `low`, such as "boxes"; or a sum, such as "slots + 1".
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit, below)
 
 
 def index_unit(unit: str, dimension: str) -> None:
-    """Let columns of a unit, such as "side", hold indices of a dimension, or -1 for none."""
-    INDICES[unit] = dimension
+    """Let columns of a unit, such as "side", hold indices of a dimension, or -1 for none.
+
+    Raises:
+        DeclarationError: The unit is that of another dimension.
+    """
+    if (known := INDICES.setdefault(unit, dimension)) != dimension:
+        raise DeclarationError(f"integers of unit {unit!r} are indices of '{known}', not of '{dimension}': rename one")
 
 
 def as_stored(label: str, column: Column, value: Any) -> Any:

@@ -35,6 +35,7 @@ from outlast.ecs import (
     Worlds,
     Write,
     column,
+    index_unit,
     number,
 )
 from outlast.envs.core.spaces import bounds
@@ -438,6 +439,9 @@ def remembering(memory: Any) -> Module:
         (lambda: layout(agent(Mark(mark=(1, 2, 3)))), r"Mark.mark: a value of the shape \(3,\) is no prefab of \(2,\)"),
         (lambda: layout(agent(Mark(mark=1), Mark(mark=2))), r"Archetype\('agent', ...\) has Mark twice"),
         (lambda: layout(agent(Mark(), alive=False)), "one module has 'agent' in the world right after reset, and a"),
+        (lambda: layout(mechanic("Others", archetypes=[Archetype("rival", (Mark(),), 1, roles=True)])),
+         "agent and rival are both the agents that can have roles: let one kind say so"),
+        (lambda: index_unit("side", "teams"), "of unit 'side' are indices of 'sides', not of 'teams': rename one"),
         (lambda: layout(Landing(count=0)), "landing declares 0 of the kind 'place': at least 1 is needed"),
         (lambda: layout(agent(component(Component, door=column("i4", below="heals"))(door=99))),
          r"agent: Odd.door begins as 99: 0 to \d+ is its range"),

@@ -162,6 +162,9 @@ def test_what_services_cannot_be_made_of_is_refused() -> None:
         DeclarationError, match=r"parameter 'total' .*; allowed are .*, tuple, Annotated\[\.\.\.\] with "
     ):
         system_of(taking(one=Annotated[Real, Service(lambda: np.float32(1))], total=Annotated[Any, 3]))
+    bad = Annotated[Any, Service(add_up, lambda dims: make_sum(dims)._replace(places=None))]
+    with pytest.raises(DeclarationError, match=r"add_up: the field 'places' of its memory is NoneType: an array is "):
+        make(*GAME, system_of(taking(total=bad)))
 
 
 def test_the_schedule_names_what_services_read() -> None:
