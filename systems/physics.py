@@ -74,7 +74,7 @@ from .box2d.connect import gather_joints, mark_joined, number_marked, read_force
 from .box2d.report import report_nothing, report_touches
 from .box2d.transfer import describe, gather, own, scatter
 from .geometry.blocks import alive_bits, first_row
-from .geometry.bodies import Bodies, for_moving, refresh
+from .geometry.bodies import Bodies, for_moving
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 
@@ -202,7 +202,6 @@ def broad_phase(
             if entities.alive[e] and not solid.dynamic[e]:
                 solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
                 most = max(most, solid.max_travel[e])
-    refresh(bodies)  # not earlier: the processor stores the distances meanwhile
     for b in range(solids.size):
         pending = dynamic(entities, solid, solids, b)
         while pending:
