@@ -11,9 +11,9 @@ checks       whether systems do what they declare, and the hash that tells games
 running      a batch of worlds: ticks, threads, tables that callers see
 ============ ====================================================================================================
 
-What other layers and users' mechanics need is here, or in modules whose names are all theirs to import: those of
-`kernels` (`random`, `simd`, `jit`, `errors` ...), `declarations.{component, distributions, event, fields, roles}`,
-`memory.{given, numbers}` and `checks.code_hash`. The others are the engine's own.
+Other layers and users' mechanics import from here, or from the public modules: all of `kernels` (`random`, `simd`,
+`jit`, `errors` ...), `declarations.{component, distributions, event, fields, roles}`, `memory.{given, numbers}` and
+`checks.code_hash`. All other modules are private.
 
 From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.MemoryLayout` of them, a
 `compilation.schedule.Schedule` of their systems, tries users' systems out (`checks.trial`), writes the tick

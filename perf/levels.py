@@ -54,7 +54,7 @@ def in_name_only(plain: Scenario) -> dict[str, Scenario]:
 
 
 def rows() -> list[tuple[str, Scenario, Scenario]]:
-    """What is measured: a name, the plain scenario, and the one that is compared with it."""
+    """Return what is measured: a name, the plain scenario, and the one that is compared with it."""
     found = []
     for name in ("ffa_3", "teams_3"):
         plain = variant(name)

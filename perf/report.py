@@ -63,7 +63,7 @@ def filled(text: str, machine: str | None = None) -> str:
 
 
 def ratios() -> str:
-    """How many times faster than the original outlast is, on each machine where both were timed in one run."""
+    """Return how many times faster than the original outlast is, on each machine where both were timed in one run."""
     found = []
     for machine in machines("original"):
         *rows, mean = (row["times faster"] for row in read("original", machine)[1])

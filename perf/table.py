@@ -59,7 +59,7 @@ def machines(name: str) -> list[str]:
 
 
 def has(name: str, machine: str) -> bool:
-    """Whether that table of that machine is kept."""
+    """Return whether that table of that machine is kept."""
     return machine in machines(name)
 
 

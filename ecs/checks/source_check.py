@@ -111,7 +111,7 @@ def _wrong_path(code: Any) -> tuple[int, str] | None:
 
 
 def _has_a_round(code: Any, label: int) -> bool:
-    """Whether a block begins a loop over a range of constants that is not empty."""
+    """Return whether a block begins a loop over a range of constants that is not empty."""
     for step in code.blocks[label].find_exprs("iternext"):
         source = guard(get_definition, code, step.value)
         call: Any = guard(get_definition, code, source.value) if getattr(source, "op", "") == "getiter" else None
@@ -156,7 +156,7 @@ class _Uses:
                 yield node, what
 
     def adds(self, node: ast.AST, parent: Any) -> bool:
-        """Whether a column that is declared Add is only added to, asked for its size, or handed on."""
+        """Return whether a column that is declared Add is only added to, asked for its size, or handed on."""
         match parent:
             case ast.Subscript() if parent.value is node:
                 total: Any = self.parents[parent]

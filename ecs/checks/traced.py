@@ -219,7 +219,7 @@ def _plain(value: Any) -> Any:
 
 
 def cut(value: Any) -> bool:
-    """Whether a column of integers cuts off what is written.
+    """Return whether a column of integers cuts off what is written.
 
     numpy makes a float64 of an int and a uint64, where machine code has an integer: a whole one is none.
     """
@@ -294,7 +294,7 @@ for _name in {name for name in _OTHERS if name.startswith("__")} | {f"__{name}__
 
 
 def _wrong(layout: MemoryLayout, dim: int | str, tag: Tag) -> str:
-    """What is wrong with an index of a dimension, and how to cure it; "" for nothing."""
+    """Return what is wrong with an index of a dimension, and how to cure it; "" for nothing."""
     rows, size = layout.rows(*tag.components), layout.dims[dim] if isinstance(dim, str) else dim
     listed = f"Rows[{', '.join(component.__name__ for component in tag.components)}]"
     if tag.what == "size" or np.array_equal(rows, np.arange(len(rows))):  # an index is the row
@@ -394,7 +394,7 @@ class Traced:
     # ---- arguments
 
     def _stand_in(self, parameter: Parameter, value: Any) -> Any:
-        """What the system gets for an argument."""
+        """Return what the system gets for an argument."""
         components, title = parameter.components, f"'{parameter.name}'"
         match parameter.kind:
             case "read" | "write" | "add" as access:
@@ -447,7 +447,7 @@ class Traced:
         return self._made[function]
 
     def _replaced(self, value: Any) -> Any:
-        """What stands in for a value that a function refers to."""
+        """Return what stands in for a value that a function refers to."""
         plain = getattr(value, "py_func", value)
         if isinstance(plain, FunctionType) and not is_library(plain):
             return self._copy(plain)

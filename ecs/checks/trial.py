@@ -89,7 +89,7 @@ def python_refusal(system: System) -> str:
 
 
 def _runs(layout: MemoryLayout, system: System) -> bool:
-    """Whether a system is part of trials. Users' Python may change more than the world, such as files."""
+    """Return whether a system is part of trials. Users' Python may change more than the world, such as files."""
     few = system.outside or layout.dims["rows"] <= MOST_ROWS or system.phase.when is When.RESET
     return few and system.compiled and not python_refusal(system)
 
@@ -130,7 +130,7 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
 
 
 def _is_raised(trace: TracebackType | None) -> bool:
-    """Whether an exception comes from a statement `raise` or `assert`, and not from Python or numpy."""
+    """Return whether an exception comes from a statement `raise` or `assert`, and not from Python or numpy."""
     while trace and trace.tb_next:
         trace = trace.tb_next
     return trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]

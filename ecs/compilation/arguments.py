@@ -73,7 +73,7 @@ class ArgumentLayout:
         return slot
 
 
-ServiceMemory: TypeAlias = dict[Service, dict[str, np.ndarray[Any, Any]]]
+ServiceMemory: TypeAlias = dict[Service, dict[str, Array]]
 """The arrays of services by service, which the units of a thread share; they are made when first asked for."""
 
 

@@ -235,5 +235,5 @@ def _fork(work: Callable[[], None]) -> int:
 
 
 def _cores() -> int:
-    """How many processes may compile: as many as cores, and as fit into memory."""
+    """Return how many processes may compile: as many as cores, and as fit into memory."""
     return 1 + int(min(available_cores() - 1, available_memory() // FORK_MEMORY))

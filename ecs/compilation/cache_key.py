@@ -67,7 +67,7 @@ class CacheKey:
 
     @functools.cached_property
     def _engine(self) -> str:
-        """What all machine code depends on: versions, options, settings of numba, and the processor it is for."""
+        """Return what all machine code depends on: versions, options, settings of numba, and the processor."""
         reload_config()  # numba, too, reads the variables of the environment anew before it compiles
         processor = cpu_target.target_context.codegen().magic_tuple()
         settings = [repr(getattr(numba.config, name, None)) for name in SETTINGS]
@@ -114,7 +114,7 @@ class CacheKey:
         return function
 
     def _describe(self, function: FunctionType, name: str, value: Any) -> Iterator[str]:
-        """What is no constant, as text; a function that becomes or generates machine code is added."""
+        """Return what is no constant, as text; a function that becomes or generates machine code is added."""
         if isinstance(value, numba.types.ExternalFunction):
             yield f"{name}={value.symbol}{value.sig}"
         elif isinstance(value, type) and issubclass(value, BaseException):

@@ -266,7 +266,7 @@ class Generator:
         return self._number(value, parameter.name, full)
 
     def _service(self, module: Module, system: System, parameter: Parameter) -> str:
-        """What a service makes of its parts: a value, or memory of the thread that it fills."""
+        """Return what a service makes of its parts: a value, or memory of the thread that it fills."""
         service: Any = parameter.service
         parts = [self._argument(module, system, part) for part in service.parameters]
         make = self._unique(f"make_{service.function.__name__}", service)

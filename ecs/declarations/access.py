@@ -123,7 +123,7 @@ class Service:
     With `memory`, it gets a named tuple of arrays, which is the first argument of `function` and is filled by it ahead
     of each system that takes the service, in each world. It is memory of the thread, which stays in its fastest cache,
     and no part of a world's state. A field of the tuple that is called like a parameter of `function` is that
-    parameter: then `function` may only note that nothing is filled, and leave the rest to who asks first.
+    parameter, so that `function` can leave the work to the first kernel that needs it.
 
     Args:
         function: A function that kernels can call. Its parameters, behind the named tuple, are annotated like those of

@@ -73,7 +73,7 @@ class WorldsView(Protocol):
 
     @property
     def count(self) -> int:
-        """Return how many worlds."""
+        """The number of worlds."""
 
     def __getitem__(self, component: type[Component]) -> Any:
         """Return the table of a component, with columns (worlds, ...)."""

@@ -69,7 +69,7 @@ def _refuse(blocks: Iterable[Any], typemap: Any, calltypes: Any, seen: set[Any])
 
 
 def _unchecked(statement: Any, typemap: Any, calltypes: Any) -> str:
-    """What a statement does that is refused, and what to do instead; "" for nothing."""
+    """Return what a statement does that is refused, and what to do instead; "" for nothing."""
     kind, value = typemap[statement.target.name], statement.value
     for refused, what in UNCHECKED_TYPES.items():
         if isinstance(kind, refused):
@@ -91,7 +91,7 @@ def _unchecked(statement: Any, typemap: Any, calltypes: Any) -> str:
 
 
 def _compiled(statement: Any, typemap: Any, calltypes: Any) -> Iterator[Any]:
-    """What numba keeps of the function that a statement calls, if the user has compiled it."""
+    """Return what numba keeps of the function that a statement calls, if the user has compiled it."""
     value = statement.value
     if isinstance(value, ir.Expr) and value.op == "call":
         kind, signature = typemap[value.func.name], calltypes[value]

@@ -98,7 +98,7 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, kinds: Any, indi
 
 
 def _plain(kind: Any, kinds: list[Any]) -> bool:
-    """Whether an index with parts of these types selects one element of an array of the type `kind`."""
+    """Return whether an index with parts of these types selects one element of an array of the type `kind`."""
     return kind.layout == "C" and len(kinds) == kind.ndim and all(isinstance(each, types.Integer) for each in kinds)
 
 

@@ -50,6 +50,6 @@ def of(typing: Any, number: Any, e: Any) -> Any:
 
 @intrinsic(_is_array)
 def differs(typing: Any, number: Any) -> Any:
-    """Whether roles differ in a number. Known at compile time, so the branch that is not taken costs nothing."""
+    """Return whether roles differ in a number. Known at compile time, so the branch that is not taken costs nothing."""
     value = hasattr(number, "ndim")
     return types.boolean(number), lambda context, builder, kinds, arguments: ir.Constant(FLAG, value)

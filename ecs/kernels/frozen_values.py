@@ -52,12 +52,12 @@ def root(target: Any) -> str:
 
 
 def is_outside(target: Any) -> bool:
-    """Whether a function or class is from outside of this package: part of a user's mechanic."""
+    """Return whether a function or class is from outside of this package: part of a user's mechanic."""
     return root(target) != root(is_outside)
 
 
 def is_library(target: Any) -> bool:
-    """Whether it is from a library, whose code is not followed."""
+    """Return whether it is from a library, whose code is not followed."""
     return root(target) in LIBRARIES
 
 

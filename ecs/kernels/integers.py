@@ -11,5 +11,5 @@ def as_whole(value: Any) -> Any:
 
 
 def is_whole(value: Any, least: float = -math.inf, most: float = math.inf) -> TypeGuard[int]:
-    """Whether `value` is an integer of Python or numpy from `least` to `most`; bools are not."""
+    """Return whether `value` is an integer of Python or numpy from `least` to `most`; bools are not."""
     return not isinstance(value, bool) and isinstance(value, Integral) and least <= int(value) <= most

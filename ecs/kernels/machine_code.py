@@ -82,7 +82,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """What numba's own cache keeps, if a user's function asks for that cache."""
+        """Return what numba's own cache keeps, if a user's function asks for that cache."""
         return self.name, "bitcode", self._complete_module().as_bitcode()
 
     @classmethod

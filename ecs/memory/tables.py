@@ -109,7 +109,7 @@ class Tables:
 
 
 def aligned(size: int) -> np.ndarray[Any, Any]:
-    """Zeros, uint8 (size,), that begin at a cache line; kernels.simd may read one line past the end."""
+    """Return zeros, uint8 (size,), that begin at a cache line; kernels.simd may read one line past the end."""
     memory = np.zeros(size + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + size]

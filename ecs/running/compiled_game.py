@@ -102,6 +102,6 @@ def _made(wanted: Wanted) -> CompiledGame:
 
 
 def _applies(system: System, layout: MemoryLayout) -> bool:
-    """Whether a system is scheduled: the components that it needs are there, and none of its lists of rows is empty."""
+    """Return whether a system is scheduled: components that it needs are there, and no list of its rows is empty."""
     rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
     return {*system.needs} <= {*layout.components} and all(map(len, rows))

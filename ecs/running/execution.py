@@ -196,7 +196,7 @@ class PythonExecution:
 
 
 def _together(worlds: Tables) -> int:
-    """How many worlds go through all units together. More need fewer calls, but their memory must stay in the cache."""
+    """Return how many worlds go through all units together. More need fewer calls, but must stay in the cache."""
     buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
     used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)
     return max(TOGETHER, TOGETHER_BYTES // used)

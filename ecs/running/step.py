@@ -29,7 +29,7 @@ class Observer(Protocol):
 
     @property
     def recording(self) -> bool:
-        """Whether it goes on looking on."""
+        """Return whether it goes on looking on."""
 
     def check(self, mode: Array) -> None:
         """Refuse the tick by an exception, before anything has changed."""
@@ -121,7 +121,7 @@ class Stepper:
 
     @property
     def done(self) -> Array:
-        """Which episodes are over; a new array."""
+        """Return which episodes are over; a new array."""
         done: Array = self.ended | self.stopped
         return done
 

@@ -59,7 +59,7 @@ def prepare(team: int) -> int:
 
 @kernel
 def serve(team: int, others: int) -> int:
-    """What a thread of the team does until the team is dismissed. Threads beyond the number `others` return at once."""
+    """Work in the team until it is dismissed. Threads beyond the number `others` return at once."""
     thread = atomic_add(team + 8 * HIRED, 1) + 1
     if thread > others:
         return 0
@@ -186,7 +186,7 @@ def code() -> CompiledUnits:
 
 
 def shared(count: int, threads: int) -> bool:
-    """Whether this many threads share this many worlds. Warns if the system has no POSIX threads."""
+    """Return whether this many threads share this many worlds. Warns if the system has no POSIX threads."""
     possible = has_symbol("pthread_cond_wait") and has_symbol("sched_yield")
     if threads > 1 and not possible:
         warnings.warn(f"threads={threads} has no effect: this system has no POSIX threads", stacklevel=2)

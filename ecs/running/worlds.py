@@ -100,7 +100,7 @@ class Worlds(Tables):
 
     @property
     def compiled(self) -> bool:
-        """Whether machine code for this tick is ready or cached on disk."""
+        """Return whether machine code for this tick is ready or cached on disk."""
         return not self.uncompiled
 
     @property
@@ -268,7 +268,7 @@ class Worlds(Tables):
 
 
 def checked_worlds(given: Any) -> Worlds:
-    """What was given, if it is worlds. Raises TypeError."""
+    """Return what was given, if it is worlds. Raises TypeError."""
     if not isinstance(given, Worlds):
         raise TypeError(f"{type(given).__name__} is given for worlds: those of an environment are env.worlds")
     return given

@@ -73,7 +73,7 @@ def main() -> None:
 def configured(
     name: str, preset: str, worlds: int, batch: int, processes: int, device: str, halves: bool
 ) -> TrainingConfig:
-    """What is trained; minibatches of `batch` samples or, with 0, of the usual share of a rollout."""
+    """Return what is trained; minibatches of `batch` samples or, with 0, of the usual share of a rollout."""
     usual = TrainingConfig(resolve(name), preset)
     config = replace(usual, worlds=worlds, processes=processes, device=device, halves=halves)
     batch = batch or usual.numbers.batch_size * config.size[1] // usual.size[1]

@@ -93,12 +93,12 @@ class Evaluation:
 
     @property
     def episodes(self) -> int:
-        """How many episodes each pairing plays."""
+        """Return how many episodes each pairing plays."""
         return self.each * self.worlds
 
     @property
     def complete(self) -> bool:
-        """Whether all pairings have been played."""
+        """Return whether all pairings have been played."""
         return len(self.pairings) == len(self.pairs)
 
     def play_pair(self, pair: tuple[int, int], progress: Callable[[int], None] = lambda episodes: None) -> Pairing:
@@ -276,7 +276,7 @@ def text(evaluation: Evaluation, width: int | None = None) -> str:
 
 
 def _heading(evaluation: Evaluation) -> str:
-    """What was played, and the files of those policies whose labels do not name them."""
+    """Return what was played, and the files of those policies whose labels do not name them."""
     name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
     lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
@@ -464,7 +464,7 @@ def _everything(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _played(evaluation: Evaluation) -> dict[str, Any]:
-    """What tells one evaluation from another."""
+    """Return what tells one evaluation from another."""
     policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
     return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
 

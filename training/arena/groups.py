@@ -97,7 +97,7 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
 
 
 def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, reps: int) -> Array:
-    """How much each policy counts in a group when its runs are drawn anew, (reps, 1, policies)."""
+    """Return how much each policy counts in a group when its runs are drawn anew, (reps, 1, policies)."""
     count = len(group.members)
     weights = np.zeros((reps, 1, policies))
     weights[:, 0, group.members] = generator.multinomial(count, [1 / count] * count, reps) / count

@@ -67,7 +67,7 @@ class Opponent:
 
     @property
     def past(self) -> bool:
-        """Whether it is a past self."""
+        """Return whether it is a past self."""
         return is_past(self.name)
 
     @property
@@ -127,7 +127,7 @@ class OpponentPool:
 
     @property
     def alone(self) -> bool:
-        """Whether there is only the present self."""
+        """Return whether there is only the present self."""
         return self.weights.keys() <= {SELF}
 
     def chances(self) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class OpponentPool:
         return tags
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
+        """Return what a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
         figures = {
             str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()

@@ -15,7 +15,7 @@ SURE, MOST = 1e-8, 1000  # Newton's method ends with a step that is shorter, in 
 
 
 def chained(scores: Array) -> Array:
-    """Whether a chain of scores leads from i to j: i has scored against a player who has scored against ... j.
+    """Return whether a chain of scores leads from i to j: i has scored against a player who has scored against ... j.
 
     scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows for ever
     as j is rated higher above i.
@@ -126,7 +126,7 @@ def _expected(odds: Array) -> Array:
 
 
 def _slope(odds: Array) -> Array:
-    """How much the expected score of a game of i and j grows with the difference: (..., players, players)."""
+    """Return how much the expected score of a game of i and j grows with the difference: (..., players, players)."""
     slope: Array = _expected(odds) * _expected(-odds)
     return slope
 

@@ -71,7 +71,7 @@ def smooth(values: Array) -> Array:
 
 
 def window_size(points: int) -> int:
-    """How many points a moving average spans in a curve of `points` points; an odd number."""
+    """Return how many points a moving average spans in a curve of `points` points; an odd number."""
     return max(1, points // SMOOTH) | 1
 
 

@@ -189,7 +189,7 @@ class TrainingConfig:
             )
 
     def _comes_back(self) -> bool:
-        """Whether dead agents return to the world."""
+        """Return whether dead agents return to the world."""
         kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
         return any(isinstance(part, Return) for kind in kinds for part in kind.parts)
 
@@ -268,7 +268,7 @@ class Workload:
 
     @property
     def rollouts(self) -> int:
-        """How many rollouts there are."""
+        """Return how many rollouts there are."""
         return -(-self.asked // self.each)
 
     @property

@@ -51,7 +51,7 @@ NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode h
 
 
 def is_known(tag: str) -> bool:
-    """Whether the tag is one of the paper's quantities."""
+    """Return whether the tag is one of the paper's quantities."""
     return any(quantity.has(tag) for quantity in QUANTITIES)
 
 

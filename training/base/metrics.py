@@ -180,14 +180,14 @@ class BehaviourMetrics:
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _striking(self) -> Array:
-        """How far away a struck agent's centre may be: (worlds, who strikes, who is struck); any axis may be 1."""
+        """Return how far a struck agent's centre may be, (worlds, who strikes, who is struck); any axis may be 1."""
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
         found: Array = reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
         return found
 
     def _near(self, place: Array, sides: Array, living: Array, reaches: Array) -> Array:
-        """Whether a living enemy could be struck by an agent that faces it: its centre is as near as `reaches`."""
+        """Return whether an agent that faces a living enemy could strike it: its centre is as near as `reaches`."""
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
         near: Array = ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
@@ -239,7 +239,7 @@ class AgentMetrics:
 
 
 def _among(rows: Array, span: slice) -> Array:
-    """Whether each row is one of a span, bool."""
+    """Return whether each row is one of a span, bool."""
     inside: Array = (rows >= span.start) & (rows < span.stop)
     return inside
 

@@ -74,7 +74,7 @@ class Preset:
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def difference(self, recorded: Any, scenario: Scenario) -> str:
-        """How a recorded scenario differs from what this preset trains in if asked for `scenario`; "": not at all.
+        """Return how a recorded scenario differs from what this preset makes of `scenario`; "": not at all.
 
         recorded: The fingerprint of the recorded scenario. scenario: As it is asked for, without the observations that
         the preset or opponents need.
@@ -83,7 +83,7 @@ class Preset:
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """How many worlds of so many agents, and how many environment steps of all of them together a rollout has.
+        """Return how many worlds of so many agents, and environment steps of all of them, a rollout has.
 
         worlds, rollout: What is asked for; 0: as the preset has it. Raises TrainingError if the worlds cannot share the
         steps evenly.

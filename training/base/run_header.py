@@ -72,13 +72,13 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Whether it is a number, a bool, None, or a text for one line of a plot, where $ would begin a formula."""
+    """Return whether it is a number, a bool, None, or a text for one line of a plot, where $ would begin a formula."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
     return given is None or number or (is_word(given) and "$" not in given)
 
 
 def is_plan(given: Any) -> bool:
-    """Whether it could be the `plan` of TrainingConfig.header: plain values by name, also in its dict `settings`."""
+    """Return whether it could be the `plan` of TrainingConfig.header: plain values by name, also in `settings`."""
     if not isinstance(given, dict) or not isinstance(settings := given.get("settings", {}), dict):
         return False
     own = {key: value for key, value in given.items() if key not in ("settings", *TEXTS)}
@@ -92,7 +92,7 @@ def _is_size(given: Any) -> bool:
 
 
 def _are_observations(given: Any) -> bool:
-    """Whether these are shapes by key, where each kind has two dimensions and its mask has the first of them."""
+    """Return whether these are shapes by key, where each kind has two dimensions and its mask has the first of them."""
     if not isinstance(given, dict) or OWN not in given or not all(map(is_word, given)):
         return False
     if not all(isinstance(shape, list) and shape and all(map(_is_size, shape)) for shape in given.values()):
@@ -103,7 +103,7 @@ def _are_observations(given: Any) -> bool:
 
 
 def _are_fields(given: Any) -> bool:
-    """Whether these are [size, scale] by key and name."""
+    """Return whether these are [size, scale] by key and name."""
     if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]
@@ -124,14 +124,14 @@ def _is_scale(given: Any) -> bool:
 
 
 def _sizes(most: int, least: int) -> Callable[[Any], bool]:
-    """Whether something is a list of at most so many sizes, of at least `least`, and not empty."""
+    """Return whether something is a list of at most so many sizes, of at least `least`, and not empty."""
     return lambda given: (
         isinstance(given, list) and 0 < len(given) <= most and all(_is_size(n) and n >= least for n in given)
     )
 
 
 def is_count(given: Any) -> bool:
-    """Whether it could be a number of agent-steps, updates or epochs."""
+    """Return whether it could be a number of agent-steps, updates or epochs."""
     return type(given) is int and 0 <= given < 2**62
 
 

@@ -78,7 +78,7 @@ def iqm(scores: Scores) -> Any:
 
 
 def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
-    """How probable it is that a run of ours scores more than one of theirs in the same task: the mean over tasks.
+    """Return how probable it is that a run of ours scores more than one of theirs in a task: the mean over tasks.
 
     Equal scores count half: it is the Mann-Whitney statistic, divided by the number of pairs.
 

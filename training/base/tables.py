@@ -35,7 +35,7 @@ def with_spread(values: Sequence[float]) -> str:
 
 
 def decimals(value: float) -> int:
-    """How many digits a number has behind the point."""
+    """Return how many digits a number has behind the point."""
     return sum(abs(value) < bound for bound in (100, 10, 1))
 
 

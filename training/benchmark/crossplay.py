@@ -74,7 +74,7 @@ def play_all(
 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:
-    """Whether a match was played by these entries as they are now."""
+    """Return whether a match was played by these entries as they are now."""
     digests = [entry.content["policy"]["digest"] for entry in (one, other)]
     return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
 
@@ -88,7 +88,7 @@ def _play(task: Task, one: Result, other: Result, folder: Path) -> Content:
 
 
 def _wrong(content: Content) -> str:
-    """What is wrong with the content of a file of cross-play; empty if nothing is."""
+    """Return what is wrong with the content of a file of cross-play; empty if nothing is."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
     for match in content["matches"]:

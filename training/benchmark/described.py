@@ -49,7 +49,7 @@ def response_config(task: Task, seed: int, budget: int, policy: Path, threads: i
 
 
 def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
-    """How the training that a file describes differs from that of a best response to a policy; "" if it does not.
+    """Return how the training in a file differs from that of a best response to a policy; "" if it does not.
 
     seed: The seed of the entry. budget: The budget of the entry. Raises TrainingError: it is no policy.
     """

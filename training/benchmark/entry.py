@@ -74,7 +74,7 @@ class Entry:
 
     @property
     def responds(self) -> bool:
-        """Whether a best response can be trained, which plays against a saved policy."""
+        """Return whether a best response can be trained, which plays against a saved policy."""
         return self.agent.kind != FUNCTION
 
     def config(self) -> TrainingConfig:

@@ -140,7 +140,7 @@ def _result(place: Path, packed: Content, of_task: Content) -> Result:
 
 
 def _outcome(numbers: Sequence[int]) -> Content:
-    """What a match says of its games that were won, drawn and lost."""
+    """Return what a match says of its games that were won, drawn and lost."""
     return dict(zip(NUMBERS, numbers, strict=True)) | {"games": sum(numbers)}
 
 
@@ -152,7 +152,7 @@ def _cross_match(one: str, other: str, numbers: Sequence[int], entries: Iterable
 
 
 def _wrong(content: Content) -> str:
-    """What is wrong with the content of the file; empty if nothing is. A missing part raises KeyError or the like."""
+    """Return what is wrong with the content of the file; "": nothing. A missing part raises KeyError or the like."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
     for entry in content["entries"]:

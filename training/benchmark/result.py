@@ -88,7 +88,7 @@ def begun(task: Task, **entry: Any) -> Content:
 
 
 def made() -> Content:
-    """What a result is made with: versions, and the machine."""
+    """Return what a result is made with: versions, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
     return {"python": platform.python_version(), **versions, "machine": machine, "cores": available_cores()}
@@ -125,7 +125,7 @@ def read(path: Path) -> Result:
 
 
 def wrong_with_result(content: Content) -> str:
-    """What is wrong with the content of a result; empty if nothing is. A missing part raises KeyError or the like."""
+    """Return what is wrong with the content of a result; "": nothing. A missing part raises KeyError or the like."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
     valid: dict[str, Callable[[Any], bool]] = {
@@ -168,7 +168,7 @@ def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
-    """What is wrong with a match; empty if nothing is. names: The keys of its names."""
+    """Return what is wrong with a match; empty if nothing is. names: The keys of its names."""
     if not all(is_word(match[name]) for name in names):
         return "names that cannot be"
     if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):

@@ -103,7 +103,7 @@ def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]
 
 
 def _improvement(one: Mapping[str, Values], other: Mapping[str, Values]) -> Scores | None:
-    """How probable it is that one agent scores more, in the tasks that both have played; None: there are none."""
+    """Return how probable it is that one agent scores more, in tasks that both have played; None without any."""
     both = [name for name in one if name in other]
     if not both:
         return None
@@ -177,7 +177,7 @@ def _suite_rate(entry: Result, game: str, members: dict[str, Any]) -> float:
 
 
 def _is_of_track(entry: Result) -> bool:
-    """Whether its policy says that it was trained in the game of the task, and no longer than the budget.
+    """Return whether its policy says that it was trained in the game of the task, and no longer than the budget.
 
     Whole rollouts are collected, so it may be a little longer.
     """

@@ -162,7 +162,7 @@ def other_games(content: Content, task: Task) -> str:
 
 
 def _wrong(rated: Content) -> str:
-    """What is wrong with what a file of anchors says of the suite; empty if nothing is."""
+    """Return what is wrong with what a file of anchors says of the suite; empty if nothing is."""
     if rated["version"] != PROTOCOL or not is_fingerprint(rated["fingerprint"]):
         return "its version or its game cannot be"
     for entry in rated["members"]:

@@ -179,7 +179,7 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """What marl-eval takes: the agents that are compared, with the tasks and the seeds that all of them have.
+    """Return what marl-eval takes: the agents that are compared, with the tasks and the seeds that all of them have.
 
     They were evaluated once, at the end of training.
     """

@@ -156,7 +156,7 @@ def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *a
 
 
 def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
-    """What an entry lacks, so that not all of it can be verified; empty if it lacks nothing."""
+    """Return what an entry lacks, so that not all of it can be verified; empty if it lacks nothing."""
     if not entry.policy.exists():
         return f"{entry.policy.name} is not here, and is not asked what it would do"
     absent = missing(entry, task, members)
@@ -164,7 +164,7 @@ def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
 
 
 def _wrong_with_entry(entry: Result, task: Task) -> str:
-    """What is wrong with the games and the policies of an entry; empty if nothing is."""
+    """Return what is wrong with the games and the policies of an entry; empty if nothing is."""
     content = entry.content
     if other := other_games(content, task):
         return other
@@ -237,7 +237,7 @@ def _wrong_with_outcome(match: Content, outcome: Content) -> str:
 
 
 def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
-    """Whether a mean, and its error if there is one, are those of a recording.
+    """Return whether a mean, and its error if there is one, are those of a recording.
 
     Earlier results counted all episodes in errors, even those without a value. These errors are smaller, by a factor of
     the root of a half at most.

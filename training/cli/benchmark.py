@@ -157,7 +157,7 @@ def _run(options: argparse.Namespace, command: Parser) -> int:
 
 
 def _about(entries: list[Any], at_once: int) -> str:
-    """What is going to be done, and how long it takes."""
+    """Return what is going to be done, and how long it takes."""
     from ..benchmark.entry import estimate
 
     matches = sum(len(entry.wanted) + entry.responds for entry in entries)
@@ -203,11 +203,11 @@ class ChildEntry(ChildRun):
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Return what it is called in messages."""
         return str(self.entry.name)
 
     def steps(self) -> int:
-        """What is done, by what is in its folder."""
+        """Return what is done, by what is in its folder."""
         return int(self.entry.done())
 
 
@@ -225,7 +225,7 @@ def _run_several(entries: list[Any], options: argparse.Namespace, command: Parse
 
 
 def _jobs(options: argparse.Namespace) -> int:
-    """How many entries, or matches, are played at a time."""
+    """Return how many entries, or matches, are played at a time."""
     return int(options.jobs or available_cores())
 
 

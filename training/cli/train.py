@@ -154,7 +154,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
 
 
 def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
-    """What the options ask for, of one scenario and one seed. Raises TrainingError."""
+    """Return what the options ask for, of one scenario and one seed. Raises TrainingError."""
     numbers = {name: getattr(options, name) for name in (*known.AS_GIVEN, "warm_start")}
     numbers["opponents"] = parse_lineup(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)

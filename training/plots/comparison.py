@@ -40,7 +40,7 @@ class Comparison:
 
     @property
     def title(self) -> str:
-        """What all runs have in common, and how many runs there are."""
+        """Return what all runs have in common, and how many runs there are."""
         parts = [
             common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
         ]
@@ -50,7 +50,7 @@ class Comparison:
 
     @property
     def faint(self) -> bool:
-        """Whether the figure has room for the points of single runs."""
+        """Return whether the figure has room for the points of single runs."""
         return len(self.groups) <= 3
 
     @property

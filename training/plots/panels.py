@@ -74,7 +74,7 @@ def _known(tags: Sequence[str], logs: Sequence[Collection[str]]) -> dict[str, Pa
 
 
 def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collection[str]]) -> str:
-    """What a statistic has one tag for: each side, as the return has, or each agent if there are more tags."""
+    """Return what a statistic has one tag for: each side, as the return has, or each agent if there are more tags."""
     counts = [(sum(tag in log for tag in own), sum(tag in log for tag in returns)) for log in logs]
     kinds = {"agents" if there > sides > 0 else "sides" for there, sides in counts if there > 1}
     return " or ".join(sorted(kinds))

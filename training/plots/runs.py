@@ -72,7 +72,7 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """What decides the outcome, except the seed, by name: the scenario and its numbers, the plan, PPO's numbers."""
+        """Return what decides the outcome but the seed, by name: scenario and numbers, the plan, PPO's numbers."""
         usual = {name: value for name, value in USUAL.items() if name not in (*HOW_ONLY, "steps")}
         usual |= {"opponents": f"{SELF}:1", "anneal": ""}
         plan = {name: value for name, value in self.plan.items() if name not in HOW_ONLY}
@@ -127,7 +127,7 @@ def _found(place: Path) -> list[Path]:
 
 
 def kept_runs(study: Path) -> dict[str, Described]:
-    """What is kept of the runs of a study, by name; nothing if there is none. Raises TrainingError."""
+    """Return what is kept of the runs of a study, by name; nothing if there is none. Raises TrainingError."""
     return read_curves(study / FILE) if (study / FILE).exists() else {}
 
 

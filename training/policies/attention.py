@@ -121,7 +121,7 @@ def functions() -> tuple[Any, Any]:
 
 
 def possible(rows: Tensor) -> bool:
-    """Whether the kernels can take these rows; otherwise PyTorch's operations do."""
+    """Return whether the kernels can take these rows; otherwise PyTorch's operations do."""
     return rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
 
 

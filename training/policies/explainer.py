@@ -94,7 +94,7 @@ def attended(extractor: Extractor, seen: Observed) -> Tensor:
 
 
 def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
-    """How much of the attention of visible rows each row gets: (batch, rows).
+    """Return how much of the attention of visible rows each row gets: (batch, rows).
 
     rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: what is added to logits, (batch, rows).
     """

@@ -201,7 +201,7 @@ class Player:
                 )
 
     def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """What agents remember, and where their memory begins anew, as policies take both. Raises TrainingError."""
+        """Return what agents remember and where that begins anew, as policies take both. Raises TrainingError."""
         known = None if self._begins is None else self._begins.shape
         if self._begins is None or known != worlds:
             raise TrainingError(
@@ -273,7 +273,7 @@ def _logs(policy: Networks, seen: Observed, memory: torch.Tensor | None, begins:
 
 
 def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:
-    """What differs between the shapes of an agent's observations, in words; masks only if nothing else does."""
+    """Return what differs between the shapes of an agent's observations, in words; masks only if nothing else does."""
     own = [{key: shape for key, shape in shapes.items() if not key.endswith("_mask")} for shapes in (trained, here)]
     if own[0] == own[1]:  # as in made-up observations: the masks alone differ
         own = [trained, here]

@@ -64,7 +64,7 @@ class Rows:
 
     @property
     def owners(self) -> int:
-        """How many owners rows can have: the agents and, where lists are filled up, nobody."""
+        """Return how many owners rows can have: the agents and, where lists are filled up, nobody."""
         return len(self) + (self.room is not None)
 
     @cached_property
@@ -93,7 +93,7 @@ class Rows:
         return first, second if self.room is None else second.clamp(max=len(rows) - 1)
 
     def select(self, index: Tensor) -> Rows:
-        """What some agents observe. index: Which ones, int64 (some,), on the CPU."""
+        """Return what some agents observe. index: Which ones, int64 (some,), on the CPU."""
         known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
         found.state = _selected(self.state, there)
@@ -158,7 +158,7 @@ class PaddedRows:
         return cells.view(len(self), self.layout.rows, self.layout.features)
 
     def select(self, index: Tensor) -> PaddedRows:
-        """What some agents observe. index: Which ones, int64 (some,), on the CPU."""
+        """Return what some agents observe. index: Which ones, int64 (some,), on the CPU."""
         there = moved(index, self.packed.device)
         return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
 

@@ -46,7 +46,7 @@ class Tasks:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """What one of them reports as wrong, or how it ended; "" if none has failed."""
+        """Return what one of them reports as wrong, or how it ended; "" if none has failed."""
         ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
         for rank in range(1, len(self.tasks) + 1):
             if self.store.check([WRONG.format(rank)]):

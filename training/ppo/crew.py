@@ -37,7 +37,7 @@ class Crew:
         self.rank, self.size = rank, size
 
     def share(self, count: int) -> range:
-        """Which of `count` worlds belong to this process."""
+        """Return which of `count` worlds belong to this process."""
         return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
@@ -140,7 +140,7 @@ class Others(Protocol):
         """Wait until all are about to join. Raises TrainingError if one ended instead."""
 
     def reason(self) -> str:
-        """Why one of them ended; "" if none did."""
+        """Return why one of them ended; "" if none did."""
 
     def stop(self) -> None:
         """End them."""
@@ -168,7 +168,7 @@ class Children:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """What one of them reports as wrong, or how it ended; waits up to GRACE seconds for that."""
+        """Return what one of them reports as wrong, or how it ended; waits up to GRACE seconds for that."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
             for rank, process in enumerate(self.processes, 1):
@@ -203,7 +203,7 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
 
 
 def joined(store: Any, size: int) -> bool:
-    """Whether all of `size` processes, except the first, are about to join."""
+    """Return whether all of `size` processes, except the first, are about to join."""
     return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
 
 

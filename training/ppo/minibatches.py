@@ -142,7 +142,7 @@ class Samples:
         return Minibatch(seen=self.seen.select(own), advantages=advantages, **found, **more)
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """What policies remember before some samples of this process, and where their memory begins anew."""
+        """Return what policies remember before some samples of this process, and where their memory begins anew."""
         return None, None
 
 

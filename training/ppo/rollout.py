@@ -97,7 +97,7 @@ class RewardScale:
         return spread if spread >= self.LEAST else 1.0
 
     def state(self) -> dict[str, torch.Tensor]:
-        """What a checkpoint keeps: float64 tensors by name."""
+        """Return what a checkpoint keeps: float64 tensors by name."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64, device="cpu") for name, value in numbers.items()}
 

@@ -195,7 +195,7 @@ class Trainer:
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
-        """What is logged about the newest rollout, by tag: episodes, what agents did, and who won against whom."""
+        """Return what is logged about the newest rollout by tag: episodes, what agents did, who won against whom."""
         numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
@@ -298,7 +298,7 @@ class Trainer:
         return {name: self.crew.gather(np.concatenate([part[name] for part in parts])) for name in parts[0]}
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
-        """What `get` finds in each lane of all processes, in one list."""
+        """Return what `get` finds in each lane of all processes, in one list."""
         own = [each for lane in self.collector.lanes for each in get(lane)]
         return [each for part in self.crew.gather_values(own) for each in part]
 

@@ -236,7 +236,7 @@ class Lane:
         return self.samples
 
     def tallies(self) -> Tallies:
-        """What was measured in the rollout that was closed last, by tag."""
+        """Return what was measured in the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
@@ -270,7 +270,7 @@ class Lane:
         self.assign()
 
     def _remembered(self, policy: Networks, group: AgentGroup) -> tuple[Tensor | None, Tensor | None]:
-        """What some agents remember, and where their memory begins anew, as their policy takes both."""
+        """Return what some agents remember, and where their memory begins anew, as their policy takes both."""
         if not policy.memory:
             return None, None
         return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
@@ -286,11 +286,11 @@ class Lane:
         return values
 
     def observe(self) -> Observed:
-        """What all agents observe now, as networks take it."""
+        """Return what all agents observe now, as networks take it."""
         return self._seen(self.env.observe())
 
     def _seen(self, observations: dict[str, Array]) -> Observed:
-        """What all agents observe, with the state of their worlds if critics learn from it."""
+        """Return what all agents observe, with the state of their worlds if critics learn from it."""
         seen = self.packer(observations)
         if self.overview is not None:
             state = self.overview(slice(None)) / self.overview.scale
@@ -298,7 +298,7 @@ class Lane:
         return seen
 
     def _part(self, seen: Observed, group: AgentGroup) -> Observed:
-        """What some of the agents observe."""
+        """Return what some of the agents observe."""
         return seen if len(group.members) == self.agents else seen.select(group.members)
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:

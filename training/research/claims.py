@@ -50,7 +50,7 @@ class Claim:
         return f"≤ {number(self.high)}" if np.isinf(self.low) else f"{number(self.low)} to {number(self.high)}"
 
     def holds(self, value: float) -> bool:
-        """Whether the claim holds with that number."""
+        """Return whether the claim holds with that number."""
         return self.low <= value <= self.high
 
 
@@ -69,7 +69,7 @@ class ClaimResult:
 
     @property
     def holds(self) -> bool:
-        """Whether it holds for the mean over seeds."""
+        """Return whether it holds for the mean over seeds."""
         return self.claim.holds(self.mean)
 
     @property
@@ -139,7 +139,7 @@ def peak_at(run: Curves, quantity: Quantity) -> float:
 
 
 def left(run: Curves, quantity: Quantity) -> float:
-    """What is left of the peak at the end, as a share."""
+    """Return what is left of the peak at the end, as a share."""
     return over(end(run, quantity), peak(run, quantity))
 
 

@@ -117,7 +117,7 @@ def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:
 
 
 def _said(plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path, jobs: int) -> tuple[str, list[str]]:
-    """What is left to train, and how long that takes; and a line for each such run."""
+    """Return what is left to train, and how long that takes; and a line for each such run."""
     done = [min(1, each.steps_done(out, seed) / each.steps) for each, seed in plan]
     rest = [each * (1 - share) for each, share in zip(seconds, done, strict=True)]
     left = [k for k, share in enumerate(done) if share < 1]

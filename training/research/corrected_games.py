@@ -76,12 +76,12 @@ def measure(game: Scenario, run: Path, progress: Callable[[int], None] = lambda 
 
 
 def is_measured(run: Path) -> bool:
-    """Whether the folder of a run has the tables of `measure`."""
+    """Return whether the folder of a run has the tables of `measure`."""
     return (run / FOLDER / TABLES).exists()
 
 
 def rows(run: Path) -> list[Row]:
-    """What is kept of the tables of `measure` in the folder of a run. Raises TrainingError."""
+    """Return what is kept of the tables of `measure` in the folder of a run. Raises TrainingError."""
     found = _read(run / FOLDER)
     agents, kept = found["scenario"]["numbers"]["agents_count"], list[Row]()
     for pairing in found["pairings"]:
@@ -119,7 +119,7 @@ def read_measured(path: Path) -> Measured:
 
 
 def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
-    """What was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
+    """Return what was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
 
     Where a policy plays itself, both of its roles count.
 

@@ -78,7 +78,7 @@ class Experiment:
 
     @property
     def scenario(self) -> Scenario:
-        """What is played."""
+        """Return what is played."""
         pairs = (pair.partition("=") for pair in self.numbers)
         return resolve(self.game, {number: ast.literal_eval(value) for number, _, value in pairs})
 
@@ -89,7 +89,7 @@ class Experiment:
 
     @property
     def seeds(self) -> int:
-        """How many runs there are, unless another number is asked for."""
+        """Return how many runs there are, unless another number is asked for."""
         return 2 if self.part == "mended" else 3
 
     def words(self, seed: int) -> list[str]:
@@ -170,7 +170,7 @@ def _mended() -> Iterator[Experiment]:
 
 
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
-    """How long a run of each takes, on one core of the machine that SECONDS is from; and whether it was timed there.
+    """Return how long a run of each takes on one core of the machine that SECONDS is from, and whether it was timed.
 
     If it was not, its time is guessed to be the mean over its preset, or over one with the same networks.
     """
@@ -205,7 +205,7 @@ def _read_seconds(text: str) -> dict[tuple[str, str, str], float]:
 
 
 def _seconds(folder: Path) -> float:
-    """How long a run has taken, by its log; 0 if there is none."""
+    """Return how long a run has taken, by its log; 0 if there is none."""
     try:
         (run,) = load([folder])
     except TrainingError:

@@ -94,7 +94,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
 
 
 def _measured(run: Path, known: mended.Measured) -> bool:
-    """Whether a run was measured: one that has its folder, or one that is kept."""
+    """Return whether a run was measured: one that has its folder, or one that is kept."""
     return mended.is_measured(run) if run.is_dir() else run.name in known
 
 

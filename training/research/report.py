@@ -67,7 +67,7 @@ def rows(group: PaperGroup) -> Iterator[EndRow]:
 
 
 def verdict(group: PaperGroup, row: EndRow) -> str:
-    """Whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
+    """Return whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
     if row.apart is None or group.ablated:
         return ""
     if not all(run.done for run in group.ended):

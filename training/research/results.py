@@ -26,7 +26,7 @@ USUAL = "as usual"
 
 
 def behaviour(name: str) -> Quantity:
-    """What agents do, as our runs log it."""
+    """Return what agents do, as our runs log it."""
     return Quantity(name, f"behaviour/{name}")
 
 
@@ -39,7 +39,7 @@ SEEN = (
 
 
 def is_kept(tag: str) -> bool:
-    """Whether kept results have this tag."""
+    """Return whether kept results have this tag."""
     return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
 
 
@@ -65,7 +65,7 @@ class PaperRun(Run):
 
     @property
     def done(self) -> bool:
-        """Whether it is as long as the paper's."""
+        """Return whether it is as long as the paper's."""
         return self.steps >= PAPER_STEPS
 
     @cached_property
@@ -83,7 +83,7 @@ class PaperRun(Run):
 
     @property
     def about(self) -> dict[str, Any]:
-        """What is kept with its curves."""
+        """Return what is kept with its curves."""
         return {"variant": self.variant, "plan": self.plan, "changed": self.changed}
 
     @property
@@ -115,7 +115,7 @@ class PaperGroup:
 
     @property
     def side(self) -> str:
-        """What a side is called: "team" or "agent"."""
+        """Return what a side is called: "team" or "agent"."""
         return "team" if self.variant.startswith("teams") else "agent"
 
     @property
@@ -130,7 +130,7 @@ class PaperGroup:
 
     @property
     def ablated(self) -> bool:
-        """Whether the variant has ablations, so that it is another game than the paper's."""
+        """Return whether the variant has ablations, so that it is another game than the paper's."""
         return base(self.variant) != self.variant
 
     def notes(self) -> list[str]:

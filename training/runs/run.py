@@ -389,7 +389,7 @@ class TrainingRun:
 
 
 def _same_teacher(then: str, now: str) -> bool:
-    """Whether two warm starts name one file that was moved, or files of one run: it is over, so either will do."""
+    """Return whether two warm starts name one file that was moved, or files of one run, of which either will do."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
     moved = is_saved(one) and is_saved(other) and not {one, other} & models().keys() and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

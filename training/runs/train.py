@@ -141,7 +141,7 @@ def train(
 
 
 def _logged_last(folder: Path) -> dict[str, float]:
-    """What a run that was already complete logged last, by tag."""
+    """Return what a run that was already complete logged last, by tag."""
     points = read_log(folder / NAME)
     last = max((steps for own in points.values() for steps, _ in own), default=0)
     return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}

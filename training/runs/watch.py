@@ -128,7 +128,7 @@ class RunWatcher:
         return "" if self.recorded or self.broken.keys() >= {*found} else "The first episode is being played."
 
     def _figures(self) -> tuple[list[Json], str]:
-        """What the log says, read again when it has changed; and what is wrong with it."""
+        """Return what the log says, read again when it has changed; and what is wrong with it."""
         path = self.folder / log_file.NAME
         try:
             status = path.stat()
@@ -174,7 +174,7 @@ def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
 
 
 def _ticks(recorded: Recorded) -> int:
-    """How many ticks the only world has, with that of the reset."""
+    """Return how many ticks the only world has, with that of the reset."""
     return sum(len(episode.rows) for episodes in recorded.values() for episode in episodes)
 
 
