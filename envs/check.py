@@ -18,7 +18,7 @@ from outlast.ecs.kernels.integers import is_whole
 from .core.make import make_vec
 from .core.vector_env import SurvivalVectorEnv
 from .rollout.policies import random_policy
-from .scenarios.naming import resolve
+from .scenarios.parse import resolve
 from .scenarios.scenario import Scenario
 
 Array = np.ndarray[Any, Any]

@@ -24,7 +24,7 @@ from .rendering.video.writer import check_film, ending
 from .rollout.lineup import Other, Others, entries_of
 from .rollout.local import ticks
 from .rollouts import worlds_of
-from .scenarios.naming import checks_keywords, options_of, resolve
+from .scenarios.parse import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 
 LOGGER = logging.getLogger(__name__)

@@ -20,8 +20,8 @@ from outlast.ecs.declarations.distributions import FREE, Distribution, in_python
 from outlast.ecs.memory.given import check_taken
 
 from .errors import ScenarioError
-from .scenarios.changes import in_full
-from .scenarios.naming import resolve
+from .scenarios.derivation import in_full
+from .scenarios.parse import resolve
 from .scenarios.scenario import Scenario
 from .storage import strict_json
 from .storage.atomic_write import atomic_write

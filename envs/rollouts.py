@@ -34,7 +34,7 @@ from .rollout.memory import check_memories
 from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
 from .rollout.table_file import check_table
-from .scenarios.naming import checks_keywords, options_of, resolve
+from .scenarios.parse import checks_keywords, options_of, resolve
 from .scenarios.scenario import Number, Scenario
 from .storage.interrupts import left_whole
 from .storage.outputs import check_file

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from outlast import ALIASES, Scenario, variant
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.parse import resolve
 from outlast.errors import OutlastError
 from outlast.systems import Boxes, Cameras, Heals
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from ..errors import install
-from ..scenarios.naming import resolve
+from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from .torchrl import SurvivalTorchEnv, make_torchrl
 

@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 from ..core.agents import present
 from ..core.spaces import statistics
 from ..core.validation import Array
-from ..scenarios.naming import checks_keywords
+from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import PerAgentVectorEnv, requested
 

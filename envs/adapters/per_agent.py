@@ -13,14 +13,14 @@ from outlast.ecs import NumberError, Worlds
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
-from ..scenarios.naming import options_of, resolve
+from ..scenarios.parse import options_of, resolve
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 

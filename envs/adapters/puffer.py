@@ -11,7 +11,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
 from ..rendering.notebook import Pictured
-from ..scenarios.naming import checks_keywords
+from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .per_agent import requested

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from ..core.described import Arrays
+from ..core.env_properties import Arrays
 from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
-from ..scenarios.naming import checks_keywords
+from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv

@@ -18,7 +18,7 @@ from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
-from ..scenarios.naming import checks_keywords
+from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import requested
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..errors import ScenarioError
 from ..scenarios.ablations import ABLATIONS
-from ..scenarios.plugins import installed, package, scenario_of_package
+from ..scenarios.entry_points import installed, package, scenario_of_package
 from ..scenarios.variants import ALIASES, VARIANTS
 from ..text_table import terminal_width, text_table
 

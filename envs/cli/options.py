@@ -18,10 +18,10 @@ from ..progress import above_bars
 from ..rollout.lineup import OWN_AS, checked_entries, parse_lineup
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED_AS
-from ..scenarios.changes import by_full_name
+from ..scenarios.derivation import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
-from ..scenarios.naming import distribution, mechanic, resolve
+from ..scenarios.parse import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text

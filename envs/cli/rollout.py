@@ -15,13 +15,13 @@ from outlast.ecs.kernels.errors import OutlastError
 from ..core.make import make_vec
 from ..errors import ClusterError, UsageError
 from ..progress import Progress
-from ..rollout.local import Task
+from ..rollout.local import RolloutTask
 from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
 from ..rollout.table_file import check_table
 from ..rollouts import WORLDS, prepared, worlds_of
-from ..scenarios.differing import plain, same_for_all
 from ..scenarios.scenario import Scenario
+from ..scenarios.varying_json import plain, same_for_all
 from ..storage.atomic_write import atomic_write
 from ..storage.outputs import check_file
 from .options import (
@@ -159,7 +159,7 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
         raise ClusterError(str(error)) from error
     with contextlib.closing(make_vec(asked, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
         agents = env.num_agents
-    task = Task(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
+    task = RolloutTask(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
     with contextlib.redirect_stdout(sys.stderr), cluster.connected(options.ray):  # Ray writes of lost workers there
         yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
 

@@ -10,7 +10,7 @@ from ..text_table import text_table
 from .options import add_scenario, scenario
 
 
-class Use(NamedTuple):
+class ComponentUse(NamedTuple):
     """A row of the table of components.
 
     Attributes:
@@ -60,12 +60,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def uses(worlds: Worlds) -> list[Use]:
+def uses(worlds: Worlds) -> list[ComponentUse]:
     """Every component of these worlds, in the order of storage."""
     return [_use(worlds, component) for component in worlds.components]
 
 
-def _use(worlds: Worlds, component: type[Component]) -> Use:
+def _use(worlds: Worlds, component: type[Component]) -> ComponentUse:
     writers, readers = [], []
     for system in worlds.schedule.systems:
         kinds = {parameter.kind for parameter in system.parameters if component in parameter.components}
@@ -78,10 +78,10 @@ def _use(worlds: Worlds, component: type[Component]) -> Use:
         for name, archetype in worlds.layout.archetypes.items()
         if component is Entity or component in map(type, archetype.parts)
     ]
-    return Use(component.__name__, component.__bases__[0].__name__, having, writers, readers)
+    return ComponentUse(component.__name__, component.__bases__[0].__name__, having, writers, readers)
 
 
-def as_text(rows: list[Use]) -> str:
+def as_text(rows: list[ComponentUse]) -> str:
     """Columns of text, one archetype or system a line."""
     heads = ("component", "kind", "archetypes", "written by", "read by")
     cells = [([row.component], [row.kind], *row[2:]) for row in rows]

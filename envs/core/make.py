@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 from gymnasium.vector import AutoresetMode
 
-from ..scenarios.naming import checks_keywords, options_of, resolve
+from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Number, Scenario
 from .vector_env import SurvivalVectorEnv
 

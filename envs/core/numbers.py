@@ -12,7 +12,7 @@ from outlast.ecs.memory.numbers import KEY, NO_LEVELS, ONCE, Given
 
 from ..errors import NotResetError
 from ..levels import Level, check_all
-from ..scenarios.changes import by_full_name, numbers
+from ..scenarios.derivation import by_full_name, numbers
 from ..scenarios.scenario import Scenario
 from .validation import world_mask
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .buffers import writable
-from .described import Described
+from .env_properties import EnvProperties
 from .validation import Array
 
 NAMES = ("observations", "rewards", "terminated", "truncated", "state", "action_mask")
@@ -13,7 +13,7 @@ NAMES = ("observations", "rewards", "terminated", "truncated", "state", "action_
 class StepBuffers:
     """The memory that SurvivalVectorEnv.step was given as `out`."""
 
-    def __init__(self, env: Described, out: Any) -> None:
+    def __init__(self, env: EnvProperties, out: Any) -> None:
         """Check it, without writing anything yet. Raises ValueError."""
         self._env, self._given = env, {} if out is None else out
         if not isinstance(self._given, Mapping) or (unknown := sorted(map(repr, self._given.keys() - set(NAMES)))):

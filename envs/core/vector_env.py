@@ -15,14 +15,14 @@ from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from . import deaths
+from . import death_log
 from .action_spaces import ActionSpace
 from .concurrency import CallGuard, check_callable, exclusive, exclusive_step
-from .described import Actions, Arrays, Described
+from .env_properties import Actions, Arrays, EnvProperties
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
-from .notice import announce_compilation
 from .numbers import change_levels, change_numbers
 from .observations import Observations
+from .slow_call import announce_compilation
 from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
@@ -33,7 +33,7 @@ Stops = Callable[[], tuple[Actions, Actions]]
 Watcher = TypeVar("Watcher", bound=Observer)
 
 
-class SurvivalVectorEnv(Described):
+class SurvivalVectorEnv(EnvProperties):
     """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
 
     ## Description
@@ -201,8 +201,8 @@ class SurvivalVectorEnv(Described):
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self._stops is not None:
             self._stop(slice(None), terminated, truncated)
-        if deaths.LOGGER.level <= deaths.LEVEL:
-            deaths.log(self.worlds, self.first_world)
+        if death_log.LOGGER.level <= death_log.LEVEL:
+            death_log.log(self.worlds, self.first_world)
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
         ended: dict[str, Any] = {}
         try:

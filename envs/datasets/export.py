@@ -79,7 +79,8 @@ def _said_of(path: str) -> Iterator[None]:
 def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
     """Write shard_000000.npz ... and manifest.json into a new folder, and return the number of agent-steps.
 
-    Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
+    Each file holds the columns of DatasetSamples, "observations/KEY", and "final/KEY" with a row for each sample that
+    is last.
     """
     about, shards, count, agent_steps = manifest(replay), list[dict[str, object]](), 0, 0
     with atomic_write(target, new=True) as folder:

@@ -25,7 +25,7 @@ from ..recording import Replay
 from ..scenarios.serialize import rebuilt
 from ..storage import atomic_write
 from ..storage.outputs import check_folder
-from .samples import Samples, Selection, concatenate, manifest, read_samples
+from .samples import DatasetSamples, Selection, concatenate, manifest, read_samples
 
 try:
     import minari
@@ -169,7 +169,7 @@ def _restore(kept: str | None) -> None:
 
 def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterator[Any]:
     """Yield the episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
-    running: dict[int, list[Samples]] = {}
+    running: dict[int, list[DatasetSamples]] = {}
     for batch in read_samples(replay, selection):
         finals = iter(range(len(batch)))
         for k, world in enumerate(batch.columns["world"].tolist()):
@@ -185,7 +185,7 @@ def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterato
                     yield _episode(episode, i, level)
 
 
-def _episode(whole: Samples, i: int, level: Level) -> Any:
+def _episode(whole: DatasetSamples, i: int, level: Level) -> Any:
     columns = whole.columns
     truncated = columns["truncated"].copy()
     truncated[-1] |= not columns["terminated"][-1]

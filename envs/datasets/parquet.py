@@ -12,7 +12,7 @@ from ..core.observations import number_names
 from ..errors import RecordingError, install
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
-from .samples import Samples, Selection, manifest, read_shards
+from .samples import DatasetSamples, Selection, manifest, read_shards
 
 try:
     import pyarrow as pa
@@ -29,10 +29,11 @@ RESERVED = {*WORLDS, "agent", "reward", "alive", *ENDS}
 def export_parquet(target: Path, replay: Replay, selection: Selection, flat: bool = False) -> int:
     """Write one file, and return the number of its rows. Agents that an episode lacks have no rows.
 
-    Columns are those of Samples, `agent`, one for each action, and for each key of the observations two with lists of
-    fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its episode. The
-    shapes of the lists are in the file's metadata, as JSON under "outlast". With `flat`, two columns for each number
-    that an agent observes take the place of the lists: "own_health" and "final_own_health", "others_0_x" ...
+    Columns are those of DatasetSamples, `agent`, one for each action, and for each key of the observations two with
+    lists of fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its
+    episode. The shapes of the lists are in the file's metadata, as JSON under "outlast". With `flat`, two columns for
+    each number that an agent observes take the place of the lists: "own_health" and "final_own_health", "others_0_x"
+    ...
     """
     about, count = manifest(replay), 0
     names = [column["name"] for column in about["actions"]]
@@ -75,7 +76,7 @@ def _twice(name: str) -> tuple[str, str]:
     return name, f"final_{name}"
 
 
-def _table(batch: Samples, names: list[str], numbers: dict[str, list[str]]) -> Any:
+def _table(batch: DatasetSamples, names: list[str], numbers: dict[str, list[str]]) -> Any:
     """Return samples as a table. numbers: the names of columns by key of the observations; empty: lists."""
     columns, agents = batch.columns, batch.columns["actions"].shape[1]
     found = {key: np.repeat(columns[key], agents) for key in WORLDS}

@@ -52,7 +52,7 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class Samples:
+class DatasetSamples:
     """n samples of one tick, in order of worlds, or of several ticks.
 
     columns: by name, see COLUMNS: alive and present are bool (n, agents), actions (n, agents, actions), rewards float32
@@ -67,13 +67,13 @@ class Samples:
     def __len__(self) -> int:
         return len(self.columns["world"])
 
-    def row(self, k: int, final: int | None) -> "Samples":
+    def row(self, k: int, final: int | None) -> "DatasetSamples":
         """Return sample k alone. final: its row of `final`, if it is the last of its episode."""
         own = slice(0, 0) if final is None else slice(final, final + 1)
         columns, observations = (
             {key: array[k : k + 1] for key, array in part.items()} for part in (self.columns, self.observations)
         )
-        return Samples(columns, observations, {key: array[own] for key, array in self.final.items()})
+        return DatasetSamples(columns, observations, {key: array[own] for key, array in self.final.items()})
 
     @property
     def present(self) -> Array:
@@ -86,21 +86,21 @@ class Samples:
         return sum(array.nbytes for part in (self.columns, self.observations, self.final) for array in part.values())
 
 
-def concatenate(parts: list[Samples]) -> Samples:
+def concatenate(parts: list[DatasetSamples]) -> DatasetSamples:
     """Join the samples of `parts`."""
 
     def together(tables: Iterable[dict[str, Array]]) -> dict[str, Array]:
         listed = list(tables)
         return {key: np.concatenate([table[key] for table in listed]) for key in listed[0]}
 
-    return Samples(
+    return DatasetSamples(
         together(part.columns for part in parts),
         together(part.observations for part in parts),
         together(part.final for part in parts),
     )
 
 
-def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
+def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSamples]:
     """Yield the samples of a recording, tick by tick; ticks without any are left out.
 
     Raises:
@@ -119,7 +119,7 @@ def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
             found, last = True, np.isin(rows, last_steps.get(number, ()))
             observations = {key: before[key][rows] for key in buffers}
             final = {key: buffer[rows[last]] for key, buffer in buffers.items()}
-            yield Samples(_columns(replay, rows, living[rows], last), observations, final)
+            yield DatasetSamples(_columns(replay, rows, living[rows], last), observations, final)
         selection.progress(number)
         before = {key: buffer.copy() for key, buffer in buffers.items()}
         living = alive(worlds)
@@ -173,9 +173,9 @@ def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[in
     return last_steps
 
 
-def read_shards(replay: Replay, selection: Selection) -> Iterator[Samples]:
+def read_shards(replay: Replay, selection: Selection) -> Iterator[DatasetSamples]:
     """Yield samples of many ticks together, up to SHARD_BYTES."""
-    waiting, size = list[Samples](), 0
+    waiting, size = list[DatasetSamples](), 0
     for batch in read_samples(replay, selection):
         waiting.append(batch)
         size += batch.nbytes

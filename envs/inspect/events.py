@@ -23,7 +23,7 @@ from outlast.ecs import Clock, Worlds
 
 from ..rendering.scene import Scene
 from .event_table import event_table
-from .trace import Bodies, Json, bodies_of
+from .world_json import Bodies, Json, bodies_of
 
 # pages show these in ways of their own, so `_others` leaves them out
 KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)

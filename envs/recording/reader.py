@@ -15,7 +15,7 @@ from outlast.ecs import RESET, EngineError
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from ..scenarios.mechanics import foreign
-from ..scenarios.naming import resolve
+from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes, planned, rebuilt
 from ..storage import strict_json

@@ -14,7 +14,7 @@ from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable
-from ..core.notice import announce_compilation
+from ..core.slow_call import announce_compilation
 from ..core.spaces import statistics
 from ..core.validation import check_count
 from ..errors import RecordingError, ReplayError, ScenarioError

@@ -7,7 +7,7 @@ import numpy as np
 from outlast.components import End
 
 from ..core.agents import side
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .lineup import Lineup, key_of, own_side

@@ -16,7 +16,7 @@ import numpy as np
 from outlast.ecs import Clock, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.make import make_vec
 from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv

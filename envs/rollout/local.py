@@ -128,7 +128,7 @@ def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
 
 
 @dataclass(frozen=True)
-class Task:
+class RolloutTask:
     """A rollout as data. policy: makes one for an environment and a seed (see POLICIES). For the rest see `rollout`."""
 
     scenario: Scenario
@@ -138,7 +138,7 @@ class Task:
     episodes: int = 1
 
 
-def run_task(task: Task, first: int, count: int) -> Summary:
+def run_task(task: RolloutTask, first: int, count: int) -> Summary:
     """Return the summary of `count` worlds from number `first` on. They play as they do in a rollout of all worlds."""
     env = SurvivalVectorEnv(task.scenario, count, seed=task.seed, first_world=first, copy=False, check_actions=False)
     try:

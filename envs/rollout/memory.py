@@ -7,7 +7,7 @@ import numpy as np
 
 from outlast.ecs import Clock
 
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .policies import Policy

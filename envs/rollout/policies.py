@@ -12,7 +12,7 @@ import numpy as np
 from outlast.ecs import Clock
 
 from ..core.action_spaces import MOST
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .styles import camper, follow, healer, hoarder, hunter, scripted

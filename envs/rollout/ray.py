@@ -11,7 +11,7 @@ import outlast
 from outlast.ecs.kernels.errors import OutlastError
 
 from ..errors import ClusterError, install
-from .local import Task, run_task, split_worlds
+from .local import RolloutTask, run_task, split_worlds
 from .summary import Summary
 
 try:
@@ -48,7 +48,9 @@ def connected(address: str = "") -> Iterator[None]:
         ray.shutdown()
 
 
-def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], None] = lambda summary: None) -> Summary:
+def rollout_on_cluster(
+    task: RolloutTask, worlds: int, progress: Callable[[Summary], None] = lambda summary: None
+) -> Summary:
     """Return the summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
 
     A batch counts once, when all of it is done; if its worker is lost, it starts again elsewhere.
@@ -118,7 +120,7 @@ def _check_listening(address: str) -> None:
         socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), CONNECT_TIMEOUT).close()
 
 
-def _run_on_worker(version: str, task: Task, first: int, count: int) -> Summary:
+def _run_on_worker(version: str, task: RolloutTask, first: int, count: int) -> Summary:
     """Run a task on a worker; the result depends on the arguments only, so it can be repeated on another one."""
     if version != outlast.__version__:
         raise ClusterError(f"a worker has outlast {outlast.__version__}, this machine {version}: install the same")

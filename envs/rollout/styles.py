@@ -1,7 +1,7 @@
 """Scripted styles: ways to play that need no training, each a function of what agents observe at the moment.
 
-A style is a function from Seen to Plan, for all agents of all worlds at once; `follow` turns it into a policy. It finds
-numbers by the names of their fields, so it can play any game with such fields, and copes if some of them are missing.
+A style is a function from Seen to Intent, for all agents of all worlds at once; `follow` turns it into a policy. It
+finds numbers by the names of their fields, so it can play any game with such fields, and copes if some are missing.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numpy as np
 from outlast.ecs import Fields, columns_of
 from outlast.ecs.declarations.fields import width
 
-from ..core.described import Actions, Arrays
+from ..core.env_properties import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 
@@ -59,7 +59,7 @@ class Target(NamedTuple):
         return np.where(self.seen[..., None], self.place, place)
 
 
-class Plan(NamedTuple):
+class Intent(NamedTuple):
     """What agents are about to do.
 
     Attributes:
@@ -166,7 +166,7 @@ class Seen:
         return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
 
 
-def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
+def follow(style: Callable[[Seen], Intent], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
     """Turn the style into a policy for an environment: a function from observations to actions."""
     # the value of no action; it is also the number of levels each way
     idle = {key: -low for key, low in env.action_columns}
@@ -196,15 +196,15 @@ def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[A
     return act
 
 
-def scripted(seen: Seen) -> Plan:
+def scripted(seen: Seen) -> Intent:
     """Go to the next zone, and on the way there to enemies that are close and to heals in sight."""
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals")
     goal = first(enemy.within(2 * REACH), heal).only(~seen.outside).place_or(seen.centre)
     use = (seen.health <= WOUNDED) & seen.holds("heal_slot")
-    return Plan(goal, seen.towards(enemy, LOOK), enemy.distance < STRIKE, use)
+    return Intent(goal, seen.towards(enemy, LOOK), enemy.distance < STRIKE, use)
 
 
-def camper(seen: Seen) -> Plan:
+def camper(seen: Seen) -> Intent:
     """Stay at a post, leaving it only for things nearby; behind a box, if there is one."""
     post, armed = seen.post(), seen.holds("box_slot")
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals", origin=post).within(HOME)
@@ -214,30 +214,30 @@ def camper(seen: Seen) -> Plan:
     error = seen.towards(first(enemy, item, box), SWEEP)
     shut = armed & (enemy.distance < WARY) & (np.abs(error) < AIMED)
     use = shut | ((seen.health <= WOUNDED) & seen.holds("heal_slot"))
-    return Plan(first(heal, item, box).place_or(post), error, (enemy.distance < STRIKE) | box.seen, use)
+    return Intent(first(heal, item, box).place_or(post), error, (enemy.distance < STRIKE) | box.seen, use)
 
 
-def hunter(seen: Seen) -> Plan:
+def hunter(seen: Seen) -> Intent:
     """Chase the nearest enemy in sight, and go in circles until there is one."""
     weak = seen.health <= WEAK
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals").only(weak)
     goal = first(heal, seen.nearest("others", seen.enemies, lead=LEAD)).place_or(seen.patrol())
     goal = np.where((weak & seen.outside)[..., None], seen.centre, goal)
     use = weak & seen.holds("heal_slot", "box_slot")
-    return Plan(goal, seen.towards(enemy, SWEEP), enemy.distance < STRIKE, use)
+    return Intent(goal, seen.towards(enemy, SWEEP), enemy.distance < STRIKE, use)
 
 
-def hoarder(seen: Seen) -> Plan:
+def hoarder(seen: Seen) -> Intent:
     """Fetch whatever can be picked up, keep away from enemies, and use items late."""
     enemy, item = seen.nearest("others", seen.enemies), closer(seen.nearest("heals"), seen.nearest("box_items"))
     threat, post = enemy.within(WARY), seen.post()
     away = seen.position + 2 * unit(seen.position - enemy.place) + unit(post - seen.position)
     goal = first(threat._replace(place=away), item).only(~seen.outside).place_or(post)
     use = ((seen.health <= WEAK) | (item.distance < AT_FEET)) & seen.holds("heal_slot", "box_slot")
-    return Plan(goal, seen.towards(first(threat, item, enemy), SWEEP), enemy.distance < STRIKE, use)
+    return Intent(goal, seen.towards(first(threat, item, enemy), SWEEP), enemy.distance < STRIKE, use)
 
 
-def healer(seen: Seen) -> Plan:
+def healer(seen: Seen) -> Intent:
     """Stay with team-mates, treat their wounds before its own, and fight whoever is in reach."""
     enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
     hurt, health = seen.of("others", "health"), seen.health[..., None]
@@ -247,7 +247,7 @@ def healer(seen: Seen) -> Plan:
     goal = first(patient, enemy.within(STRIKE), strayed, heal).only(~seen.outside).place_or(seen.centre)
     error = seen.towards(first(enemy.within(2 * REACH), patient, mate, enemy), SWEEP)
     use = (seen.health <= (WEAK if seen.has_teams else SCRATCHED)) & seen.holds("heal_slot") & ~patient.seen
-    return Plan(goal, error, enemy.distance < STRIKE, use, patient.distance < REACH)
+    return Intent(goal, error, enemy.distance < STRIKE, use, patient.distance < REACH)
 
 
 def first(*targets: Target) -> Target:

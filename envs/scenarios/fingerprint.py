@@ -10,8 +10,8 @@ from outlast.ecs.declarations import roles
 from outlast.ecs.declarations.distributions import MOST, NAMES
 from outlast.ecs.kernels.frozen_values import is_outside
 
-from .differing import plain
 from .scenario import Scenario
+from .varying_json import plain
 
 LONGEST = 200  # characters of a name, and entries of an order, at most
 MORE = {  # optional entries of a fingerprint, and what they say

@@ -8,7 +8,7 @@ from outlast.ecs import Module
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import ScenarioError
-from .changes import leaders
+from .derivation import leaders
 
 
 def check_mechanics(scenario: str, modules: Iterable[Any]) -> None:

@@ -20,9 +20,19 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
-from .changes import all_replaced, as_filename, by_full_name, defaults, find_number, following, leaders, numbers, titles
-from .form import added, arguments, as_form
+from .derivation import (
+    all_replaced,
+    as_filename,
+    by_full_name,
+    defaults,
+    find_number,
+    following,
+    leaders,
+    numbers,
+    titles,
+)
 from .mechanic_checks import check_mechanics, check_together
+from .scenario_json import added, arguments, as_form
 
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
 LOGGER = logging.getLogger("outlast")

@@ -6,9 +6,9 @@ from outlast.ecs import MemoryLayout
 from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
-from .differing import restored
 from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
+from .varying_json import restored
 
 LARGEST = 2**22  # bytes of the state of one world at most
 

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import torch
 
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.parse import resolve
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.presets import PRESETS
 from outlast.training.ppo.crew import Crew, recruit

@@ -14,9 +14,9 @@ import pytest
 import outlast
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios import plugins
+from outlast.envs.scenarios import entry_points
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.scenarios.naming import named, resolve
+from outlast.envs.scenarios.parse import named, resolve
 
 SWAMP = """
 from dataclasses import dataclass
@@ -170,17 +170,17 @@ def test_a_file_in_a_package_is_a_module_of_it(folder: Path) -> None:
 def entries(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
     """Entry points of installed packages, to which tests add."""
     entries = list[EntryPoint]()
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [e for e in entries if e.group == group])
+    monkeypatch.setattr(entry_points, "entry_points", lambda group: [e for e in entries if e.group == group])
     monkeypatch.syspath_prepend(folder)
-    plugins.installed.cache_clear()
+    entry_points.installed.cache_clear()
     yield entries
-    plugins.installed.cache_clear()
+    entry_points.installed.cache_clear()
 
 
 def test_scenarios_of_installed_packages(entries: list[EntryPoint], capsys: pytest.CaptureFixture[str]) -> None:
     entries += [
-        EntryPoint("hunt", "bog:arena", plugins.GROUP),
-        EntryPoint("gone", "bog_that_is_gone:arena", plugins.GROUP),
+        EntryPoint("hunt", "bog:arena", entry_points.GROUP),
+        EntryPoint("gone", "bog_that_is_gone:arena", entry_points.GROUP),
     ]
     assert named("hunt").name == "the arena"
     assert main(["variants"]) == 0
@@ -194,9 +194,9 @@ def test_scenarios_of_installed_packages(entries: list[EntryPoint], capsys: pyte
 
 
 def test_names_that_packages_cannot_take(entries: list[EntryPoint], caplog: pytest.LogCaptureFixture) -> None:
-    entries += [EntryPoint(name, "bog:arena", plugins.GROUP) for name in ("ffa_1", "1v1_heals_low", "two words")]
-    entries += [EntryPoint("hunt", f"bog:{name}", plugins.GROUP) for name in ("arena", "quick")]
-    assert list(plugins.installed()) == ["hunt"]
+    entries += [EntryPoint(name, "bog:arena", entry_points.GROUP) for name in ("ffa_1", "1v1_heals_low", "two words")]
+    entries += [EntryPoint("hunt", f"bog:{name}", entry_points.GROUP) for name in ("arena", "quick")]
+    assert list(entry_points.installed()) == ["hunt"]
     messages = [record.getMessage() for record in caplog.records]
     assert "the scenario 'ffa_1' of the package bog is left out: that is the name of a variant" in messages
     assert [("hunt" in each, "two words" in each) for each in messages].count((True, False)) == 1
@@ -206,7 +206,7 @@ def test_names_that_packages_cannot_take(entries: list[EntryPoint], caplog: pyte
 def test_registered_by_name(entries: list[EntryPoint], monkeypatch: pytest.MonkeyPatch) -> None:
     from outlast.envs.adapters import registry
 
-    entries.append(EntryPoint("hunt", "bog:quick", plugins.GROUP))
+    entries.append(EntryPoint("hunt", "bog:quick", entry_points.GROUP))
     registered: dict[str, Any] = dict(gymnasium.registry)
     monkeypatch.setattr(gymnasium.envs.registration, "registry", registered)
     monkeypatch.setattr(gymnasium, "registry", registered)

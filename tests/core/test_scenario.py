@@ -34,7 +34,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.cli.schedule import uses
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.parse import resolve
 from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Pickup, Teams
 from tests.conftest import draw_actions, nightly_compiled
 from tests.helpers.mechanics import DUEL, kind, mechanic, taking

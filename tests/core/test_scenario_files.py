@@ -19,7 +19,7 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.scenarios.naming import mechanic, named
+from outlast.envs.scenarios.parse import mechanic, named
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, Maze, Teams
 

@@ -9,7 +9,7 @@ import outlast
 from outlast import systems, variant
 from outlast.components import Body, Floor, Shape, Zone
 from outlast.ecs import NumberError, Worlds
-from outlast.envs.inspect.trace import describe
+from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.style import WALL
 from tests.conftest import digest, draw_actions, scaled

@@ -18,7 +18,7 @@ from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.datasets import samples as dataset
 from outlast.envs.datasets.export import export_dataset
-from outlast.envs.datasets.samples import Samples, Selection, concatenate, read_samples
+from outlast.envs.datasets.samples import DatasetSamples, Selection, concatenate, read_samples
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.systems import Respawn
@@ -68,7 +68,7 @@ def play(env: SurvivalVectorEnv) -> list[Step]:
     return rows
 
 
-def check(found: Samples, rows: list[Step]) -> None:
+def check(found: DatasetSamples, rows: list[Step]) -> None:
     """Every row, in the same order; final is what came after the last ones."""
     assert len(found) == len(rows)
     for key, column in found.columns.items():
@@ -173,7 +173,7 @@ def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
     shards = [dict(np.load(tmp_path / "data" / file, allow_pickle=False)) for file in files]
     assert [len(shard["world"]) for shard in shards] == [shard["samples"] for shard in about["shards"]]
     parts = [
-        Samples(
+        DatasetSamples(
             {key: array for key, array in shard.items() if "/" not in key},
             {key[13:]: array for key, array in shard.items() if key.startswith("observations/")},
             {key[6:]: array for key, array in shard.items() if key.startswith("final/")},

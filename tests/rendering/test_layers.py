@@ -12,7 +12,7 @@ from outlast import choice, make_vec, role, variant
 from outlast.components import Guard, Zone
 from outlast.ecs import Entity
 from outlast.envs.errors import FilmError
-from outlast.envs.inspect.trace import describe
+from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import (

@@ -17,7 +17,7 @@ import outlast
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import ClusterError, EndlessError, FaultError
 from outlast.envs.rollout import local
-from outlast.envs.rollout.local import Task, run_task
+from outlast.envs.rollout.local import RolloutTask, run_task
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
 from tests.helpers.execution_modes import short
@@ -40,7 +40,7 @@ def workers():
 
 
 def task(policy=POLICIES["random"], variant="teams_3"):
-    return Task(short(variant).replace(ending_limit=25), policy, STEPS, SEED)
+    return RolloutTask(short(variant).replace(ending_limit=25), policy, STEPS, SEED)
 
 
 def same(one, other):
@@ -89,7 +89,7 @@ def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):
         local.MAX_STEPS = 30  # in the worker, which has this module, too
         return POLICIES["noop"](env, seed)
 
-    never = Task(outlast.variant("ffa_1").replace(safe_zone_damage=0), impatient, 0, SEED)
+    never = RolloutTask(outlast.variant("ffa_1").replace(safe_zone_damage=0), impatient, 0, SEED)
     with pytest.raises(EndlessError, match="world 0 has been in one episode for 30 steps"):
         cluster.rollout_on_cluster(never, 1)
 

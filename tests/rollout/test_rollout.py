@@ -17,7 +17,7 @@ from outlast.envs.errors import EndlessError, RecordingError, UsageError
 from outlast.envs.recording.recorder import _Appender
 from outlast.envs.rollout import local as rollouts
 from outlast.envs.rollout import table_file
-from outlast.envs.rollout.local import MAX_BATCH, Task, rollout, run_task, split_worlds
+from outlast.envs.rollout.local import MAX_BATCH, RolloutTask, rollout, run_task, split_worlds
 from outlast.envs.rollout.policies import POLICIES, random_policy, scripted_policy
 from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, interrupted_after, run, scaled
@@ -27,15 +27,15 @@ from tests.helpers.outputs import length, rows_of
 WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
 
 
-def task(policy: str = "random", variant: str = "ffa_1") -> Task:
-    return Task(short(variant).replace(ending_limit=25), POLICIES[policy], STEPS, seed=3)
+def task(policy: str = "random", variant: str = "ffa_1") -> RolloutTask:
+    return RolloutTask(short(variant).replace(ending_limit=25), POLICIES[policy], STEPS, seed=3)
 
 
-def whole_episodes(policy: str = "random", variant: str = "ffa_1", seed: int = 3, episodes: int = 1) -> Task:
+def whole_episodes(policy: str = "random", variant: str = "ffa_1", seed: int = 3, episodes: int = 1) -> RolloutTask:
     """Whole episodes of very different lengths: agents strike each other dead, or the zone gets them in the end."""
     numbers = {"safe_zone_radii": (9.0, 4.0), "safe_zone_stand": 100, "safe_zone_shrink": 50}
     numbers |= {"agents_health": 5, "room_size": 20.0}
-    return Task(outlast.variant(variant).replace(**numbers), POLICIES[policy], 0, seed, episodes)
+    return RolloutTask(outlast.variant(variant).replace(**numbers), POLICIES[policy], 0, seed, episodes)
 
 
 def equal(one: Summary, other: Summary) -> bool:
@@ -115,14 +115,14 @@ def test_means_and_errors_are_those_of_the_single_episodes():
 
 
 def test_progress_counts_world_steps_and_that_nothing_ended_is_said() -> None:
-    assert "no episode ended" in str(run_task(Task(outlast.variant("ffa_1"), POLICIES["noop"], 2, 0), 0, 2))
+    assert "no episode ended" in str(run_task(RolloutTask(outlast.variant("ffa_1"), POLICIES["noop"], 2, 0), 0, 2))
     assert "no episode ended" in str(Summary.merge([]))
     env, seen = outlast.make_vec("ffa_1", 3, seed=0), []
     rollout(env, random_policy(env), 4, lambda summary: seen.append(summary.world_steps))
     assert seen == [3, 6, 9, 12]
 
 
-def first_episodes(task: Task, count: int) -> dict[str, np.ndarray]:
+def first_episodes(task: RolloutTask, count: int) -> dict[str, np.ndarray]:
     """Statistics of the first episode of each world, (worlds, ...): every world is stepped alone, until it ends."""
     found: dict[str, list[np.ndarray]] = {}
     for w in range(count):

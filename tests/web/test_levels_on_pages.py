@@ -13,7 +13,7 @@ from outlast.components import End
 from outlast.envs.core.agents import present, side
 from outlast.envs.errors import PlayError
 from outlast.envs.inspect.observation_text import observation_text
-from outlast.envs.inspect.trace import describe, snapshot
+from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering.layers.end import EndLayer, winner
 from outlast.envs.rendering.layers.scores import ScoresStrip
 from outlast.envs.rendering.rgb import draw, text

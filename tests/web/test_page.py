@@ -17,10 +17,10 @@ from docs.examples.poison import Poison
 from outlast.components import Bag, Body, Health, Reward
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.errors import PageError
-from outlast.envs.inspect.trace import describe, snapshot
+from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import METRE, RADIAN, EpisodeTrack, Room, pack
+from outlast.envs.web.replay.pack import METRE, RADIAN, EpisodeTrack, PageRoom, pack
 from outlast.envs.web.replay.write import _entities, record_ticks
 from tests.conftest import COMPILED, scaled
 from tests.web.browser import ticks
@@ -59,7 +59,7 @@ def seen() -> tuple[Json, list[Json], list[Any]]:
             states[-1]["actions"] = env.worlds.actions.copy()
             yield
 
-    (header,) = unpacked(pack([Room("a title", record_ticks(env.worlds, watched(), [0, 1]))]))
+    (header,) = unpacked(pack([PageRoom("a title", record_ticks(env.worlds, watched(), [0, 1]))]))
     return header, finished, states
 
 
@@ -149,7 +149,7 @@ def test_angles_go_on_over_whole_turns_and_far_numbers_become_the_nearest_that_f
         worlds[Body].x[0] = x
         worlds[Health].points[0, :2] = 2**31 - 1, -(2**31) + 1
         episode.add(snapshot(worlds, 0), [])
-    numbers = unpacked(pack([Room("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]["numbers"]
+    numbers = unpacked(pack([PageRoom("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]["numbers"]
     angles = numbers["agent.angle"] / RADIAN
     np.testing.assert_allclose(np.diff(angles[:, 1]), -0.5, atol=2 / RADIAN)
     np.testing.assert_allclose(np.diff(angles[:, 0]), 0.5, atol=0.04)  # what float32 resolves there
@@ -193,7 +193,7 @@ def described(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
     description, now = describe(worlds, 0), snapshot(worlds, 0)
     episode = EpisodeTrack(description, 1, 0)
     episode.add(now, [])
-    return description, now, unpacked(pack([Room("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]
+    return description, now, unpacked(pack([PageRoom("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]
 
 
 def test_what_a_scenario_lacks_is_left_out() -> None:

@@ -9,7 +9,7 @@ import pytest
 import outlast
 from outlast.components import Body
 from outlast.envs.inspect.observation_text import observation_text
-from outlast.envs.inspect.trace import describe, snapshot
+from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.layers import LidarLayer, RoomLayer
 from outlast.envs.rendering.rgb import draw

@@ -14,7 +14,7 @@ import pytest
 import outlast
 from outlast.components import Body, Shape, Solid
 from outlast.ecs import Archetype, Module
-from outlast.envs.inspect.trace import describe, snapshot
+from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.web.replay import write_page
 from outlast.systems import Preparation, Rooms
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle

@@ -16,7 +16,7 @@ import pytest
 import outlast
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
-from outlast.envs.web.replay.pack import Room, pack
+from outlast.envs.web.replay.pack import PageRoom, pack
 from outlast.envs.web.replay.server import PATIENCE, serving
 from outlast.envs.web.replay.write import record_ticks
 from tests.web.browser import TITLE
@@ -52,7 +52,7 @@ class Run:
     def make(self, number: int, steps: int, length: int = 12, whole: bool = True) -> None:
         """An episode of a checkpoint of so many steps is there, or its first `length` ticks."""
         env = outlast.make_vec("ffa_2", 1, seed=number)
-        data = pack([Room("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))])
+        data = pack([PageRoom("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))])
         self.newest = {"steps": steps, "age": 200.0}
         encoded = base64.b64encode(data).decode()
         known = {"number": number, "steps": steps, "game": "ffa_2", "data": encoded}

@@ -18,7 +18,7 @@ from outlast.envs.recording import record
 from outlast.envs.rollout.lineup import ROLES
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
+from outlast.envs.scenarios.parse import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage import strict_json
 from outlast.envs.text_table import text_table

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from outlast.ecs.kernels.errors import did_you_mean
-from outlast.envs.core.described import Actions, Arrays
+from outlast.envs.core.env_properties import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.lineup import OWN_AS, checked_entries, is_own, maker

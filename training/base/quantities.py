@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 
-class Column(NamedTuple):
-    """A column: its unit ("" for what is counted) and its meaning."""
+class Meaning(NamedTuple):
+    """What a column means: its unit ("" for what is counted) and its meaning."""
 
     unit: str
     meaning: str
@@ -16,41 +16,41 @@ SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; 
 
 # "Its" refers to the policy of the row, which plays one of two sides, or every other side where there are more.
 COLUMNS = {
-    "wins": Column(
+    "wins": Meaning(
         "share",
         "of the episodes that it wins, as one of its sides outlives all others, or as the game says who wins; a draw "
         "counts half",
     ),
-    "wins_first": Column(
+    "wins_first": Meaning(
         "share",
         "that it wins of the episodes in which it plays the first side. As agents see their id, a policy may play "
         "sides differently that are alike, also against itself",
     ),
-    "wins_second": Column("share", "that it wins of the episodes in which its opponent plays the first side"),
-    "length": Column("ticks", "of an episode; the same for both policies"),
-    "life": Column("ticks", "that its longest-lived side has a living agent"),
-    "return": Column(
+    "wins_second": Meaning("share", "that it wins of the episodes in which its opponent plays the first side"),
+    "length": Meaning("ticks", "of an episode; the same for both policies"),
+    "life": Meaning("ticks", "that its longest-lived side has a living agent"),
+    "return": Meaning(
         "reward",
         "that one of its agents gets in an episode, on average over its agents. It does not say by itself who is "
         "better: a long game rewards both sides",
     ),
-    "kills": Column("", "kills by its sides in an episode"),
-    "deaths_TYPE": Column("", "deaths of its agents in an episode by that type of damage: melee, zone"),
-    "first_death": Column(
+    "kills": Meaning("", "kills by its sides in an episode"),
+    "deaths_TYPE": Meaning("", "deaths of its agents in an episode by that type of damage: melee, zone"),
+    "first_death": Meaning(
         "ticks", "until the first agent dies, in episodes in which one does; the same for both policies"
     ),
-    "heals_used": Column("", "heals that all agents use in an episode; the same for both policies"),
-    "boxes_placed": Column("", "boxes that all agents set up in an episode; the same for both policies"),
-    "heals_given": Column("", "heals that its agents give to others in an episode; in logs, in 1000 agent-steps"),
-    "heals_held": Column("", "heals in the bag of one of its living agents, on average over ticks"),
-    "zone_distance": Column("m", "from its living agents to the centre of the safe zone, on average over ticks"),
-    "near": Column(
+    "heals_used": Meaning("", "heals that all agents use in an episode; the same for both policies"),
+    "boxes_placed": Meaning("", "boxes that all agents set up in an episode; the same for both policies"),
+    "heals_given": Meaning("", "heals that its agents give to others in an episode; in logs, in 1000 agent-steps"),
+    "heals_held": Meaning("", "heals in the bag of one of its living agents, on average over ticks"),
+    "zone_distance": Meaning("m", "from its living agents to the centre of the safe zone, on average over ticks"),
+    "near": Meaning(
         "share",
         "of the ticks of its living agents in which they could strike an enemy: its centre is within melee_reach + its "
         "agents_radius",
     ),
-    "attack_near": Column("share", "of those ticks in which the agent attacks"),
-    "attack_far": Column("share", "of the other ticks in which the agent attacks, with nobody to strike"),
+    "attack_near": Meaning("share", "of those ticks in which the agent attacks"),
+    "attack_far": Meaning("share", "of the other ticks in which the agent attacks, with nobody to strike"),
 }
 
 

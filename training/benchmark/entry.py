@@ -26,8 +26,8 @@ from ..policies.player import weights_of
 from ..runs.run import TrainingRun
 from . import result
 from .agents import FUNCTION, PRESET, Agent
-from .described import STEPS, described, response_config
 from .matches import digest, play
+from .policy_facts import STEPS, described, response_config
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import suite
 from .tasks import Task, TaskGame, check_training_seed, response_steps

@@ -15,10 +15,10 @@ from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
 from . import crossplay, scores
-from .described import described, wrong_with_response
 from .games import repeat
 from .kept import SHORT, find
 from .matches import digest
+from .policy_facts import described, wrong_with_response
 from .result import BEST, RESPONSE, SELF, Content, Result, read_json
 from .suite import SuiteOpponent, missing, other_games, suite
 from .tasks import Task, TaskGame, task_of

@@ -23,7 +23,7 @@ Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), 
 Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
 
 
-class Explainer:
+class PolicyExplainer:
     """Explains the policy of a player; made by `Player.explainer`.
 
     entities: (key of the observation, rows) of each kind of entities that agents attend to.

@@ -27,7 +27,7 @@ from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise
 from ..base.observation_layout import OWN, ObservationLayout
 from ..base.presets import preset
-from .explainer import Answer, Explainer, Question
+from .explainer import Answer, PolicyExplainer, Question
 from .packer import Packer
 from .policy import ActorCritic, Networks, networks_named
 from .rows import Observed
@@ -178,12 +178,12 @@ class Player:
             return torch.from_numpy(self._noise())
         return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
 
-    def explainer(self) -> Explainer:
+    def explainer(self) -> PolicyExplainer:
         """Make an explainer of how the policy acts, with a memory of its own; for outlast.record(policy=player)."""
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
-        return Explainer(own)
+        return PolicyExplainer(own)
 
     def _reset(self, where: Array) -> None:
         """See `reset`."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import mean
 
 from outlast.envs.rollout.saved import checkpoints, newest
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 

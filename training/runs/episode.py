@@ -19,7 +19,7 @@ from ..base.errors import TrainingError
 
 
 @dataclass(frozen=True)
-class Episode:
+class WatchedEpisode:
     """One world in which a policy plays an episode.
 
     worlds: The world, which is reset when the first tick is asked for. ticks: Each item that is asked for plays one
@@ -34,7 +34,7 @@ class Episode:
 
 
 @contextlib.contextmanager
-def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[Episode]:
+def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[WatchedEpisode]:
     """Open an episode of a checkpoint's policy, in which everything random comes from `seed`.
 
     PyTorch's global random numbers and its number of threads stay as they are.
@@ -63,7 +63,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
     with contextlib.closing(env):
         player.check(env)
-        yield Episode(env.worlds, ticks(), game, differs)
+        yield WatchedEpisode(env.worlds, ticks(), game, differs)
 
 
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:

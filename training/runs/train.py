@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
-from outlast.envs.scenarios.naming import checks_keywords, options_of, resolve
+from outlast.envs.scenarios.parse import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
 

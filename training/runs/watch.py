@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.saved import checkpoints
-from outlast.envs.web.replay.pack import Room, pack
+from outlast.envs.web.replay.pack import PageRoom, pack
 from outlast.envs.web.replay.write import Recorded, record_ticks
 
 from ..base import log_file
@@ -180,7 +180,7 @@ def _ticks(recorded: Recorded) -> int:
 
 def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
     """An episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
-    data = base64.b64encode(pack([Room(known["game"], recorded)])).decode()
+    data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
 
 

@@ -49,7 +49,7 @@ class ScoresStrip(Strip):
         return round((_board(scene, size).lines * LINE + GAP) * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw agents below and beside each other, each as an `Entry`."""
+        """Draw agents below and beside each other, each as a `ScoreLine`."""
         board, unit, alive = _board(scene, canvas.size), digit(canvas.size), {*scene.living(Side)}
         left, top = unit - canvas.half, canvas.height / 2 - 0.5 * (LINE + GAP) * unit
         if _teams(scene):
@@ -58,7 +58,7 @@ class ScoresStrip(Strip):
         for i, e in there[: board.shown]:
             column, row = divmod(i, board.rows)
             y = top - (row + _teams(scene)) * LINE * unit
-            Entry(canvas, scene, board, i, e, e in alive).draw(left + column * board.width * unit, y)
+            ScoreLine(canvas, scene, board, i, e, e in alive).draw(left + column * board.width * unit, y)
         if (hidden := len(there) - board.shown) > 0:
             y = top - (board.lines - 1) * LINE * unit
             words = f"and {hidden} more"
@@ -88,7 +88,7 @@ def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) ->
 
 
 @dataclass(frozen=True)
-class Entry:
+class ScoreLine:
     """Agent `i` in row `e` on a scoreboard."""
 
     canvas: Canvas

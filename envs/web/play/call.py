@@ -10,7 +10,7 @@ from outlast.ecs.kernels.integers import is_whole
 
 from ...errors import PlayError, install
 from ...rollout.lineup import Others, entries_of, load_policies
-from ...scenarios.naming import checks_keywords, options_of, resolve
+from ...scenarios.parse import checks_keywords, options_of, resolve
 from ...scenarios.scenario import Number, Scenario
 from ..announce import announce
 from ..gate import HOST, Site

@@ -21,7 +21,7 @@ from ...core.spaces import published
 from ...errors import PlayError
 from ...inspect.events import events
 from ...inspect.observation_text import observation_text
-from ...inspect.trace import describe, snapshot
+from ...inspect.world_json import describe, snapshot
 from ...rollout.lineup import Lineup, Others, entries_of
 from ...scenarios.scenario import Scenario
 

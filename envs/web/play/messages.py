@@ -17,7 +17,7 @@ Choices = Mapping[str, int]
 
 
 @dataclass(frozen=True)
-class Steer:
+class SteerMessage:
     """Keys. held: actions in every tick from now on. tapped: actions in the next tick only. Others are 0."""
 
     held: Choices
@@ -38,7 +38,7 @@ class Speed:
     times: float
 
 
-Message = Steer | Command | Speed
+Message = SteerMessage | Command | Speed
 
 
 def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> Message:
@@ -48,7 +48,7 @@ def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> Message:
     """
     content = _loaded(text)
     if content.keys() == {"held", "tapped"}:
-        return Steer(*(_choices(content[key], ranges) for key in ("held", "tapped")))
+        return SteerMessage(*(_choices(content[key], ranges) for key in ("held", "tapped")))
     if content.keys() == {"command"} and content["command"] in COMMANDS:
         return Command(content["command"])
     if content.keys() == {"speed"} and type(content["speed"]) in (int, float) and content["speed"] in SPEEDS:

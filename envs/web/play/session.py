@@ -9,7 +9,7 @@ from websockets.exceptions import ConnectionClosed
 
 from ...errors import MessageError
 from .game import Game
-from .messages import STEER, Command, Message, Speed, Steer, parse
+from .messages import STEER, Command, Message, Speed, SteerMessage, parse
 
 MAX_PAGES = 8
 POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry
@@ -83,7 +83,7 @@ class Session:
     def _apply(self, message: Message) -> None:
         game = self.game
         match message:
-            case Steer(held, tapped):
+            case SteerMessage(held, tapped):
                 game.hold(held, tapped)
             case Speed(times):
                 self.speed = times

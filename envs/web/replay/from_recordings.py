@@ -9,7 +9,7 @@ from ...errors import PageError
 from ...progress import Progress
 from ...recording import Recording, Replay
 from ...recording.selection import last_tick, rows_of
-from .pack import Room
+from .pack import PageRoom
 from .write import checked, record_ticks, save
 
 Source = Recording | str | os.PathLike[str]
@@ -71,7 +71,7 @@ def replay_page(
         progress = Progress(end - first + 1, "ticks", quiet=quiet)
         with contextlib.closing(Replay(each, threads)) as replay, progress:
             ticks = progress.over(replay.ticks(verify, first=first, last=end, worlds=shown))
-            rooms.append(Room(title_of(each), record_ticks(replay.worlds, ticks, shown, replay)))
+            rooms.append(PageRoom(title_of(each), record_ticks(replay.worlds, ticks, shown, replay)))
     save(target, rooms, title or " beside ".join(room.title for room in rooms))
     return target
 

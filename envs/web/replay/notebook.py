@@ -6,7 +6,7 @@ import html
 from ...recording import Recording, Replay
 from ...recording.selection import last_tick
 from .from_recordings import title_of
-from .pack import Room
+from .pack import PageRoom
 from .write import page_html, record_ticks
 
 MOST = 2000  # ticks, which take about a megabyte in the notebook's file
@@ -26,7 +26,7 @@ def frame(recording: Recording) -> str:
     shown = min(end, MOST)
     with contextlib.closing(Replay(recording)) as replay:
         ticks = replay.ticks(last=shown, worlds=[0])
-        room = Room(title_of(recording), record_ticks(replay.worlds, ticks, [0], replay))
+        room = PageRoom(title_of(recording), record_ticks(replay.worlds, ticks, [0], replay))
     page = html.escape(page_html([room], room.title))
     cut = f"<p>The first {shown:,} of {end:,} ticks; outlast.replay_page shows others.</p>" if shown < end else ""
     attributes = f'width="100%" height="{HEIGHT}" style="border: 0" sandbox="allow-scripts"'

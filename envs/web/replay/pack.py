@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ...inspect.trace import Json
+from ...inspect.world_json import Json
 
 METRE, TURN, WHOLE = 1000, 2**16, 100  # the integer for a metre, for a whole turn, and for a probability of 1
 RADIAN = TURN / (2 * math.pi)
@@ -51,7 +51,7 @@ class EpisodeTrack:
 
 
 @dataclass
-class Room:
+class PageRoom:
     """A recording as a page shows it: its title, and its episodes by world."""
 
     title: str
@@ -102,7 +102,7 @@ def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Ar
     return np.array(numbers).clip(INT32.min, INT32.max).astype(np.int32)
 
 
-def pack(rooms: Sequence[Room]) -> bytes:
+def pack(rooms: Sequence[PageRoom]) -> bytes:
     """Return recordings as gzip: the length of the JSON header (uint32, little-endian), the header, all columns.
 
     The header: [{title, worlds: [{world, episodes: [{description, number, start, length, events, columns: [[name,

@@ -10,7 +10,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Protocol
 
-from ...inspect.trace import Json
+from ...inspect.world_json import Json
 from ..assets import SHARED, STYLE, assemble
 from ..gate import HEADERS, REFUSED, Gate, Site, listening
 from .pack import PACKING

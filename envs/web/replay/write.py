@@ -10,12 +10,12 @@ from outlast.ecs import Clock, Worlds
 
 from ...errors import PageError
 from ...inspect.events import events
-from ...inspect.trace import Json, bodies_of, describe, snapshot
+from ...inspect.world_json import Json, bodies_of, describe, snapshot
 from ...recording import Replay
 from ...storage.atomic_write import atomic_write
 from ...storage.outputs import check_file
 from ..assets import SHARED, assemble
-from .pack import PACKING, EpisodeTrack, Room, pack
+from .pack import PACKING, EpisodeTrack, PageRoom, pack
 
 PLAYING = (
     *("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "mind.js"),
@@ -43,10 +43,10 @@ def write_page(
         PageError: A world or folder does not exist, there are no ticks, or the disk is full.
     """
     target = checked(path)
-    save(target, [Room(title, record_ticks(worlds, ticks, chosen))], title)
+    save(target, [PageRoom(title, record_ticks(worlds, ticks, chosen))], title)
 
 
-def save(target: Path, rooms: Sequence[Room], title: str) -> None:
+def save(target: Path, rooms: Sequence[PageRoom], title: str) -> None:
     """Write a page that shows recordings side by side. Raises PageError."""
     if not all(any(room.recorded.values()) for room in rooms):
         raise PageError("there is nothing to show: not one tick")
@@ -58,7 +58,7 @@ def save(target: Path, rooms: Sequence[Room], title: str) -> None:
         raise PageError(f"{target} cannot be written: {error.strerror}") from error
 
 
-def page_html(rooms: Sequence[Room], title: str) -> str:
+def page_html(rooms: Sequence[PageRoom], title: str) -> str:
     """Return the page itself, as HTML."""
     data = base64.b64encode(pack(rooms)).decode()
     return assemble(title, SCRIPTS, data, PACKING=PACKING)

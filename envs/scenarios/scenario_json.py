@@ -8,14 +8,14 @@ from outlast.ecs.checks.code_hash import full_name
 
 from ..errors import ScenarioError
 from ..storage import strict_json
-from . import differing
-from .changes import leaders
-from .differing import plain, restored
+from . import varying_json
+from .derivation import leaders
 from .mechanics import rebuilt_mechanics
+from .varying_json import plain, restored
 
 VERSION = 1
 NEEDED = ("version", "name", "about", "modules", "numbers", "order")
-OPTIONAL = ("origin", "added", *differing.KEYS)
+OPTIONAL = ("origin", "added", *varying_json.KEYS)
 MOST = 2.0**128  # numbers are smaller than this
 
 

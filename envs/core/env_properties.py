@@ -28,7 +28,7 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
 
 
-class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
+class EnvProperties(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     """The base of SurvivalVectorEnv, whose constructor sets these attributes."""
 
     scenario: Scenario

@@ -16,9 +16,9 @@ from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import KeywordError, ScenarioError
 from .ablations import ablated
+from .entry_points import installed, scenario_of_package
 from .imports import mechanic_in, scenario_in
 from .mechanics import imported
-from .plugins import installed, scenario_of_package
 from .scenario import Number, Scenario
 from .variants import ALIASES, VARIANTS, variant
 
