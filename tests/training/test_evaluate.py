@@ -427,12 +427,13 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
 
 def test_the_report_says_what_no_bound_is_and_why_there_are_no_groups() -> None:
     played = SimpleNamespace(chosen=[policy_of("a", PLAN), policy_of("b", PLAN)], groups=lambda: pair(20, 0))
-    text = report._group_ratings(played, pair(20, 0))  # type: ignore[arg-type]
+    text, _ = report._group_tables(played, pair(20, 0), None)  # type: ignore[arg-type]
     assert re.search(r"a  .* \[\d+, inf\]\nb  .* \[-inf, \d+\]\n.*; inf: no game bounds the rating on that side", text)
-    assert "inf:" not in report._group_ratings(played, pair(15, 5))  # type: ignore[arg-type]
     (row, *_) = report._json(report._group_rows(played))  # type: ignore[arg-type]
     assert row[-1] is None
     assert 1000 < row[-2] < row[-3]
+    played.groups = lambda: pair(15, 5)
+    assert "inf:" not in next(report._group_tables(played, pair(15, 5), None))  # type: ignore[arg-type]
     played = SimpleNamespace(chosen=[policy_of("a", PLAN), policy_of("b", PLAN)], groups=lambda: None)
     (reason,) = report._groups(played, None)  # type: ignore[arg-type]
     assert reason.startswith("no groups of training seeds: a.zip and b.zip are the same run, or both of seed 0")

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -217,34 +217,30 @@ def evaluate(
         ActionError: A function returned actions that are not valid.
     """
     game = resolve(scenario, numbers, options_of(evaluate))
-    folder = checked_folder(out, film)
-    evaluation = Evaluation(game, contenders(policies), episodes=episodes, worlds=worlds, seed=seed, threads=threads)
-    with contextlib.closing(evaluation), recordings(film) as hidden:
-        if folder is not None:
-            check_folder(evaluation, folder)
+    options = {"episodes": episodes, "worlds": worlds, "seed": seed, "threads": threads}
+    with opened(game, policies, out, film, **options) as (evaluation, folder, hidden):
         play(evaluation, folder, hidden, quiet=quiet)
         if hidden is not None and folder is not None:
             list(films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder))
     return evaluation
 
 
-def checked_folder(out: str | Path | None, film: bool) -> Path | None:
-    """Return the folder, if tables can be written into it, so that no evaluation is lost for want of it."""
-    if out is None:
-        if film:
-            raise TrainingError("films need a folder: name one as out (--out FOLDER)")
-        return None
-    return check_out(out)
-
-
 @contextlib.contextmanager
-def recordings(film: bool) -> Iterator[Path | None]:
-    """Open a temporary folder for the recordings that films are made from; None if there are to be no films."""
-    if not film:
-        yield None
-        return
-    with tempfile.TemporaryDirectory() as hidden:
-        yield Path(hidden)
+def opened(
+    game: Scenario, policies: Any, out: str | Path | None, film: bool, **options: int
+) -> Iterator[tuple[Evaluation, Path | None, Path | None]]:
+    """Open an evaluation, see `evaluate`, whose tables can be written, so that none is lost.
+
+    Yields it, the folder for its tables, and a temporary folder for the recordings that films are made from.
+    """
+    if film and out is None:
+        raise TrainingError("films need a folder: name one as out (--out FOLDER)")
+    folder = None if out is None else check_out(out)
+    with contextlib.ExitStack() as stack:
+        evaluation = stack.enter_context(contextlib.closing(Evaluation(game, contenders(policies), **options)))
+        if folder is not None:
+            check_folder(evaluation, folder)
+        yield evaluation, folder, Path(stack.enter_context(tempfile.TemporaryDirectory())) if film else None
 
 
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
@@ -291,8 +287,15 @@ def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
     Raises TrainingError.
     """
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
+    everything = {
+        **_played(evaluation),
+        **{name: getattr(evaluation, name) for name in ("seed", "worlds", "episodes", "complete")},
+        "ratings": [dict(zip(RATED, row, strict=True)) for row in _rated(evaluation)],
+        "groups": [dict(zip(GROUPED, row, strict=True)) for row in _group_rows(evaluation)],
+        "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
+    }
     contents = {
-        TABLES: json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
+        TABLES: json.dumps(_json(everything), indent=1, allow_nan=False) + "\n",
         FIGURES: csv_text((*FIRST, "figure", "mean", "error"), figures),
         RATINGS: csv_text(RATED, _rated(evaluation)),
         GROUPS: csv_text(GROUPED, _group_rows(evaluation)),
@@ -307,7 +310,7 @@ def check_folder(evaluation: Evaluation, folder: Path) -> None:
     That is one of another game or of other policies.
     """
     check_results(folder / name for name in FILES)
-    path, now = folder / TABLES, json.loads(json.dumps(_json(_played(evaluation))))
+    path, now = folder / TABLES, _json(_played(evaluation))
     if not path.exists():
         return
     cure = "choose another folder with --out, or remove what is there"
@@ -331,10 +334,8 @@ def _ratings(evaluation: Evaluation) -> str:
 def _wins(evaluation: Evaluation, width: int | None) -> str:
     """Shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
-    rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
-    rows = [
-        (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
-    ]
+    rates = {names: figures["wins"] for names, figures in _rows(evaluation)}
+    rows = [(one, *(_cell(*rates.get((one, other), (np.nan, 0))) for other in labels)) for one in labels]
     return text_table(rows, ("wins of, against", *labels), left=1, width=width)
 
 
@@ -362,35 +363,27 @@ def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
         yield f"no groups of training seeds: {error}"
         return
     if found is not None:
-        yield _group_ratings(evaluation, found)
-        yield _group_wins(found, width)
+        yield from _group_tables(evaluation, found, width)
     if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
         one, each = "one run: its error is of games alone, and says", "one run each: errors are of games alone, and say"
         yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
 
 
-def _group_ratings(evaluation: Evaluation, found: Groups) -> str:
+def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> Iterator[str]:
+    """The ratings of groups, and their shares of games won."""
+    names = [group.label for group in found.groups]
+    ends = {(name, against): (runs, *three) for name, runs, against, _, *three in _group_rows(evaluation)}
     rows = [
-        (group.label, str(len(group.members)) if group.trained else "-", f"{value:.0f}", f"[{low:.0f}, {high:.0f}]")
-        for group, value, low, high in zip(found.groups, *found.ratings, strict=True)
+        (name, str(runs or "-"), f"{elo:.0f}", f"[{low:.0f}, {high:.0f}]")
+        for name, (runs, elo, low, high) in ((name, ends[name, ""]) for name in names)
     ]
     several = [group for group in found.groups if len(group.members) > 1]
     who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
     table = text_table(rows, ("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), left=1)
-    return "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
-
-
-def _group_wins(found: Groups, width: int | None) -> str:
-    names = [group.label for group in found.groups]
-    rows = [
-        (name, *(_between(*ends) for ends in zip(*three, strict=True)))
-        for name, *three in zip(names, *found.wins, strict=True)
-    ]
-    return text_table(rows, ("wins of group, against", *names), left=1, width=width)
-
-
-def _between(value: float, low: float, high: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3f} [{low:.3f}, {high:.3f}]"
+    yield "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
+    wins = {names: "{1:.3f} [{2:.3f}, {3:.3f}]".format(*own) for names, own in ends.items()}
+    shares = [(one, *("-" if one == other else wins[one, other] for other in names)) for one in names]
+    yield text_table(shares, ("wins of group, against", *names), left=1, width=width)
 
 
 def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
@@ -438,29 +431,12 @@ def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
 
 
-def _estimates(evaluation: Evaluation) -> Iterable[tuple[tuple[int, int], Estimates]]:
-    """The estimates of each policy, by its index and that of its opponent; against itself once."""
-    for pairing in evaluation.pairings:
-        for role in range(len(set(pairing.pair))):
-            yield pairing.pair if role == 0 else pairing.pair[::-1], pairing.estimates(role)
-
-
 def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
-    chosen = evaluation.chosen
-    return [
-        ((chosen[i].label, chosen[j].label), figures)
-        for (i, j), figures in sorted(_estimates(evaluation), key=lambda entry: entry[0])
-    ]
-
-
-def _everything(evaluation: Evaluation) -> dict[str, Any]:
-    return {
-        **_played(evaluation),
-        **{name: getattr(evaluation, name) for name in ("seed", "worlds", "episodes", "complete")},
-        "ratings": [dict(zip(RATED, row, strict=True)) for row in _rated(evaluation)],
-        "groups": [dict(zip(GROUPED, row, strict=True)) for row in _group_rows(evaluation)],
-        "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
-    }
+    """The estimates of each policy, by its label and that of its opponent, in their order; against itself once."""
+    labels, found = [contender.label for contender in evaluation.chosen], dict[tuple[int, ...], Estimates]()
+    for pairing in evaluation.pairings:
+        found |= {pairing.pair[:: 1 - 2 * role]: pairing.estimates(role) for role in (1, 0)}
+    return [((labels[i], labels[j]), figures) for (i, j), figures in sorted(found.items(), key=lambda entry: entry[0])]
 
 
 def _played(evaluation: Evaluation) -> dict[str, Any]:
@@ -476,9 +452,5 @@ def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
 
 
 def _json(value: Any) -> Any:
-    """The value with null in place of NaN and infinity, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _json(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_json(entry) for entry in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    """The value as JSON has it, with null in place of NaN and infinity."""
+    return json.loads(json.dumps(value), parse_constant=lambda name: None)

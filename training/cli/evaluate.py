@@ -1,7 +1,6 @@
 """outlast evaluate: policies play against each other; win rates, ratings, behaviour."""
 
 import argparse
-import contextlib
 import logging
 import time
 from collections.abc import Iterable
@@ -72,13 +71,9 @@ def run(options: argparse.Namespace) -> int:
     with needed("train", "evaluating needs"):
         from ..arena import evaluation as arena
         from ..arena.films import films
-        from ..arena.players import contenders
-    folder, status = arena.checked_folder(options.out, options.film), 0
-    numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
-    evaluation = arena.Evaluation(scenario(options), contenders(options.policies), **numbers)
-    with contextlib.closing(evaluation), arena.recordings(options.film) as hidden:
-        if folder is not None:
-            arena.check_folder(evaluation, folder)
+    numbers, status = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}, 0
+    game = scenario(options)
+    with arena.opened(game, options.policies, options.out, options.film, **numbers) as (evaluation, folder, hidden):
         start = time.perf_counter()
         try:
             arena.play(evaluation, folder, hidden, quiet=options.quiet)
