@@ -2,7 +2,6 @@
 
 import contextlib
 import copy
-import inspect
 import math
 import os
 import re
@@ -25,7 +24,7 @@ from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
 from .models import models
-from .policies import POLICIES, Policy, hashed, others_policy
+from .policies import POLICIES, Policy, hashed, maker_of, others_policy
 from .saved import SAVED_AS, common_scenario, is_saved, load_saved, policy_file, text_of
 
 Array = np.ndarray[Any, Any]
@@ -165,18 +164,7 @@ def own_policy(name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
         ScenarioError: There is no such name, or the file or module cannot be imported.
     """
     place, _, member = name.rpartition(":")
-    given = member_of(module_of(place), member, place, ())
-    if not callable(given):
-        raise UsageError(f"{name} is {given!r:.60}: a policy, or a function (env, seed) that returns one, is needed")
-    parameters = [*inspect.signature(given).parameters]
-
-    def make(env: SurvivalVectorEnv, seed: int) -> Policy:
-        policy = given(*(env, seed)[: len(parameters)]) if parameters[:1] == ["env"] else given
-        if not callable(policy):
-            raise UsageError(f"{name} returned {policy!r:.60}: a function (observations) -> actions is needed")
-        return cast(Policy, policy)
-
-    return make
+    return maker_of(member_of(module_of(place), member, place, ()), name)
 
 
 def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:

@@ -3,9 +3,10 @@
 A policy with a memory also has a method `reset`; see memory.told.
 """
 
+import inspect
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from outlast.ecs import Clock
 
 from ..core.action_spaces import MOST
 from ..core.env_properties import Actions, Arrays
+from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
+from ..scenarios.scenario import STYLES as NAMES
 from .styles import camper, follow, healer, hoarder, hunter, scripted
 
 Policy = Callable[[Arrays], Actions]
@@ -22,7 +25,51 @@ Policy = Callable[[Arrays], Actions]
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # the increment of SplitMix64: 2**64 over the golden ratio
 
 
-STYLES = {"scripted": scripted, "camper": camper, "hunter": hunter, "hoarder": hoarder, "healer": healer}
+STYLES = dict(zip(NAMES, (scripted, camper, hunter, hoarder, healer), strict=True))
+
+
+def maker_of(given: Any, name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """Return a function (env, seed) that makes a user's policy: `given`, or what it returns, if it is of an env.
+
+    Args:
+        given: A policy (observations) -> actions, or a function (env) or (env, seed), whose first parameter is called
+            env, that returns one.
+        name: What errors call it.
+
+    Raises:
+        UsageError: It is no function; or later, what it returned is none.
+    """
+    if not callable(given):
+        raise UsageError(f"{name} is {given!r:.60}: a policy, or a function (env, seed) that returns one, is needed")
+    parameters = [*inspect.signature(given).parameters]
+
+    def make(env: SurvivalVectorEnv, seed: int) -> Policy:
+        policy = given(*(env, seed)[: len(parameters)]) if parameters[:1] == ["env"] else given
+        if not callable(policy):
+            raise UsageError(f"{name} returned {policy!r:.60}: a function (observations) -> actions is needed")
+        return cast(Policy, policy)
+
+    return make
+
+
+def style_policy(style: str, env: SurvivalVectorEnv) -> Policy:
+    """Make the policy of that name: the scenario's own, see Scenario.with_policies, or else that of the style."""
+    own = dict(env.scenario.policies).get(style)
+    if own is None:
+        return follow(STYLES[style], env)
+    name, axes = f"'{style}' of {env.scenario.name}", {key: rows.ndim - 2 for key, rows in env._reader.views.items()}
+    policy = maker_of(own, name)(env, 0)
+    if callable(getattr(policy, "reset", None)):
+        raise UsageError(f"{name} has a memory (a method reset): a scenario's own policies have none")
+
+    def act(observations: Arrays) -> Actions:
+        key, rows = next(iter(observations.items()))
+        shape = (*rows.shape[: rows.ndim - axes[key]], len(env.action_sizes))
+        actions = policy({key: values.copy() for key, values in observations.items()})  # which it may keep
+        what, who, sizes = f"the actions of {name}", f"an agent that plays '{style}'", env.action_sizes
+        return checked_actions(actions, shape, sizes, what=what, axes="(..., actions)", who=who)
+
+    return act
 
 
 def made_by_make_vec(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
@@ -94,7 +141,8 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Make a policy that stays in the zone, fetches heals, uses them when wounded, and strikes enemies in reach.
 
-    Until it sees an enemy, it looks around.
+    Until it sees an enemy, it looks around. A scenario with a "scripted" policy of its own has that in its place, see
+    Scenario.with_policies.
 
     Args:
         env: The environment that the policy is to play in.
@@ -103,7 +151,7 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(scripted, plain(env))
+    return style_policy("scripted", plain(env))
 
 
 def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -119,7 +167,7 @@ def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(camper, plain(env))
+    return style_policy("camper", plain(env))
 
 
 def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -134,7 +182,7 @@ def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(hunter, plain(env))
+    return style_policy("hunter", plain(env))
 
 
 def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -150,7 +198,7 @@ def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(hoarder, plain(env))
+    return style_policy("hoarder", plain(env))
 
 
 def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -165,7 +213,7 @@ def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(healer, plain(env))
+    return style_policy("healer", plain(env))
 
 
 POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
@@ -194,7 +242,7 @@ def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
         shape = (env.num_worlds, len(agents), len(env.action_sizes))
         nothing = np.broadcast_to(env._actions.zeros, shape)
         return lambda observations: nothing
-    return follow(STYLES[name], env)
+    return style_policy(name, env)
 
 
 def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:

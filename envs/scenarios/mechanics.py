@@ -1,6 +1,7 @@
 """Mechanics as files name them: full names of classes, and numbers. Nothing that a file names is imported."""
 
 import dataclasses
+import functools
 import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -30,6 +31,16 @@ def imported() -> dict[str, type[Module]]:
             # if a file was imported several times: the class that is in the module now, or else the last one
             found[full_name(kind)] = kind
     return found | KNOWN
+
+
+def imported_code(name: str) -> Any:
+    """Return the function or class of that full name, if its module is imported; else None. Nothing is imported."""
+    parts = name.split(".")
+    for k in range(len(parts) - 1, 0, -1):
+        found: Any = sys.modules.get(".".join(parts[:k]))
+        if found is not None:
+            return functools.reduce(lambda within, part: getattr(within, part, None), parts[k:], found)
+    return None
 
 
 def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: bool = True) -> tuple[Module, ...]:

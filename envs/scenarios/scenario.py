@@ -4,7 +4,7 @@ import dataclasses
 import json
 import logging
 import os
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ from .scenario_json import added, arguments, as_form
 
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
 LOGGER = logging.getLogger("outlast")
+STYLES = ("scripted", "camper", "hunter", "hoarder", "healer")  # policies that a scenario may have its own of
+Policies = tuple[tuple[str, Callable[..., Any]], ...]
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,12 +57,13 @@ class Scenario:
         varied: Names of the numbers that each world draws, and their distributions: what `vary` added.
         observed: The varied numbers that agents observe: what `observe_numbers` added.
         by_role: Which agents have numbers of their own: what `roles` added.
+        policies: The game's own "scripted" and others of STYLES, by name: what `with_policies` added.
         origin: The scenario that this one was derived from in one or more steps, the last one with a name of its own;
             None if it was not derived.
         added: For numbers of mechanics added by `with_` that scale with another number: the values of both at the time.
 
     Raises:
-        ScenarioError: Two mechanics are of the same kind or have the same name.
+        ScenarioError: Two mechanics are of the same kind or have the same name, or a policy is not possible.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Scenario:
     varied: tuple[tuple[str, Distribution], ...] = ()
     observed: tuple[str, ...] = ()
     by_role: Roles | None = None
+    policies: Policies | Mapping[str, Callable[..., Any]] = ()
     origin: "Scenario | None" = dataclasses.field(default=None, init=False, compare=False)
     added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
@@ -78,6 +82,12 @@ class Scenario:
         check_mechanics(self.name, modules)
         object.__setattr__(self, "modules", tuple(sorted(modules, key=lambda module: module.name)))
         check_together(self.name, self.modules)
+        object.__setattr__(self, "policies", tuple(sorted(dict(self.policies).items())))
+        for name, policy in dict(self.policies).items():
+            if name not in STYLES or not callable(policy):
+                raise ScenarioError(
+                    f"{self.name}: policies {name!r}: {policy!r:.60}: functions are needed, for {STYLES}"
+                )
         if self.by_role:
             self.by_role.check_apart(dict(self.varied))
         for chain in self.order:
@@ -245,6 +255,25 @@ class Scenario:
         others = tuple(module for module in self.modules if not isinstance(module, ObserveRoles))
         shown = (ObserveRoles(count=len(named)),) if observed else ()
         return self._derived(modules=(*others, *shown), by_role=by_role)
+
+    def with_policies(self, **policies: Callable[..., Any]) -> "Scenario":
+        """Return the scenario with policies of its own, which play wherever their names are given for this game.
+
+        >>> tag = outlast.Scenario("tag", mechanics).with_policies(scripted=chase)
+
+        So `outlast play`, whose opponents are "scripted", and `outlast evaluate` and `outlast train --opponents` with
+        that name, let `chase` play.
+
+        Args:
+            **policies: By the name that each replaces, "scripted", "camper", "hunter", "hoarder" or "healer": a
+                function (observations) -> actions, or a function (env) or (env, seed) that returns one. It chooses for
+                each agent by what that agent observes: observations are float32 (..., agents, ...) by key, and actions
+                integers (..., agents, actions), with any leading axes, as there may be none.
+
+        Raises:
+            ScenarioError: There is no such name, or no such function.
+        """
+        return self._made(self.origin, self.added, policies={**dict(self.policies), **policies})
 
     def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
         """Make worlds of this scenario, without an environment around them.

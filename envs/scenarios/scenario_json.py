@@ -10,12 +10,12 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from . import varying_json
 from .derivation import leaders
-from .mechanics import rebuilt_mechanics
+from .mechanics import imported_code, rebuilt_mechanics
 from .varying_json import plain, restored
 
 VERSION = 1
 NEEDED = ("version", "name", "about", "modules", "numbers", "order")
-OPTIONAL = ("origin", "added", *varying_json.KEYS)
+OPTIONAL = ("origin", "added", "policies", *varying_json.KEYS)
 MOST = 2.0**128  # numbers are smaller than this
 
 
@@ -35,6 +35,8 @@ def as_form(scenario: Any) -> dict[str, Any]:
     }
     if scenario.origin:
         form["origin"] = as_form(scenario.origin)
+    if scenario.policies:
+        form["policies"] = {name: full_name(policy) for name, policy in scenario.policies}
     if scenario.added:
         form["added"] = dict(scenario.added)
     return form | plain(scenario)
@@ -59,8 +61,19 @@ def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
         "about": about,
         "modules": modules,
         "order": tuple(map(tuple, order)),
+        "policies": {key: _policy(each) for key, each in form.get("policies", {}).items()},
         **restored(modules, form),
     }
+
+
+def _policy(name: Any) -> Any:
+    """Return the function of that full name. Raises ScenarioError if its module is not imported."""
+    if (found := imported_code(name)) is None:
+        raise ScenarioError(
+            f"the policy {name:.200} is not imported, as nothing that a file names is: import it first, as by --import "
+            "FILE.py"
+        )
+    return found
 
 
 def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple[Any, Any]]:

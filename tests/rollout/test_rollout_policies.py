@@ -2,6 +2,7 @@
 
 import importlib.util
 import itertools
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import outlast
+from outlast import Scenario
 from outlast.ecs import Clock, columns_of
 from outlast.envs.cli import main as cli
-from outlast.envs.errors import ScenarioError, UsageError
+from outlast.envs.errors import ActionError, ScenarioError, UsageError
 from outlast.envs.rollout.lineup import checked_entries, own_policy, parse_lineup
 from outlast.envs.rollout.local import rollout, ticks
 from outlast.envs.rollout.memory import told
@@ -268,6 +270,91 @@ def test_evaluations_play_them(mine: str) -> None:
 def test_what_is_no_policy_is_refused(mine: str, name: str, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         outlast.rollout("ffa_2", f"{mine}:{name}", worlds=2)
+
+
+def ahead(observations: dict[str, np.ndarray]) -> np.ndarray:
+    """A game's own policy: it runs straight ahead."""
+    return np.stack([np.full(observations["own"].shape[:-1], level) for level in (2, 1, 1, 0, 0, 0)], -1)
+
+
+def ahead_here(env: Any) -> Any:
+    assert env.num_worlds
+    return ahead
+
+
+OWN = outlast.variant("ffa_2").replace(ending_limit=20).with_policies(scripted=ahead_here, hunter=ahead)
+
+
+def test_a_scenario_has_policies_of_its_own_wherever_their_names_are_given() -> None:
+    """As whole policies, for some agents, and in line-ups; a scenario derived from it has them, too."""
+    for game in (OWN, OWN.replace(melee_damage=20), Scenario.from_json(OWN.to_json()), pickle.loads(pickle.dumps(OWN))):
+        assert dict(game.policies) == {"scripted": ahead_here, "hunter": ahead}
+        env = outlast.make_vec(game, 3, seed=0)
+        seen, _ = env.reset()
+        np.testing.assert_array_equal(outlast.scripted_policy(env)(seen), ahead(seen))
+        assert not (np.asarray(outlast.camper_policy(env)(seen)) == ahead(seen)).all()
+        env.close()
+    options: dict[str, Any] = {"worlds": 4, "seed": 1, "keep": True}
+    named = outlast.rollout(OWN, "random", others="scripted:2,hunter", **options).arrays()
+    given = outlast.rollout(OWN, "random", others={ahead: 1}, **options).arrays()
+    assert all((named[key] == given[key]).all() for key in ("return", "length", "kills"))
+    assert OWN.name == "ffa_2-ending_limit=20"
+
+
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="needs torch: outlast[train]")
+def test_evaluations_and_training_let_a_scenarios_own_policies_play(tmp_path: Path) -> None:
+    found = outlast.evaluate(OWN, {"one": "scripted", "two": ahead, "three": "noop"}, episodes=8, worlds=4, quiet=True)
+    one, two = (found.estimates(name, "three") for name in ("one", "two"))
+    assert one["length"] == two["length"]
+    options: dict[str, Any] = {"steps": 512, "worlds": 4, "rollout": 256, "quiet": True, "threads": 1}
+    logs = [
+        outlast.train(OWN, tmp_path / name, opponents=f"{name}:1", **options).logged for name in ("scripted", "hunter")
+    ]
+    plain = outlast.train(OWN.with_policies(hunter=camping), tmp_path / "other", opponents="hunter:1", **options).logged
+    own, same, other = (
+        {tag: each for tag, each in log.items() if tag[:4] in ("roll", "trai")} for log in (*logs, plain)
+    )
+    assert own == same != other
+
+
+def camping(env: Any) -> Any:
+    return outlast.camper_policy(env)
+
+
+@pytest.mark.parametrize(
+    ("policies", "words"),
+    [
+        ({"clever": ahead}, "'clever'.*functions are needed, for .*'scripted'"),
+        ({"scripted": 3}, "'scripted': 3: functions"),
+    ],
+)
+def test_policies_that_a_scenario_cannot_have_are_refused(policies: dict[str, Any], words: str) -> None:
+    with pytest.raises(ScenarioError, match=words):
+        OWN.with_policies(**policies)
+
+
+@pytest.mark.parametrize(
+    ("policy", "error", "words"),
+    [
+        (
+            lambda observations: ahead(observations)[..., :5],
+            ActionError,
+            r"'scripted' of ffa_2-.* have shape \(2, 2, 5\)",
+        ),
+        (lambda observations: ahead(observations) + 5, ActionError, "of an agent that plays 'scripted' is 7"),
+        (lambda env: 3, UsageError, "'scripted' of ffa_2-.* returned 3: a function"),
+    ],
+)
+def test_what_a_scenarios_own_policy_does_wrong_is_said(policy: Any, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        outlast.rollout(OWN.with_policies(scripted=policy), "scripted", worlds=2)
+
+
+def test_a_file_of_a_scenario_names_its_policies_and_imports_nothing(tmp_path: Path) -> None:
+    text = OWN.to_json()
+    assert f"{ahead.__module__}.ahead_here" in text
+    with pytest.raises(ScenarioError, match=r"the policy gone\.ahead is not imported, as nothing that a file names is"):
+        Scenario.from_json(text.replace(f"{ahead.__module__}.ahead_here", "gone.ahead"))
 
 
 FORMS = ({"scaled": True}, {"observations": "flat"}, {"actions": "joint"}, {"actions": "continuous"})

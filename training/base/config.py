@@ -1,8 +1,6 @@
 """What to train, and how: everything that determines the numbers that come out of a run."""
 
-import functools
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +13,7 @@ from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.mechanics import imported_code
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.serialize import classes
 
@@ -78,19 +77,9 @@ def name_of(code: Any) -> str:
     return full_name(code if hasattr(code, "__qualname__") else type(code))
 
 
-def imported(name: str) -> Any:
-    """Return the function or class of that full name, if its module is imported; else None. Nothing is imported."""
-    parts = name.split(".")
-    for k in range(len(parts) - 1, 0, -1):
-        found: Any = sys.modules.get(".".join(parts[:k]))
-        if found is not None:
-            return functools.reduce(lambda within, part: getattr(within, part, None), parts[k:], found)
-    return None
-
-
 def check_importable(name: str, code: Any) -> None:
     """Raise TrainingError unless other code finds a function or class by the names of its module and itself."""
-    if imported(name_of(code)) is not code:
+    if imported_code(name_of(code)) is not code:
         raise TrainingError(
             f"{name} = {name_of(code)} cannot be imported, which is needed by other processes and whoever loads what "
             "is saved: define it by its name at the top of a module"

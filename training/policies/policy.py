@@ -8,7 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..base.config import imported, name_of
+from outlast.envs.scenarios.mechanics import imported_code
+
+from ..base.config import name_of
 from ..base.errors import TrainingError
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
@@ -254,7 +256,7 @@ class ActorCritic(Networks):
 
 def networks_named(name: str) -> type[Networks]:
     """Return the networks of that full name, which must be imported; of "", those of the presets."""
-    found = imported(name) if name else ActorCritic
+    found = imported_code(name) if name else ActorCritic
     if isinstance(found, type) and issubclass(found, Networks):
         return found
     raise TrainingError(
