@@ -2,7 +2,8 @@
 
 Its source shows the columns that it uses and writes, and anything but sums on what is declared Add, also in functions
 that are called with tables; functions whose source is not at hand are left to the trial. What numba reads of it shows
-variables that may have no value where they are used, and loops that nothing leaves.
+variables that may have no value where they are used, loops that nothing leaves, and accesses to memory that numba does
+not check.
 """
 
 import ast
@@ -10,15 +11,17 @@ import functools
 import inspect
 import linecache
 import textwrap
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from types import CodeType, FunctionType
 from typing import Any
 
-from numba.core import ir
+from numba.core import config, ir
 from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.compiler import run_frontend
-from numba.core.ir_utils import find_const, get_definition, guard
+from numba.core.errors import NumbaWarning
+from numba.core.ssa import reconstruct_ssa
 
 from ..declarations.component import Component
 from ..declarations.system import System
@@ -31,6 +34,12 @@ NO_VALUE = (
     "on some path '{0}' has no value here, where machine code takes 0 or what an earlier round left; give it one ahead "
     "of that, as in {0} = -1"
 )
+UNCHECKED = {  # attributes and functions by which code reaches memory that nothing checks: how errors say that
+    "flat": "takes .flat of an array, whose indices nothing checks; index the array, or its .ravel()",
+    "ctypes": "takes .ctypes of an array, an address that nothing checks; index the array",
+    "as_strided": "calls as_strided, whose shape nothing checks; take slices, or reshape",
+    "delete": "calls np.delete, whose indices nothing checks; take what is to stay, as in a[stays]",
+}
 Names = dict[str, tuple[type[Component], str, str]]  # component, access, and column ("" for a table) by variable
 
 
@@ -61,64 +70,50 @@ def check_paths(system: System) -> None:
     """Refuse variables of a user's compiled system, and of what it calls, that have a value on some paths only.
 
     Raises:
-        DeclarationError: There is one, or a loop that nothing leaves; with the system's label, file and line.
+        DeclarationError: There is one, or a loop that nothing leaves, or something UNCHECKED; with the system's label,
+            file and line.
     """
+    columns = {name for parameter in system.parameters for each in parameter.components for name in each.columns}
     function: Any = getattr(system.function, "py_func", system.function)
     for inner in reachable(function, lambda inner: is_outside(inner) and not is_library(inner)):
         try:
             code = run_frontend(inner)
         except Exception:  # numba will not compile it, and say why
             continue
-        if found := _wrong_path(code):
+        if found := _unchecked(code, columns) or _wrong_path(code):
             line, what = found
             raise DeclarationError(f"{system.label} ({place(inner, line)}): {what}")
 
 
-def _wrong_path(code: Any) -> tuple[int, str] | None:
-    """The line of what check_paths refuses in numba's form of a function, and what it is."""
-    graph, blocks = compute_cfg_from_blocks(code.blocks), code.blocks
-    loops = graph.loops()
-    for label, loop in loops.items():
-        if not loop.exits:
-            return blocks[label].loc.line, ENDLESS
-    gives = {label: {each.target.name for each in block.find_insts(ir.Assign)} for label, block in blocks.items()}
-    everything = frozenset().union(*gives.values())
-    known = dict.fromkeys(blocks, everything)  # what has a value at the start of each block, whatever way led there
-    rounds = {label for label in loops if _has_a_round(code, label)}
-    ends = dict.fromkeys(rounds, everything)  # what has a value behind the last round of such a loop
-
-    def behind(label: int, following: int) -> frozenset[str]:
-        last = label in rounds and following not in loops[label].body
-        return (ends if last else known)[label] | gives[label]
-
-    before = None
-    while known != before:
-        before = dict(known)
-        for label in graph.topo_order():
-            ahead = [(each, behind(each, label)) for each, _ in graph.predecessors(label)]
-            known[label] = everything.intersection(*(names for _, names in ahead)) if ahead else frozenset()
-            if label in rounds:
-                ends[label] = everything.intersection(*(names for each, names in ahead if each in loops[label].body))
-    for label, block in blocks.items():
-        there = set(known[label])
-        for statement in block.body:
-            source = statement.value if isinstance(statement, ir.Assign) else statement
-            used = [source] if isinstance(source, ir.Var) else getattr(source, "list_vars", list)()
-            for name in (each.name for each in used if each.name not in there and each.is_temp is False):
-                return statement.loc.line, NO_VALUE.format(name)
-            there.update([statement.target.name] if isinstance(statement, ir.Assign) else ())
+def _unchecked(code: Any, columns: set[str]) -> tuple[int, str] | None:
+    """The line of what is UNCHECKED in numba's form of a function, and what it is. columns: no attributes of arrays."""
+    for statement in (each for block in code.blocks.values() for each in block.find_insts(ir.Assign)):
+        value = statement.value
+        is_attribute = isinstance(value, ir.Expr) and value.op == "getattr"
+        name = value.attr if is_attribute else value.name if isinstance(value, (ir.Global, ir.FreeVar)) else ""
+        if name in UNCHECKED and name not in columns:
+            return statement.loc.line, UNCHECKED[name]
     return None
 
 
-def _has_a_round(code: Any, label: int) -> bool:
-    """Return whether a block begins a loop over a range of constants that is not empty."""
-    for step in code.blocks[label].find_exprs("iternext"):
-        source = guard(get_definition, code, step.value)
-        call: Any = guard(get_definition, code, source.value) if getattr(source, "op", "") == "getiter" else None
-        if getattr(call, "op", "") == "call" and guard(find_const, code, call.func) is range:
-            bounds = [guard(find_const, code, each) for each in call.args]
-            return all(type(each) is int for each in bounds) and 0 not in bounds[2:] and len(range(*bounds)) > 0
-    return False
+def _wrong_path(code: Any) -> tuple[int, str] | None:
+    """The line of what check_paths refuses in numba's form of a function, and what it is."""
+    for label, loop in compute_cfg_from_blocks(code.blocks).loops().items():
+        if not loop.exits:
+            return code.blocks[label].loc.line, ENDLESS
+    before = config.ALWAYS_WARN_UNINIT_VAR
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        try:
+            config.ALWAYS_WARN_UNINIT_VAR = 1
+            reconstruct_ssa(code)
+        finally:
+            config.ALWAYS_WARN_UNINIT_VAR = before
+    for each in (each.message for each in found if isinstance(each.message, NumbaWarning)):
+        name = each.msg.partition("variable ")[2].partition(".")[0]
+        if not name.startswith("$"):
+            return each.loc.line, NO_VALUE.format(name)
+    return None
 
 
 class _Uses:

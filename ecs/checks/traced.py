@@ -35,7 +35,7 @@ ONLY_SUMS = "but declares Add[{0}], which allows column[...] += integer and -= o
 SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes that do not show an element
 DRAWS = [getattr(random, name) for name in ("integer", "normal", "uniform", "uniform2", "words")]
 SHARED = "which is read-only and the same for all worlds; take a Scratch or a column of a component"
-CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+ out of bounds")  # in errors of Python
+CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+ out of bounds|broadcast")  # of Python
 
 
 class Refused(Exception):

@@ -19,7 +19,7 @@ from numba.core.config import reload_config
 from numba.core.extending import _Intrinsic
 from numba.core.registry import cpu_target
 
-from ..kernels import array_check, array_types, jit, machine_code, simd
+from ..kernels import array_types, jit, machine_code, simd
 from ..kernels.errors import DeclarationError, place
 from ..kernels.frozen_values import codes, described, read_code, references, refuse_random, root
 from ..kernels.jit import OPTIONS, compiled
@@ -27,7 +27,7 @@ from . import arguments
 
 # Packages and modules whose code is identified by a version that is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
-GENERATORS = (arguments, array_check, array_types, jit, machine_code, simd)  # modules that write or check code
+GENERATORS = (arguments, array_types, jit, machine_code, simd)  # modules that write code
 SETTINGS = (  # of numba, in any of its versions: those that change machine code; of processors, see CacheKey
     "BOUNDSCHECK",
     "DEBUGINFO_DEFAULT",

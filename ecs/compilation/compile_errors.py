@@ -13,7 +13,6 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.core.ir import Loc
 
 from ..declarations.system import System
-from ..kernels.array_check import UNCHECKED
 from ..kernels.array_types import CUT
 from ..kernels.errors import DeclarationError, EngineError, ScheduleError, place
 
@@ -57,7 +56,7 @@ def explained(system: System | None) -> Iterator[None]:
         if "Cannot modify readonly array" in text:
             what = "writes an array that its parameter list declares as Read; declare it Write"
             raise ScheduleError(f"{where} {what}") from error
-        if CUT in text or UNCHECKED in text:  # no advice to run it as Python, where it is as wrong
+        if CUT in text:  # no advice to run it as Python, where it is as wrong
             raise DeclarationError(f"{where} {first_sentence(error)}") from error
         raise DeclarationError(f"{where} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}") from error
 

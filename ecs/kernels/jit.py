@@ -28,7 +28,6 @@ from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
 from numba.extending import models, register_model
 
-from .array_check import CheckedCompiler
 from .errors import DeclarationError
 from .frozen_values import is_outside
 
@@ -109,8 +108,6 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
             instructions for each table among its arguments; inlined, only the columns that are used cost anything.
     """
     options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    if is_outside(function):
-        options["pipeline_class"] = CheckedCompiler
     compiled = numba.njit(**options)(function)
     if compiled is not function:  # under NUMBA_DISABLE_JIT, numba returns the function
         compiled.__class__ = _Kernel

@@ -160,6 +160,11 @@ def their_own(n: int) -> int:
     return found
 
 
+@numba.njit
+def flat_element(values: Any, far: int) -> Any:
+    return values.flat[far]
+
+
 @kernel
 def count_down(place: Any, k: int) -> int:
     return count_down(place, k - 1) if k > 0 else 0
@@ -197,7 +202,6 @@ SLIPS: list[tuple[str, str, str]] = [  # parameters, body, and a part of the mes
     ("place rows", "place.x[e] = 0", NO_WRITE),
     ("place", "x = place.x\nx += 1", NO_WRITE),
     ("place", "first = place.trail[0]\nfirst[:] = 0", "writes Place.trail, which its parameter list declares as Read"),
-    ("place", "place.x.flat[0] = 7.0", NO_ARRAY),
     ("place", "np.ascontiguousarray(place.x)[0] = 7.0", NO_ARRAY),
     ("place", "np.fill_diagonal(place.trail.reshape((-1, 2)), 0)", NO_ARRAY),
     ("place", "for value in np.nditer(place.x): value[()] = 7.0", NO_ARRAY),
@@ -240,6 +244,17 @@ SLIPS: list[tuple[str, str, str]] = [  # parameters, body, and a part of the mes
     ("place= rows index", "place.x[index[e]] = 1", "indexes Place.x, " + A_ROW),
     ("mark= all", "for i in range(len(all)): mark.walker[i] = 1", "Mark.walker: index 3 is out"),
     ("place=", "place.x[100_000] = 1", "Place.x: index 100000 is out of bounds"),
+    # memory that nothing checks
+    ("place", "place.x.flat[300]", "takes .flat of an array, whose indices nothing checks; index the array"),
+    ("place", "for x in place.x.flat: x + 1", "takes .flat"),
+    ("rows", "if hidden: flat_element(np.zeros(3), 300)", "takes .flat"),
+    ("place", "place.x.ctypes.data", "takes .ctypes of an array, an address that nothing checks"),
+    ("place", "if hidden: as_strided(place.x, (9,), (4,))[9]", "calls as_strided, whose shape"),
+    ("place", "if hidden: np.lib.stride_tricks.as_strided(place.x, (9,), (4,))[9]", "calls as_strided, whose shape"),
+    ("place", "np.delete(place.x, np.array([300])).size", "calls np.delete, whose indices noth"),
+    ("place=", "place.x[:2] += np.ones(5, np.float32)", "broadcast"),
+    ("place", "np.add(place.x, place.x, np.zeros(300))", "broadcast"),
+    ("place", "np.outer(place.x, place.x, np.zeros((1, 1)))", "broadcast"),
     # random numbers
     ("stone= key", "stone.amount[0] = uniform(key, 0) + uniform(key, 0)", AGAIN),
     ("stone= key rows", "for e in rows: stone.amount[0] = uniform(key, 0)", AGAIN),
@@ -254,6 +269,7 @@ SLIPS: list[tuple[str, str, str]] = [  # parameters, body, and a part of the mes
     ("rows", "n = 9\nwhile n > 3:\n    n -= 1\n    if n == 5: continue\n    found = n\nfound + 1", NO_VALUE),
     ("rows", "for k in range(0, 9, 4):\n    if k >= rows[0]: continue\n    found = k\nfound + 1", NO_VALUE),
     ("rows", "for k in range(3, 3): found = k\nfound + 1", NO_VALUE),
+    ("rows", "for k in range(ROUNDS): found = k\nfound + 1", NO_VALUE),
     ("rows", "if hidden: found_or_not(3)", NO_VALUE),
     ("rows", "if hidden: their_own(3)", NO_VALUE),
     ("energy=", "while True: energy.left[0] += 1", ENDLESS),
@@ -291,8 +307,7 @@ CORRECT = [
      "    stone.amount[0] += normal(key, 2 * e + 1)\n    if e == 3: stone.whole[0] = integer(key, 99, 4)"),
     ("rows", "n = 9\nwhile True:\n    found = n\n    n -= 1\n    if found < 3: break\nfound + 1"),
     ("rows", "for k in rows:\n    if k > 3:\n        found = k\n        break\nelse:\n    return\nfound + 1"),
-    ("rows", "for k in range(ROUNDS):\n    found = k\n    if found % 5 == 0: break\nfound + k"),
-    ("rows", "for k in range(ROUNDS):\n    for o in range(2): found = k + o\nfound + k"),
+    ("rows", "found = 0\nfor k in range(ROUNDS):\n    found += k\n    if found % 5 == 0: break\nfound + 1"),
     ("energy=", "energy.left[0] = 10 // energy.left[0]"),  # in Python, an error about numbers only
     ("place energy= rows", "for e in rows: energy.left[e] = np.int64(np.uint64(1) << e)"),  # numpy has no such shift
 ]  # fmt: skip
