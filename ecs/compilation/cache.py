@@ -1,6 +1,6 @@
 """The compile cache: it finds the machine code of units in memory or on disk, or compiles it, on all cores if it may.
 
-Processes that begin at the same time, such as those of a vector environment, share the work: each compiles some units.
+Of processes that begin at the same time, such as those of a vector environment, one compiles while the others wait.
 Units that another scenario, process or version of this game has compiled are loaded (cache_key says what their machine
 code depends on); an edit compiles the units of the systems that it touches.
 """
@@ -36,7 +36,6 @@ REPORT = 10.0  # seconds between messages of progress
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
 FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
 ENDING = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))  # signals that end a fork
-FORKS = "forks"  # what a process claims that forks
 CURE = "OUTLAST_CACHE_DIR can name another folder"
 
 
@@ -79,7 +78,8 @@ class CompiledUnits:
                 before = gc.get_threshold()
                 gc.set_threshold(100_000, 50, 50)  # the compiler makes millions of objects that stay
                 try:
-                    self._compile(sorted(missing, key=self._urgency))
+                    with cache_files.one_at_a_time():
+                        self._compile(sorted(self.missing, key=self._urgency))
                 finally:
                     gc.set_threshold(*before)
                 cache_files.prune()
@@ -125,27 +125,21 @@ class CompiledUnits:
         if folders.problem:
             cache_files.warn(f"compiled code is kept in {where or 'memory only'}, as {folders.problem}; {CURE}")
 
-        def work(label: str, wait: bool = False) -> None:
-            with cache_files.claimed(paths[label], wait) as mine:
-                if not self._read(label, folders.readable) and mine:
-                    self._found[label] = self._compile_one(label)
-                    cache_files.write(paths[label], self._found[label])
+        last = time.monotonic()
 
-        last = [time.monotonic()]
-
-        def report() -> None:
-            if time.monotonic() - last[0] >= REPORT:
-                last[0] = time.monotonic()
+        def work(label: str) -> None:
+            nonlocal last
+            self._found[label] = self._compile_one(label)
+            cache_files.write(paths[label], self._found[label])
+            if time.monotonic() - last >= REPORT:
+                last = time.monotonic()
                 done = [label in self._found or bool(path and path.exists()) for label, path in paths.items()]
                 LOGGER.info("compiled %d of %d systems", sum(done), len(done))
 
-        # Only one of the processes that begin together forks, or there would be as many forks as processes times cores.
-        with cache_files.claimed(where and where / FORKS, wait=False) as alone:
-            _spread(labels, work, report, fork=bool(where and alone))
+        _spread(labels, work, fork=where is not None)
         for label in labels:
-            if label not in self._found:  # a fork or another process compiles it, unless that fails
-                work(label, wait=True)
-                report()
+            if not self._read(label, folders.readable):  # a fork has failed
+                work(label)
 
     def _compile_one(self, label: str) -> Code:
         unit = self._units.get(label)
@@ -161,57 +155,38 @@ class CompiledUnits:
             function.__name__, function.__qualname__ = name, qualified
 
 
-def _spread(
-    labels: Sequence[str], work: Callable[[str], None], report: Callable[[], None] = lambda: None, fork: bool = True
-) -> None:
+def _spread(labels: Sequence[str], work: Callable[[str], None], fork: bool = True) -> None:
     """Call `work` for each label, in this process and, if possible, in forks; each takes the next label from a pipe.
 
-    The results of a fork are only on disk. If a fork fails, no further label is begun, and the rest stays undone.
-    `report` is called in this process now and then.
+    The results of a fork are only on disk. What a fork fails at stays undone.
     """
     fork &= sys.platform == "linux" and threading.active_count() == 1  # others could hold a lock that a fork waits for
     processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork else 1
-    children: dict[int, int | None] = {}  # statuses of those that have ended, by id
-    owner = os.getpid()
+    owner, children = os.getpid(), list[int]()
     queue, source = os.pipe()
     os.write(source, b"".join(k.to_bytes(2, "little") for k in range(len(labels))))
     os.close(source)
 
-    def work_while(wanted: Callable[[], bool]) -> None:
-        while wanted() and (index := os.read(queue, 2)):
+    def take() -> None:
+        while owner in (os.getpid(), os.getppid()) and (index := os.read(queue, 2)):
             work(labels[int.from_bytes(index, "little")])
-            report()
 
     try:
         with contextlib.suppress(OSError):  # no more processes are allowed
             while len(children) < processes - 1:
-                children[_fork(lambda: work_while(lambda: os.getppid() == owner))] = None
-        work_while(lambda: _none_failed(children))
-        while _none_failed(children) and None in children.values():
-            time.sleep(0.005)
-            report()
+                children.append(_fork(take))
+        take()
+        while children:
+            with contextlib.suppress(ChildProcessError):  # SIGCHLD is ignored, or other code has waited for it
+                os.waitpid(children[-1], 0)
+            children.pop()
     finally:
         os.close(queue)
-        for child, status in children.items():  # some run after Ctrl-C, or an error here or in a fork
-            if status is None and _status(child) is None:
-                os.kill(child, signal.SIGKILL)
-                with contextlib.suppress(ChildProcessError):
+        for child in children:  # after Ctrl-C, or an error here
+            with contextlib.suppress(ChildProcessError):
+                if os.waitpid(child, os.WNOHANG) == (0, 0):
+                    os.kill(child, signal.SIGKILL)
                     os.waitpid(child, 0)
-
-
-def _none_failed(children: dict[int, int | None]) -> bool:
-    """Enter the statuses of children that have ended meanwhile; False if one has failed."""
-    children.update({child: _status(child) for child, status in children.items() if status is None})
-    return not any(children.values())
-
-
-def _status(child: int) -> int | None:
-    """The status with which a child ended; None while it runs."""
-    try:
-        ended, status = os.waitpid(child, os.WNOHANG)
-    except ChildProcessError:  # SIGCHLD is ignored, or other code waited for it: its files show what it did
-        return 0
-    return status if ended else None
 
 
 def _fork(work: Callable[[], None]) -> int:

@@ -28,10 +28,10 @@ from .machine_code import Code
 
 DAY = 86_400  # seconds
 LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
-SUFFIX, CLAIM = ".unit", ".claim"
-OWN = re.compile(r"\.unit$|\.claim$|^tmp\w{8}\.tmp$")
+SUFFIX, LOCK = ".unit", ".lock"
+OWN = re.compile(r"\.unit$|^tmp\w{8}\.tmp$")
 LONGEST = 80  # characters of a label in the name of its file
-PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
+PATIENCE = 300.0  # seconds to wait for another process that compiles
 PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # neither follows a link nor waits for a FIFO
 WARNED: list[str] = []  # the warning of this process
 DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that are ahead of the object file
@@ -106,33 +106,23 @@ def warn(text: str) -> None:
 
 
 @contextlib.contextmanager
-def claimed(path: Path | None, wait: bool) -> Iterator[bool]:
-    """Claim the unit of a file, so that processes that begin together compile different ones, and none twice.
+def one_at_a_time() -> Iterator[None]:
+    """Let one process at a time compile, so that those that begin together find what the first one has written.
 
-    A claim ends with its process, however that ends. Where there is no file, or it cannot be locked, every process can
-    claim it. Yields whether to compile it here, unless the file is there by now. wait: whether to wait for a process
-    that has claimed it, but no longer than PATIENCE: it may be suspended.
+    The lock ends with its process, however that ends. Nobody waits longer than PATIENCE, as that process may be
+    suspended, nor where files cannot be locked.
     """
-    if path is None:
-        yield True
-        return
-    claim, mine, end = path.with_suffix(CLAIM), False, time.monotonic() + PATIENCE * wait
+    handle, folder, end = -1, cache_folder(), time.monotonic() + PATIENCE
+    with contextlib.suppress(OSError):
+        handle = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR | PLAIN, 0o600) if folder else -1
     try:
-        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-        handle = os.open(claim, os.O_CREAT | os.O_RDWR | PLAIN, 0o600)
-    except OSError:  # what is compiled cannot be kept either, which `write` reports
-        yield True
-        return
-    try:
-        while not (mine := try_lock(handle) is not False) and time.monotonic() < end:
+        while handle >= 0 and try_lock(handle) is False and time.monotonic() < end:
             time.sleep(0.01)
-        yield mine or wait
+        yield
     finally:
-        if mine:
-            with contextlib.suppress(OSError):  # Windows deletes no open file: `prune` does
-                claim.unlink()
+        if handle >= 0:
             unlock(handle)
-        os.close(handle)
+            os.close(handle)
 
 
 def prune() -> None:

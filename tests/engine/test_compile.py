@@ -78,7 +78,7 @@ def test_other_numbers_sizes_and_combinations_compile_nothing(cold: Path) -> Non
     """Each system has been compiled once, whatever the scenario, the threads and the number of worlds."""
     first = compiled_by(make())
     assert {"clock", "run_units", "walkers.walk"} <= set(first)
-    assert len(first) == len(list(cold.iterdir()))
+    assert len(first) == len(list(cold.glob("*.unit")))
     for worlds in (
         make(Walkers(7, stride=3), Food(1, worth=0), Weather((0.0,), wild=False, sky="blue"), count=50, threads=2),
         make(Walkers()),
@@ -127,7 +127,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     worlds = run(make(), STEP, STEP)
-    assert len(list(cold.iterdir())) == len(worlds.runner.units.compiled)
+    assert len(list(cold.glob("*.unit"))) == len(worlds.runner.units.compiled)
     assert digest(worlds) == digest(run(make(), STEP, STEP))
 
 
@@ -135,7 +135,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
 def test_what_a_fork_did_not_compile_is_compiled_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where it was killed for want of memory."""
     monkeypatch.setattr(cache, "_spread", lambda labels, work, *rest, **options: work(labels[0]))
-    assert len(compiled_by(make())) == len(list(cold.iterdir()))
+    assert len(compiled_by(make())) == len(list(cold.glob("*.unit")))
 
 
 def test_the_source_of_a_tick() -> None:
@@ -327,12 +327,12 @@ def in_process(cache: Path, game: Path = ROOT, module: str = "tests.helpers.toy_
 @compiled_only
 def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) -> None:
     first = in_process(tmp_path)
-    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.unit")}
     second = in_process(tmp_path)
     assert int(first[0]) == len(files)
     assert (first[1], second[:2]) == ("True", ["0", "True"])
     assert first[2] == second[2]
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == files
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.unit")} == files
 
 
 STEPS = SimpleNamespace(length=1)

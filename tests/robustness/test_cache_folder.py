@@ -23,7 +23,7 @@ from outlast.ecs import kernel
 from outlast.ecs.compilation import cache
 from outlast.ecs.compilation.cache import CompiledUnits
 from outlast.ecs.kernels import cache_files
-from outlast.ecs.kernels.cache_files import SUFFIX, cache_folder, cache_folders, claimed, is_private
+from outlast.ecs.kernels.cache_files import SUFFIX, cache_folder, cache_folders, is_private, one_at_a_time
 from outlast.ecs.kernels.machine_code import Code
 from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
@@ -58,20 +58,20 @@ def test_processes_that_begin_together_compile_each_unit_once(tmp_path: Path) ->
     later = in_process(cache)
     assert later[:2] == ["0", "True"]
     assert {one[DIGEST] for one in outputs} == {later[DIGEST]}
-    labels, files = log.read_text().splitlines(), list(cache.iterdir())
+    labels, files = log.read_text().splitlines(), [path for path in cache.iterdir() if path.name != cache_files.LOCK]
     assert len(set(labels)) == len(labels) == len(files)
     assert {path.suffix for path in files} == {SUFFIX}
 
 
-def test_who_waits_too_long_compiles_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As for a process that was suspended, which keeps its claim."""
+def test_one_process_compiles_at_a_time(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others wait, but not for ever, as for a process that was suspended."""
+    waits = list[float]()
+    monkeypatch.setattr(cache_files.time, "sleep", waits.append)
     monkeypatch.setattr(cache_files, "PATIENCE", 0.05)
-    path = tmp_path / f"a{SUFFIX}"
-    with claimed(path, False) as mine, claimed(path, False) as other, claimed(path, True) as patient:
-        assert (mine, other, patient) == (True, False, True)
-    with claimed(path, False) as mine:
-        assert mine
-    assert list(tmp_path.iterdir()) == []
+    for waiting in (False, True, False):
+        with one_at_a_time() if waiting else contextlib.nullcontext(), one_at_a_time():
+            assert bool(waits) == waiting
+        waits.clear()
 
 
 def halved(content: bytes) -> bytes:
@@ -93,7 +93,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Warm:
     """The files of a filled cache with their age, and the digest of the run that filled it."""
     folder = tmp_path_factory.mktemp("cache")
     digest = in_process(folder)[DIGEST]
-    files = [path for path in folder.rglob("*") if path.is_file()]
+    files = [*folder.rglob(f"*{SUFFIX}")]
     return {path.relative_to(folder): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}, digest
 
 
@@ -373,20 +373,23 @@ def test_odd_entries_count_as_absent(odd: str, tmp_path: Path, monkeypatch: pyte
 
 @posix_only
 @pytest.mark.parametrize("odd", ODD)
-def test_a_claim_of_an_odd_entry_makes_nothing_elsewhere(odd: str, tmp_path: Path) -> None:
-    (tmp_path / "claims").mkdir()
-    ODD[odd](tmp_path / "claims" / "a.claim")
-    with claimed(tmp_path / "claims" / "a.unit", False) as mine:
-        assert mine
-    assert {path.name for path in tmp_path.iterdir()} == {"claims"}
+def test_a_lock_that_is_odd_keeps_nobody(odd: str, place: Path) -> None:
+    folder = cache_folder()
+    assert folder
+    ODD[odd](folder / cache_files.LOCK)
+    with one_at_a_time():
+        pass
+    assert {path.name for path in folder.iterdir()} - {"linked"} == {cache_files.LOCK}
 
 
 @posix_only
-def test_a_claim_does_not_follow_a_link(tmp_path: Path) -> None:
-    (tmp_path / "a.claim").symlink_to(tmp_path / "elsewhere")
-    with claimed(tmp_path / "a.unit", False) as mine:
-        assert mine
-    assert not (tmp_path / "elsewhere").exists()
+def test_a_lock_does_not_follow_a_link(place: Path) -> None:
+    folder = cache_folder()
+    assert folder
+    (folder / cache_files.LOCK).symlink_to(place / "elsewhere")
+    with one_at_a_time():
+        pass
+    assert not (place / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("label", ["x" * 999, "größe.tick", "zero a.B.c after d", "../../a", "con:*?", "a" * 60 + "/b"])
@@ -417,7 +420,7 @@ def test_old_units_stay_until_all_are_too_large_together(place: Path, monkeypatc
     """As in an image that was built a month ago. What killed processes left goes after a day."""
     folder = cache_folder()
     assert folder
-    names = ["a.unit", "b.unit", "c.claim", "tmpabcdefgh.tmp", "tmpijklmnop.tmp", "another program's.tmp"]
+    names = ["a.unit", "b.unit", "tmpabcdefgh.tmp", "tmpijklmnop.tmp", "another program's.tmp"]
     for days, name in enumerate(names):
         (folder / name).write_bytes(bytes(100))
         age = time.time() - 60 * cache_files.DAY - days if name != "tmpijklmnop.tmp" else time.time()
@@ -462,19 +465,6 @@ def test_the_progress_is_logged(place: Path, monkeypatch: pytest.MonkeyPatch, ca
     assert caplog.messages == ["compiled 1 of 2 systems", "compiled 2 of 2 systems"]
 
 
-def test_one_process_forks_at_a_time(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Others that begin beside it share the work, each as one process."""
-    monkeypatch.setattr(cache, "ADDRESSES", {})
-    spread, forked = cache._spread, []
-    monkeypatch.setattr(cache, "_spread", lambda *rest, fork: forked.append(fork) or spread(*rest, fork=False))  # type: ignore[func-returns-value]
-    folder = cache_folder()
-    assert folder
-    with claimed(folder / cache.FORKS, False):
-        CompiledUnits((), {"twice": twice}, {}).load()
-    CompiledUnits((), {"thrice": thrice}, {}).load()
-    assert forked == [False, True]
-
-
 def test_an_empty_name_of_the_folder_counts_as_none(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usual = cache_folder()
     monkeypatch.setenv("OUTLAST_CACHE_DIR", "")
@@ -485,7 +475,7 @@ def test_an_empty_name_of_the_folder_counts_as_none(place: Path, monkeypatch: py
 def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
     """The same game has the same digest."""
     package = Path(outlast.__file__).parent
-    for part in ("ecs", "components", "systems"):
+    for part in ("ecs", "components", "systems", "envs"):
         shutil.copytree(package / part, tmp_path / "outlast" / part)
     for file in package.glob("*.py"):
         shutil.copy(file, tmp_path / "outlast")
