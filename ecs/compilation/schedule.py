@@ -3,7 +3,6 @@
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 from ..declarations.access import SELECTIONS
 from ..declarations.component import Component, Singleton
@@ -17,17 +16,8 @@ CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "wr
 OPTIONAL = "A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
 
 
-class Reason(NamedTuple):
-    """A component in after= or before= of the system `asking`, by which `other` runs before or after it."""
-
-    asking: System
-    other: System
-    keyword: str
-    component: type[Component]
-
-
-Reasons = Mapping[tuple[str, str], Sequence[Reason]]
-"""By labels of the first and the second of two systems of a phase, what orders them so."""
+Asked = Mapping[tuple[str, str], Collection[str]]
+"""By labels of the first and the second of two systems of a phase, which of them order the two so by a component."""
 
 
 @dataclass(frozen=True)
@@ -183,8 +173,8 @@ def _order_phase(
     known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
     that is left out. errors: to this list, those of pairs without an order are added.
     """
-    reasons = _reasons_of(systems)
-    earlier = _predecessors(systems, known, pairs, reasons)
+    by_component = _asked(systems)
+    earlier = _predecessors(systems, known, pairs, by_component)
     ordered, waiting = list[System](), list(systems)
     while waiting:
         done = {system.label for system in ordered}
@@ -200,12 +190,12 @@ def _order_phase(
     for k, second in enumerate(ordered):
         ahead = _all_earlier(second.label, earlier)
         for first in (each for each in ordered[:k] if each.label not in ahead):
-            errors += filter(None, [_ambiguity(first, second, reasons, brief=bool(errors))])
+            errors += filter(None, [_ambiguity(first, second, by_component, brief=bool(errors))])
     return ordered
 
 
 def _predecessors(
-    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], reasons: Reasons
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], by_component: Asked
 ) -> dict[str, set[str]]:
     """By label of each system, the labels of those that are to run earlier.
 
@@ -222,8 +212,8 @@ def _predecessors(
         for later in _stands_for(second, systems, known):
             earlier[later] |= _stands_for(first, systems, known) - {later}
     said = {label: _all_earlier(label, earlier) for label in earlier}
-    for first, second in reasons:
-        if second not in said[first] and (second, first) not in reasons:
+    for first, second in by_component:
+        if second not in said[first] and (second, first) not in by_component:
             earlier[second].add(first)
     return earlier
 
@@ -292,85 +282,45 @@ def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
         )
 
 
-# ---- the errors for two systems without an order: why there is none, and what to write on which of them
-
-
-def _reasons_of(systems: Sequence[System]) -> Reasons:
+def _asked(systems: Sequence[System]) -> Asked:
     """Return the orders that components in after= and before= ask for."""
-    found = dict[tuple[str, str], list[Reason]]()
+    found = dict[tuple[str, str], set[str]]()
     for asking in systems:
         for other in (each for each in systems if each is not asking):
-            for keyword, given in (("after", asking.after), ("before", asking.before)):
-                pair = (other.label, asking.label) if keyword == "after" else (asking.label, other.label)
-                kinds = ("write", "add") if keyword == "after" else ("read", "write", "add")
-                for component in (each for each in given if not isinstance(each, str)):
-                    if other.touches(component, *kinds):
-                        found.setdefault(pair, []).append(Reason(asking, other, keyword, component))
+            if any(other.touches(c, "write", "add") for c in asking.after if not isinstance(c, str)):
+                found.setdefault((other.label, asking.label), set()).add(asking.label)
+            if any(other.touches(c, "read", "write", "add") for c in asking.before if not isinstance(c, str)):
+                found.setdefault((asking.label, other.label), set()).add(asking.label)
     return found
 
 
-def _ambiguity(first: System, second: System, reasons: Reasons, brief: bool) -> str:
+def _ambiguity(first: System, second: System, by_component: Asked, brief: bool) -> str:
     """Return the error for two systems of a phase that need an order and have none; "" if they need none.
 
-    reasons: those of the phase. brief: whether another error comes before, which has what can be done in general.
+    brief: whether another error comes before, which has what can be done in general.
     """
     if (shared := _conflict(first, second)) is None:
         return ""
     asked, other = (first, second) if first.outside and not second.outside else (second, first)
-    there, back = (reasons.get(pair, ()) for pair in ((other.label, asked.label), (asked.label, other.label)))
-    contrary = (*there, *back) if there and back else ()
-    own, others = ([each for each in contrary if each.asking is system] for system in (asked, other))
-    if own and others and asked.outside and not other.outside:  # `other` may keep a limit, as that of hit points
-        where, keyword = ("last", "after") if others[0].keyword == "after" else ("first", "before")
-        cure = (
-            f"{other.label} is to run {where}: {_replaced(own, other, reasons)}; or add {keyword}="
-            f'"{other.label}", to run {keyword} it all the same'
-        )
+    cancelled = {(first.label, second.label), (second.label, first.label)} <= by_component.keys()
+    if cancelled:  # `other` may be what keeps a limit, as that of hit points, and is to stay last
+        keyword = "before" if other.label in by_component[asked.label, other.label] else "after"
     else:
         keyword = "after" if other.touches(shared, "write", "add") else "before"
-        named = shared in (*first.after, *first.before, *second.after, *second.before)  # which is not enough
-        named |= any(each.other is asked and each[2:] == (keyword, shared) for why in reasons.values() for each in why)
-        cure = f'Say after="{other.label}" on {asked.label} ('
-        cure += ("" if named else f"or {keyword}={shared.__name__}, ") + "or the other way round)"
-        if not brief:
-            cure += (
-                ", put one into another phase, or declare Add where both only add; "
-                f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
-            )
+    cure = f'Say {keyword if cancelled else "after"}="{other.label}" on {asked.label} ('
+    named = shared in (*first.after, *first.before, *second.after, *second.before)  # which is not enough
+    cure += ("" if named else f"or {keyword}={shared.__name__}, ") + "or the other way round)"
+    if not brief:
+        cure += (
+            ", put one into another phase, or declare Add where both only add; "
+            f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
+        )
     return (
         f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous"
         + ("" if brief else f": both touch {shared.__name__} and one of them writes it")
-        + (f", and {_said(contrary)}, which cancels out" if contrary else "")
+        + (", and what they say about components cancels out" if cancelled else "")
         + f". {cure}"
     )
-
-
-def _said(contrary: Sequence[Reason]) -> str:
-    """Return, as a part of a message, by which after= and before= two systems are ordered both ways."""
-    said = {f"{each.keyword}={each.component.__name__}": list[str]() for each in contrary}
-    for each in contrary:
-        said[f"{each.keyword}={each.component.__name__}"].append(each.asking.label)
-    return " and ".join(
-        f"both say {words}" if len({*labels}) > 1 else f"{labels[0]} says {words}" for words, labels in said.items()
-    )
-
-
-def _replaced(own: Sequence[Reason], other: System, reasons: Reasons) -> str:
-    """Return what to write in place of the components that a system gives and that order it and `other` both ways."""
-    asked, dropped = own[0].asking, {(each.keyword, each.component) for each in own}
-    kept = dict[str, set[str]]()
-    for pair, each in ((pair, each) for pair, found in reasons.items() for each in found if each.asking is asked):
-        needed = (each.keyword, each.component) in dropped and each.other is not other and pair[::-1] not in reasons
-        if needed and _conflict(asked, each.other):
-            kept.setdefault(each.keyword, set()).add(f'"{each.other.label}"')
-    names = " and ".join(sorted(f"{keyword}={component.__name__}" for keyword, component in dropped))
-    words = [
-        f"{keyword}=" + (f"({', '.join(sorted(labels))})" if len(labels) > 1 else min(labels))
-        for keyword, labels in kept.items()
-    ]
-    if not words:
-        return f"leave out {names} on {asked.label}"
-    return f"say {' and '.join(words)} on {asked.label} in place of {names}"
 
 
 def _conflict(first: System, second: System) -> type[Component] | None:

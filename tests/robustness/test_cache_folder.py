@@ -475,7 +475,7 @@ def test_an_empty_name_of_the_folder_counts_as_none(place: Path, monkeypatch: py
 def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
     """The same game has the same digest."""
     package = Path(outlast.__file__).parent
-    for part in ("ecs", "components", "systems", "envs"):
+    for part in ("ecs", "components", "systems", "envs", "training"):
         shutil.copytree(package / part, tmp_path / "outlast" / part)
     for file in package.glob("*.py"):
         shutil.copy(file, tmp_path / "outlast")
