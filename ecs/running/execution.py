@@ -2,10 +2,7 @@
 
 import functools
 import os
-import threading
-import time
-import weakref
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -24,90 +21,20 @@ from ..compilation.compiled_step import (
     TICK,
     UNITS,
     WHOLE_STEP,
-    step,
 )
 from ..compilation.segments import Segment
 from ..compilation.tick import Unit
 from ..declarations.component import Component
 from ..kernels.errors import EngineError
-from ..kernels.jit import compiled, interpreted
+from ..kernels.jit import interpreted
 from ..kernels.machine_code import exception_at
 from ..memory.tables import Tables, aligned
-from .compiled_game import CompiledGame
-from .team import SPREAD, TEAM, Team, shared
+from .team import SPREAD, TEAM, Team
 
 # How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
 # which fit into a second-level cache of 0.5 MB.
 TOGETHER, TOGETHER_BYTES = 32, 7 << 16
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
-
-
-class Runner:
-    """Runs a tick in a batch of worlds: the segments of `game`, with so many threads. Nothing is loaded at first."""
-
-    def __init__(self, worlds: Tables, threads: int, game: CompiledGame) -> None:
-        self._worlds = weakref.ref(worlds)  # weak: they refer to this, and are freed once nobody else refers to them
-        self._segments, self._touched = game.segments, game.schedule.touched
-        self.units = game.units
-        self.times = {segment.units[0].label: 0.0 for segment in self._segments}  # seconds, by the first unit
-        self.lock = threading.Lock()  # held while executions are made or changed
-        self._executions = list[CompiledExecution | PythonExecution]()
-        self._team = Team(threads) if shared(worlds.count, threads) else None
-
-    @property
-    def sources(self) -> list[Unit]:
-        """All units, in order."""
-        return [unit for segment in self._segments for unit in segment.units]
-
-    @property
-    def missing(self) -> list[str]:
-        """Labels of the units whose machine code is neither loaded nor on disk."""
-        return self.units.missing + (self._team.code.missing if self._team is not None else [])
-
-    def run(self) -> None:
-        """Take every world through the tick, by its mode."""
-        for segment, execution in zip(self._segments, self._loaded(), strict=True):
-            start = time.perf_counter()
-            execution()
-            self.times[segment.units[0].label] += time.perf_counter() - start
-
-    def step(self) -> Any:
-        """compilation.compiled_step.step, for Python to call: as machine code, or as Python if nothing is compiled."""
-        self._loaded()
-        return self.units.function(WHOLE_STEP) if compiled() else step
-
-    def single(self) -> "CompiledExecution | None":
-        """The execution of the whole tick; None if the tick takes several calls."""
-        first, *others = self._loaded()
-        return first if isinstance(first, CompiledExecution) and not others else None
-
-    def set_numbers(self, changed: Mapping[str, int | float]) -> None:
-        """Change numbers of mechanics, by name, from the next tick on. The caller holds `lock`."""
-        for execution in self._executions:
-            for block in execution.blocks:
-                block.set_numbers(changed)
-
-    def close(self) -> None:
-        """End the threads."""
-        if self._team is not None:
-            self._team.close()
-
-    def _loaded(self) -> "list[CompiledExecution | PythonExecution]":
-        """The executions of the segments, once everything is loaded."""
-        if not self._executions:
-            self.units.load()
-            if self._team is not None:
-                self._team.code.load()
-            with self.lock:  # one thread at a time: modules' scratch() need not be thread-safe
-                worlds = self._worlds()
-                assert worlds is not None  # it is the caller
-                self._executions = self._executions or [
-                    CompiledExecution(each, worlds, self.units, self._team, self._touched)
-                    if each.compiled
-                    else PythonExecution(each, worlds)
-                    for each in self._segments
-                ]
-        return self._executions
 
 
 class CompiledExecution:

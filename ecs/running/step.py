@@ -16,9 +16,13 @@ from ..compilation.compiled_step import (
     NOT_RUNNING,
     OUT_OF_RANGE,
     TICK,
+    WHOLE_STEP,
     WORDS,
+    step,
 )
+from ..kernels.jit import compiled
 from ..memory.clock import RESET, SKIP
+from .execution import CompiledExecution
 from .worlds import Worlds
 
 Array = np.ndarray[Any, Any]
@@ -115,9 +119,11 @@ class Stepper:
 
     def load(self) -> None:
         """Load or compile everything that runs in a step."""
-        self._part = functools.partial(self.worlds.runner.step(), 0, 0, 0, self.worlds.count, self._address)
-        self._tick = tick = self.worlds.runner.single()
-        self._whole = None if tick is None else functools.partial(tick.step, self._address, BEGIN | TICK | FINISH)
+        first, *others = self.worlds.load()
+        part = self.worlds.units.function(WHOLE_STEP) if compiled() else step
+        self._part = functools.partial(part, 0, 0, 0, self.worlds.count, self._address)
+        self._tick = first if isinstance(first, CompiledExecution) and not others else None
+        self._whole = self._tick and functools.partial(self._tick.step, self._address, BEGIN | TICK | FINISH)
 
     @property
     def done(self) -> Array:

@@ -1,5 +1,7 @@
-"""A batch of worlds of one scenario: their tables, and the runner that advances them on several threads."""
+"""A batch of worlds of one scenario: their tables, and the tick that advances them on several threads."""
 
+import threading
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -20,7 +22,8 @@ from ..memory.given import given_words
 from ..memory.numbers import AWAY, KEY, NO_LEVELS, ONCE, Given, Varied
 from ..memory.tables import Tables
 from .compiled_game import Wanted, plan
-from .execution import Runner
+from .execution import CompiledExecution, PythonExecution
+from .team import Team, shared
 
 
 class Worlds(Tables):
@@ -46,8 +49,10 @@ class Worlds(Tables):
 
     Attributes:
         modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
-        runner: What runs the tick.
         schedule: The systems, in order.
+        segments: The tick: units, which a thread runs by one call for each segment.
+        units: The machine code of these.
+        times: The seconds that `run` has spent in each segment, by its first unit (with split: by system).
         threads: As given.
 
     Raises:
@@ -84,19 +89,17 @@ class Worlds(Tables):
         for what, given in (("count", count), ("threads", threads)):
             if given < 1:
                 raise NumberError(f"Worlds(..., {what}={given}): at least 1 is needed")
-        made = plan(wanted)
-        super().__init__(made.layout, count)
-        self.schedule, self.threads = made.schedule, threads
+        game = plan(wanted)
+        super().__init__(game.layout, count)
+        self.schedule, self.segments, self.units, self.threads = game.schedule, game.segments, game.units, threads
         self.modules = list(self.layout.modules)
-        self.runner = Runner(self, threads, made)
+        self.times = {segment.units[0].label: 0.0 for segment in self.segments}
+        self._lock = threading.Lock()  # held while executions are made or changed
+        self._executions = list[CompiledExecution | PythonExecution]()
+        self._team = Team(threads) if shared(count, threads) else None
 
     def __repr__(self) -> str:
         return f"Worlds({self.count} worlds, {len(self.components)} components)"
-
-    @property
-    def times(self) -> dict[str, float]:
-        """The seconds that `run` has spent in each segment of the tick, by its first unit (with split: by system)."""
-        return self.runner.times
 
     @property
     def compiled(self) -> bool:
@@ -106,7 +109,7 @@ class Worlds(Tables):
     @property
     def uncompiled(self) -> list[str]:
         """Labels of the systems, and of other parts of the tick, that the next `run` compiles."""
-        return self.runner.missing
+        return self.units.missing + (self._team.code.missing if self._team is not None else [])
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return what happened in the last tick of each world, by name of the event; see `entries`."""
@@ -173,9 +176,10 @@ class Worlds(Tables):
                 kernels compute (it determines sizes of tables, initial values of entities, which systems run, or bounds
                 of observations); nothing is changed.
         """
-        with self.runner.lock:
+        with self._lock:
             self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
-            self.runner.set_numbers(self.changed)
+            for block in (block for execution in self._executions for block in execution.blocks):
+                block.set_numbers(self.changed)
 
     def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return the varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
@@ -239,15 +243,33 @@ class Worlds(Tables):
         """
         self.mode[:] = mode
         try:
-            self.runner.run()
+            for segment, execution in zip(self.segments, self.load(), strict=True):
+                start = time.perf_counter()
+                execution()
+                self.times[segment.units[0].label] += time.perf_counter() - start
         except CapacityError as error:
             raise self.overflow(error) from None
+
+    def load(self) -> list[CompiledExecution | PythonExecution]:
+        """Load or compile the machine code of the tick; return what runs its segments on these worlds."""
+        if not self._executions:
+            self.units.load()
+            if self._team is not None:
+                self._team.code.load()
+            with self._lock:  # one thread at a time: modules' scratch() need not be thread-safe
+                self._executions = self._executions or [
+                    CompiledExecution(each, self, self.units, self._team, self.schedule.touched)
+                    if each.compiled
+                    else PythonExecution(each, self)
+                    for each in self.segments
+                ]
+        return self._executions
 
     def source(self) -> str:
         """Return the generated code of the tick: a function for each system, in order, with the phases as comments."""
         slots = "# Slots, in upper case, are positions in the argument block of a unit; see ecs.compilation.arguments."
         lines, phase = [slots], None
-        for unit in self.runner.sources:
+        for unit in (unit for segment in self.segments for unit in segment.units):
             if unit.system and unit.system.phase is not phase:
                 phase = unit.system.phase
                 lines.append(f"# ---- {phase.name} ({phase.when.value}): {phase.postcondition}")
@@ -256,7 +278,8 @@ class Worlds(Tables):
 
     def close(self) -> None:
         """End the threads. The tables stay readable."""
-        self.runner.close()
+        if self._team is not None:
+            self._team.close()
 
     def overflow(self, error: BaseException) -> BaseException:
         """Return the error that names the list of events that is full, if `error` is of such a list; else `error`."""

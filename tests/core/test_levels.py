@@ -348,7 +348,7 @@ def test_deriving_goes_on_as_expected() -> None:
 @pytest.mark.skipif(not COMPILED, reason="about machine code")
 def test_systems_that_read_no_varied_number_are_compiled_as_they_were() -> None:
     sources = [
-        {unit.label: unit.source for segment in scenario.worlds(1).runner._segments for unit in segment.units}
+        {unit.label: unit.source for segment in scenario.worlds(1).segments for unit in segment.units}
         for scenario in (outlast.variant("teams_4"), outlast.variant("teams_4").vary(melee_damage=integers(5, 20)))
     ]
     changed = {label for label in sources[0] if sources[0][label] != sources[1][label]}

@@ -62,7 +62,7 @@ def compiled_by(worlds: Worlds) -> list[str]:
     """Labels of the systems that were compiled for these worlds, and not found."""
     run(worlds, STEP)
     worlds.close()
-    return sorted(worlds.runner.units.compiled)
+    return sorted(worlds.units.compiled)
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     worlds = run(make(), STEP, STEP)
-    assert len(list(cold.glob("*.unit"))) == len(worlds.runner.units.compiled)
+    assert len(list(cold.glob("*.unit"))) == len(worlds.units.compiled)
     assert digest(worlds) == digest(run(make(), STEP, STEP))
 
 
@@ -196,7 +196,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
 
         trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
         worlds = run(make(*toy_game.GAME, trade()), STEP, STEP, STEP)
-        assert len(worlds.runner._segments) == (1 if compiled or not COMPILED else 3)
+        assert len(worlds.segments) == (1 if compiled or not COMPILED else 3)
         assert ("(python)" in str(worlds.schedule)) is not compiled
         results.append(digest(worlds))
     assert results[0] == results[1]
@@ -309,7 +309,7 @@ sys.path[:0] = [{game!r}, {root!r}]
 from {module} import STEP, make, run
 worlds = run(make(count=40, threads=2), STEP, STEP)
 from tests.conftest import digest
-print(len(worlds.runner.units.compiled + worlds.runner._team.code.compiled), worlds.compiled, digest(worlds))
+print(len(worlds.units.compiled + worlds._team.code.compiled), worlds.compiled, digest(worlds))
 worlds.close()
 """
 

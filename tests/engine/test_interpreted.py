@@ -68,7 +68,7 @@ def test_single_systems_run_as_python(capsys: pytest.CaptureFixture[str], thread
 
     worlds = Worlds((*toy_game.GAME, toy_game.system_of(act)), 40, threads, interpret=["local.act", "walkers.walk"])
     toy_game.run(worlds, RESET, STEP)
-    assert {segment.compiled for segment in worlds.runner._segments} == {True, False}
+    assert {segment.compiled for segment in worlds.segments} == {True, False}
     assert capsys.readouterr().out.count("rows ") == 40  # machine code prints past Python's stdout
     worlds[Place].x[:] = -5000
     with pytest.raises(KeyError, match="far away") as caught:

@@ -30,7 +30,7 @@ from tests.helpers.interruption import interrupt_after
 from tests.helpers.toy_game import STEP, make, run
 
 alone, worlds, after = make(count=100), make(count=100, threads=4), 0
-team = worlds.runner._team
+team = worlds._team
 while True:  # Ctrl-C comes after the next call in each round: there, Python looks for signals
     worlds.close()
     ready = False

@@ -31,7 +31,7 @@ def act(energy: Write[Energy], rows: Rows[Energy]) -> None:
         energy.left[e] = {expression}
 
 worlds = run(make(Walkers(), system_of(act)), STEP)
-print(worlds[Energy].left[0, 2], worlds.runner.units.compiled, {python}, sep="|")
+print(worlds[Energy].left[0, 2], worlds.units.compiled, {python}, sep="|")
 """
 
 KERNELS = {  # definitions, what the system computes for row 2, its value, and what Python computes afterwards

@@ -284,7 +284,7 @@ def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: py
     monkeypatch.setattr("outlast.ecs.running.execution.CACHED", 0)
     worlds = walked(make(count=100), 10)
     assert digest(worlds) == expected
-    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.runner.single().blocks]
+    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.load()[0].blocks]
     assert sorted(np.concatenate(found).tolist()) == worlds.layout.touched_lines(worlds.schedule.touched).tolist()
 
 

@@ -151,7 +151,7 @@ def test_other_numbers_compile_nothing_anew() -> None:
         outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS | {"heals_count": 3}))
     )
     assert few.worlds.source() == many.worlds.source()
-    assert many.worlds.runner.units.compiled == []
+    assert many.worlds.units.compiled == []
 
 
 def test_a_limit_of_one_hit_point_is_a_limit() -> None:
