@@ -24,6 +24,7 @@ from .compilation.cache import CompiledUnits
 from .declarations.access import Add, Bitset, Label, Offset, Random, Read, RowIndex, Rows, Scratch, Service, Write
 from .declarations.archetype import Archetype
 from .declarations.component import (
+    INDEX,
     Action,
     Clock,
     Column,
@@ -36,6 +37,7 @@ from .declarations.component import (
     Statistic,
     column,
     index_unit,
+    ref,
 )
 from .declarations.distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .declarations.event import Event, emit
@@ -44,7 +46,6 @@ from .declarations.layout import Layout, WorldsView
 from .declarations.module import Module
 from .declarations.numbers import number
 from .declarations.phase import PhaseBase, When
-from .declarations.references import INDEX, ref
 from .declarations.roles import Role, Roles, role
 from .declarations.system import System
 from .kernels.by_role import differs, of
@@ -58,10 +59,9 @@ from .kernels.errors import (
     ScheduleError,
 )
 from .kernels.jit import Array, Real, kernel
-from .memory.clock import RESET, SKIP, STEP
 from .memory.column_places import Place
-from .memory.draw import exists
 from .memory.entity_view import EntityView
+from .memory.episode import RESET, SKIP, STEP, exists
 from .memory.layout import MemoryLayout
 from .memory.numbers import AgentRoles
 from .running.step import Observer, Stepper

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..declarations.access import Label, Parameter
-from ..declarations.component import Component
+from ..declarations.component import Component, index_of
 from ..declarations.declared import declare
 from ..declarations.fields import Field
 from ..declarations.module import Module
-from ..declarations.references import index_of
 from ..declarations.system import Neighbour, System
 from ..kernels.frozen_values import described, is_library, is_outside, read_code, references
 

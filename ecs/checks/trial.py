@@ -19,7 +19,7 @@ import numpy as np
 from numba.core.extending import _Intrinsic
 
 from ..compilation.arguments import ArgumentBlock, ServiceMemory
-from ..compilation.segments import segments
+from ..compilation.tick import segments
 from ..declarations.component import Clock
 from ..declarations.event import COUNT, Event, capacity_error
 from ..declarations.phase import When
@@ -27,7 +27,7 @@ from ..declarations.system import System
 from ..kernels.errors import CapacityError, DeclarationError, EngineError
 from ..kernels.frozen_values import reachable, references
 from ..kernels.jit import External, Intrinsic, interpreted
-from ..memory.clock import RESET, STEP
+from ..memory.episode import RESET, STEP
 from ..memory.layout import MemoryLayout
 from ..memory.tables import Tables
 from .source_check import check_paths, check_source

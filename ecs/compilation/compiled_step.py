@@ -8,7 +8,7 @@ of its worlds: more lines at once would wait for each other. Lines that no tick 
 
 from ..kernels.jit import kernel, loader, storer
 from ..kernels.machine_code import call_address, prefetch
-from ..memory.clock import SKIP, STEP
+from ..memory.episode import SKIP, STEP
 from .arguments import AHEAD, STRIDE
 
 WHOLE_STEP, RUN = "step", "run_units"  # labels

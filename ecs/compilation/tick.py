@@ -8,21 +8,22 @@ rows and of scratch memory, and the mechanics' numbers. So a unit's source, for 
 own, depends on its own system only, and the compile cache keeps machine code for a system, not for a scenario.
 
 Each iteration also prefetches memory of a later world. run_units is the tick: it takes a few worlds at a time
-through all units. A system that runs as Python splits the tick into several such calls.
+through all units. A system that runs as Python splits the tick into several such calls (`segments`).
 """
 
 import functools
 import itertools
 import linecache
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from ..declarations.access import Parameter
-from ..declarations.component import Clock, Component, Entity, Singleton
+from ..declarations.component import Action, Clock, Component, Entity, Observation, Signal, Singleton
 from ..declarations.fields import offset
 from ..declarations.module import Module
 from ..declarations.numbers import kernel_value
@@ -31,17 +32,20 @@ from ..declarations.system import System
 from ..kernels.errors import DeclarationError, RangeError
 from ..kernels.jit import compiled, kernel
 from ..kernels.random import stream_number
-from ..memory.clock import CLOCK_SIZE, advance_clock, zero
-from ..memory.draw import (
+from ..memory.episode import (
+    CLOCK_SIZE,
     absences,
+    advance_clock,
     check_absent,
     clear_rows,
     draw_of_agents,
     draw_of_world,
     plan,
+    published_rows,
     role_plan,
     show,
     shown,
+    zero,
 )
 from ..memory.layout import MemoryLayout
 from ..memory.numbers import GIVEN_WORDS, AgentNumbers, AgentRoles, Given, Number, NumbersView, Varied
@@ -439,3 +443,88 @@ def _full_name(component: type[Component], column: str) -> str:
 def _words_of(number: Number) -> tuple[Any, Any]:
     """A function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
+
+
+# ---- the units of a tick
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Successive units that a thread runs by one call: all are machine code, or all run as Python."""
+
+    units: Sequence[Unit]
+    compiled: bool
+
+
+def segments(
+    layout: MemoryLayout,
+    systems: Sequence[System],
+    split: bool = False,
+    interpret: Collection[str] = (),
+    specialize: bool = False,
+    python: bool = False,
+) -> list[Segment]:
+    """Generate the units of a tick of these systems, in order.
+
+    split: whether each unit gets a segment of its own. interpret: labels of systems to run as Python; python: all of
+    them. specialize: whether the machine code is for this layout alone.
+    """
+    modules, tables = {module.name: module for module in layout.modules}, dict[Any, tuple[Any, str]]()
+
+    def new(as_python: bool = python, outside: bool = False) -> Generator:
+        return Generator(layout, python=as_python, outside=outside, specialize=specialize, tables=tables)
+
+    some_absent = any(number.kinds for number in layout.varied.values())
+    signals = [*_written_outside(layout, systems, Signal)]
+    units = [new().clock(), *([new().draw()] if layout.keyed else []), *([new().assign()] if layout.roles else [])]
+    stale = [*_read_in_resets(layout, systems), *(each for each, _ in _written_outside(layout, systems, Observation))]
+    units += [new().zero(stale, When.RESET)] if stale else []
+    for system in systems:
+        first = [signal for signal, writer in signals if writer is system]
+        units += [new().zero(first, When.ALWAYS)] if first else []
+        making = new(python or not system.compiled or system.label in interpret, system.outside)
+        units.append(making.system(modules[system.module], system))
+        if system.outside:
+            units += [new().check_range(system, *found) for found in _ranges(layout, system)]
+        if some_absent and system.outside and system.touches(Entity, "write", "add"):
+            units.append(new().check_absent(system))
+    if paid := [component for component in layout.components if issubclass(component, Signal)]:
+        units.append(new().zero(paid, When.RESET))  # no action has led to the tick that starts an episode
+    if NumbersView in layout.components:
+        units.append(new().show())
+    units += [new().clear(*each) for each in published_rows(layout)]
+    if split:
+        return [Segment((unit,), unit.compiled) for unit in units]
+    return [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
+
+
+def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:
+    """The actions that are read in the tick that starts an episode: the table still has those of the last episode."""
+    for component in layout.components:
+        if issubclass(component, Action):
+            reading = [system for system in systems if system.touches(component, "read", "write", "add")]
+            if any(system.phase.when is not When.STEP for system in reading):
+                yield component
+
+
+def _written_outside(
+    layout: MemoryLayout, systems: Sequence[System], kind: type[Component]
+) -> Iterator[tuple[type[Component], System]]:
+    """Components of a kind that only systems from outside of outlast write, each with the first of these.
+
+    They may leave observations of the last episode, and may just add to signals.
+    """
+    for component in layout.components:
+        if issubclass(component, kind):
+            writing = [system for system in systems if system.touches(component, "write", "add")]
+            if writing and all(system.outside for system in writing):
+                yield component, writing[0]
+
+
+def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
+    """The columns to check after a system: component, name, and the lowest and the highest integer of each."""
+    for component in layout.components:
+        if system.touches(component, "write", "add"):
+            for name, column in component.columns.items():
+                if column.dtype != bool and (ends := column.range(layout.dims)):
+                    yield component, name, *ends

@@ -7,8 +7,7 @@ from typing import Any
 
 from ..kernels.errors import DeclarationError, NumberError
 from ..kernels.integers import is_whole
-from .component import Component, Singleton
-from .references import Ref
+from .component import Component, Ref, Singleton
 
 MOST = 2**16  # the most entities of a kind and the largest dimension: more takes gigabytes, or minutes to lay out
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from ..kernels.errors import DeclarationError, did_you_mean
 from .archetype import Archetype
-from .component import Component, Singleton
+from .component import Component, Ref, Singleton
 from .module import RECORDS, Module
-from .references import Ref
 
 Part = TypeVar("Part", bound=Component)
 Kind = TypeVar("Kind", Archetype, Singleton)

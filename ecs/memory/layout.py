@@ -19,7 +19,6 @@ from ..declarations.declared import declare, one_of_each
 from ..declarations.distributions import Distribution
 from ..declarations.event import Event, memory_type
 from ..declarations.fields import Field, width
-from ..declarations.initial_values import fill
 from ..declarations.module import Module
 from ..declarations.placed_fields import placed
 from ..declarations.roles import Roles
@@ -27,7 +26,7 @@ from ..declarations.system import System
 from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.random import stream_number
 from ..kernels.simd import SIMD_WIDTH
-from .column_places import ALIGN, Place, place_columns
+from .column_places import ALIGN, Place, fill, place_columns
 from .dimensions import check_indices, check_owners, dimension_sizes
 from .numbers import (
     AGENT_WORDS,

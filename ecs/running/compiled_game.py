@@ -10,7 +10,7 @@ from ..checks.trial import python_refusal, try_out
 from ..compilation.cache import CompiledUnits
 from ..compilation.compiled_step import RUN, WHOLE_STEP, run_units, step
 from ..compilation.schedule import Schedule, check_brought, order
-from ..compilation.segments import Segment, segments
+from ..compilation.tick import Segment, segments
 from ..declarations.access import SELECTIONS
 from ..declarations.distributions import Distribution
 from ..declarations.module import Module

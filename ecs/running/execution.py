@@ -22,8 +22,7 @@ from ..compilation.compiled_step import (
     UNITS,
     WHOLE_STEP,
 )
-from ..compilation.segments import Segment
-from ..compilation.tick import Unit
+from ..compilation.tick import Segment, Unit
 from ..declarations.component import Component
 from ..kernels.errors import EngineError
 from ..kernels.jit import interpreted

@@ -21,7 +21,7 @@ from ..compilation.compiled_step import (
     step,
 )
 from ..kernels.jit import compiled
-from ..memory.clock import RESET, SKIP
+from ..memory.episode import RESET, SKIP
 from .execution import CompiledExecution
 from .worlds import Worlds
 

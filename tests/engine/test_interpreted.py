@@ -19,7 +19,7 @@ from outlast.ecs.compilation.cache_key import CacheKey
 from outlast.ecs.kernels import jit
 from outlast.ecs.kernels.jit import interpreted, loader, storer
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
-from outlast.ecs.memory.clock import RESET, STEP
+from outlast.ecs.memory.episode import RESET, STEP
 from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest

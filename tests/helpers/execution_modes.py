@@ -12,7 +12,7 @@ from outlast.ecs import RESET, STEP, Entity
 from outlast.ecs.checks import trial
 from outlast.ecs.checks.traced import Traced
 from outlast.ecs.compilation.arguments import ArgumentBlock, ServiceMemory
-from outlast.ecs.compilation.segments import segments
+from outlast.ecs.compilation.tick import segments
 from outlast.ecs.kernels.jit import interpreted
 from outlast.ecs.memory.tables import Tables
 from outlast.envs.errors import FaultError

@@ -1,4 +1,4 @@
-"""What happens to numbers that differ when an episode begins: keys, draws, roles, first values, absent entities."""
+"""The start of a tick and of an episode: clocks, first values, keys, draws, roles, absent entities."""
 
 import math
 from typing import Any, NamedTuple
@@ -7,6 +7,7 @@ import numpy as np
 
 from ..declarations.component import Component, Observation, Signal
 from ..declarations.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
+from ..declarations.event import clear
 from ..declarations.roles import ANYONE, NEVER
 from ..kernels.errors import AbsentError, NumberError
 from ..kernels.jit import Array, kernel
@@ -15,6 +16,8 @@ from .can_differ import patches
 from .layout import MemoryLayout
 from .numbers import GIVEN, ONCE, WORD, Number, encode
 
+SKIP, STEP, RESET = 0, 1, 2  # modes of a world in a tick
+EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # two words of the Clock, and its size in words; a world's state begins with it
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
 STREAM = stream_number("roles")
@@ -307,3 +310,34 @@ def clear_rows(rows: Any, count: Any) -> None:
     for i in range(count[0], rows.shape[0]):
         for k in range(rows.shape[1]):
             rows[i, k] = 0
+
+
+@kernel
+def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
+    """Count a tick, or start an episode, and forget the events of the previous tick.
+
+    world: the world's state as uint64, like initial_image. event_counts: see ecs.event.clear. kept: how many words at
+    the beginning of the state outlast an episode.
+    """
+    clear(event_counts)
+    if mode == RESET:
+        world[EPISODE] += np.uint64(1)
+        world[TICK] = np.uint64(0)
+        load_initial_state(world, initial_image, kept)
+    else:
+        world[TICK] += np.uint64(1)
+
+
+@kernel
+def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
+    """Set the state, except the words that are kept, to what it is at the start of an episode."""
+    for k in range(kept, initial_image.size):
+        world[k] = initial_image[k]
+
+
+@kernel
+def zero(rows: Any) -> None:
+    """Set all entries of some arrays to 0."""
+    for row in rows:
+        for k in range(row.size):
+            row[k] = 0
