@@ -31,7 +31,7 @@ from .access import Label, parameters
 from .archetype import Archetype
 from .component import Component, Singleton, snake_case
 from .fields import Field
-from .layout import Layout, WorldsView
+from .layout import Layout
 from .numbers import checked, kind_of
 from .phase import PhaseBase
 from .system import Neighbour, System, check_twice, components, neighbours, redefines
@@ -350,21 +350,12 @@ class Module:
         """
         return {}
 
-    def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
-        """Return which agents' actions would do nothing in the next tick, for action masks.
-
-        Args:
-            worlds: Worlds, between two ticks.
-
-        Returns:
-            By key of each action that the systems of this module read, bool (worlds, agents): True only if all values
-            of the action would leave exactly the same world behind. An action that several mechanics read is masked
-            where all of them say so; one that is not named here is never masked.
-        """
-        return {}
-
     def groups(self, agents: int) -> tuple[int, ...]:
-        """Return the sizes of the groups, such as teams, into which it splits agents by id; () without groups."""
+        """Return the sizes of the groups, such as teams, into which it splits the entities that can have roles.
+
+        Roles that are drawn by group stay within these. An entity's group follows from its index among so many
+        `agents`; () without groups.
+        """
         return ()
 
     def replace(self, /, **numbers: Any) -> Self:

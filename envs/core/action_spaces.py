@@ -3,11 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
 
+from outlast.components.masks import MasksActions
 from outlast.ecs import Action, DeclarationError, Module, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
@@ -62,7 +63,7 @@ class ActionSpace:
         self.sizes = np.array([int(column.high - column.low) + 1 for *_, column in columns])
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
         self._readers = [_readers(worlds, component) for _, component, *_ in columns]
-        self._masking = [each for each in worlds.modules if type(each).idle_actions is not Module.idle_actions]
+        self._masking = [each for each in worlds.modules if isinstance(each, MasksActions)]
         self._table: Array | None = None  # the actions of each joint action, integers (joint actions, actions)
         self.mask_size = int(self.sizes.sum())
         if kind == "joint":
@@ -222,7 +223,8 @@ class ActionSpace:
 
 def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:
     """Return what a module's idle_actions() returns. Raises DeclarationError if it is not what is specified there."""
-    given, shape = module.idle_actions(worlds), (worlds.count, worlds.dims["agents"])
+    given: Any = cast("MasksActions", module).idle_actions(worlds)
+    shape = worlds.count, worlds.dims["agents"]
     if not isinstance(given, Mapping):
         raise DeclarationError(f"{module.name}.idle_actions() returned {type(given).__name__}: a dict is needed")
     found = {key: np.asarray(idle) for key, idle in given.items()}
