@@ -13,6 +13,7 @@ from typing import Any, TextIO
 
 from outlast.ecs import NumberError
 
+from ..core.options import default_of, flag_of, help_of, options_of
 from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.lineup import OWN_AS, checked_entries, parse_lineup
@@ -204,6 +205,32 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
     """An option for an integer, of a command or a group. default: the number, or words for what it is without it."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
+
+
+def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
+    """Add the flags of the options that a dataclass declares; `given_options` reads them.
+
+    more: By option, arguments of add_argument that do not follow from what is declared.
+    """
+    for name, own in options_of(kind).items():
+        usual, how = default_of(kind, name), dict[str, Any]()
+        if own.many:
+            usual, how = [], {"action": "append"}
+        elif isinstance(usual, bool):
+            how = {"action": "store_true"}
+        elif own.least is not None:
+            how = {"type": functools.partial(count, least=own.least, most=min(own.most, MAX_COUNT))}
+        how |= {"choices": own.choices} if own.choices else {}
+        how |= {"metavar": own.metavar} if own.metavar else {}
+        how |= {"default": usual, "help": help_of(kind, name), **more.get(name, {})}
+        if own.group:
+            command.group(own.group).add_argument(flag_of(name, own), **how)
+
+
+def given_options(options: argparse.Namespace, kind: Any) -> dict[str, Any]:
+    """Return the options of a dataclass that were given, or are as usual, by name; without those that have no flag."""
+    flags = {name: flag_of(name, own) for name, own in options_of(kind).items() if own.group}
+    return {name: getattr(options, flag.removeprefix("--").replace("-", "_")) for name, flag in flags.items()}
 
 
 def add_page(command: Parser) -> None:

@@ -1,6 +1,7 @@
 """`outlast.train` and `outlast train`: a run in one call, and several side by side, in a process each."""
 
 import contextlib
+import inspect
 import os
 import re
 import signal
@@ -16,17 +17,19 @@ import pytest
 import outlast
 from outlast.ecs import NumberError
 from outlast.envs.cli.main import parser
+from outlast.envs.core.options import flag_of, options_of
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base.config import TrainingConfig, Workload
+from outlast.training.base.config import RunOptions, TrainingConfig, Workload
 from outlast.training.base.errors import TrainingError
 from outlast.training.cli import train
 from outlast.training.runs.child_runs import ChildRun, side_by_side
 from outlast.training.runs.live_view import LiveView
+from tests import options
 from tests.helpers.runs import assert_same, names, outlast_train, points
 from tests.training.test_crew import children
 
@@ -218,7 +221,7 @@ def test_every_option_reaches_every_run() -> None:
         ("ffa_1 1v1_heals_low", "name each variant and each seed once"),
         ("ffa_1 --jobs 2", "--jobs has no effect on one run: leave it out, or name several"),
         ("ffa_2 --ppo gama=1", "PPO has no number 'gama'; did you mean gamma.$"),
-        ("ffa_2 --steps 1.5", "1.5: an integer of at least 1 is needed"),
+        ("ffa_2 --steps 1.5", "1.5: an integer of at least 0 is needed"),
         ("ffa_2 --memory 8 --rollout 2560", "--rollout 4096"),
     ],
 )
@@ -291,3 +294,18 @@ def test_asked_or_stopped_all_of_them_save(tmp_path: Path, number: int, status: 
     assert err.strip() == "outlast: stopped: go on with --resume"
     assert out.count(": trained ") == 2
     assert all(names(log.parent) for log in logs)
+
+
+def test_each_option_is_declared_once_and_said_everywhere(capsys) -> None:
+    """Signature, docstring, flags and help follow from the declaration, which a new option is added to alone."""
+    assert options.main() == 0, capsys.readouterr().out
+    parameters, told = inspect.signature(outlast.train).parameters, inspect.getdoc(outlast.train) or ""
+    with pytest.raises(SystemExit):
+        parser().parse_args(["train", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    for kind in (RunOptions, TrainingConfig):
+        for name, each in options_of(kind).items():
+            assert name in parameters
+            assert f"{name}: " in told
+            assert flag_of(name, each) in shown or not each.group
+            assert not each.group or each.text.partition(",")[0].partition(" (")[0] in shown

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
-from outlast.ecs.kernels.integers import as_whole, is_whole
+from outlast.envs.core.options import check_options, default_of, option
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
@@ -19,31 +19,22 @@ from outlast.envs.scenarios.serialize import classes
 
 from .annealing import Anneal
 from .errors import TrainingError
-from .hyperparameters import Hyperparameters
+from .hyperparameters import KINDS, Hyperparameters
 from .presets import DEAD, PRESETS, preset
 from .run_header import Header
 
-POLICIES = ("shared", "side", "agent")
 HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
-CRITICS = ("own", "state")
+LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
 FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 OPPONENTS = (SELF, PAST, *NAMED)
-SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps over which gradients flow back through a memory
-LEAST = dict.fromkeys(("steps", "seed", "worlds", "rollout", "threads", "memory"), 0)
-LEAST |= dict.fromkeys(("processes", "every", "snapshots"), 1)
-MOST = {"memory": 4096}  # whole numbers are at least as in LEAST and, if they are named here, at most this
 Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
 CODE = {  # what is code of the user's own; run.json has the names
     "levels": "a function is needed, of progress to a list of levels",
     "loss": "a function is needed, of a batch to a tensor, or to that and a dict of figures",
     "networks": "a subclass of outlast.training.policies.policy.Networks is needed",
 }
-AS_GIVEN = (  # what the command and `outlast.train` pass on as it is
-    *("preset", "steps", "worlds", "rollout", "policies", "prioritised", "snapshots", "memory", "critic", "dead"),
-    *("device", "processes", "halves", "every"),
-)
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
@@ -88,65 +79,149 @@ def check_importable(name: str, code: Any) -> None:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """What to train, and how: the arguments of `outlast.train` by their names, of the same meaning, and checked.
+    """What to train, and how: arguments of `outlast.train` by their names, checked, and parsed if they are texts there.
 
-    Equal configs give equal numbers, whatever `processes`, `halves` and `every` are.
-
-    Attributes:
-        scenario: What is played.
-        opponents: Names or paths with their weights.
-        warm_start: See parse_warm_start.
-        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
-        levels: A function of a curriculum.TrainingProgress.
-        loss: A function of a minibatches.Batch, see loss.Loss.
-        networks: A policies.policy.Networks.
+    Equal configs give equal numbers, whatever `processes`, `halves` and `every` are. What is declared here is all that
+    is said of an option anywhere; `python -m tests.options --write` brings it into the signature of `outlast.train`.
     """
 
     scenario: Scenario
-    preset: str = FAST
-    steps: int = 10_000_000
-    seed: int = 0
-    worlds: int = 0
-    rollout: int = 0
-    dead: str = "keep"
-    device: str = "cpu"
-    threads: int = 0
-    every: int = 1_000_000
-    settings: dict[str, Any] = field(default_factory=dict)
-    policies: str = "shared"
-    opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
-    prioritised: bool = False
-    snapshots: int = SNAPSHOTS
-    processes: int = 1
-    halves: bool = False
-    memory: int = 0
-    critic: str = "own"
-    warm_start: str = ""
-    anneal: tuple[Anneal, ...] = ()
-    levels: Choose | None = None
-    loss: Callable[[Any], Any] | None = None
-    networks: Callable[..., Any] | None = None
+    preset: str = option(
+        FAST,
+        LEARNED,
+        "networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper, what the "
+        "paper's text says; scaled, which is paper with inputs of about -1 to 1",
+        choices=tuple(PRESETS),
+    )
+    steps: int = option(10_000_000, LEARNED, "agent-steps to train for, rounded up to whole rollouts", least=0)
+    seed: int = option(0, LEARNED, "the same seed gives the same numbers", least=0)
+    worlds: int = option(
+        0,
+        ROLLOUT,
+        "worlds that are stepped together (default: 0, as in the preset; fast has 512 agents in all, others 64 worlds, "
+        "the paper 1)",
+        least=0,
+    )
+    rollout: int = option(
+        0,
+        ROLLOUT,
+        "environment steps of all worlds together between two updates (default: 0, as in the preset; fast has 128 of "
+        "each world, others 16384, as the paper)",
+        least=0,
+    )
+    dead: str = option(
+        "keep", LEARNED, "learn also from the steps of dead agents (keep), or leave them out (drop)", choices=DEAD
+    )
+    device: str = option(
+        "cpu", MACHINE, "PyTorch's device on which policies are updated, such as cuda; they always play on the CPU"
+    )
+    threads: int = option(
+        0,
+        MACHINE,
+        "threads of each process, with the same results (default: 0, which is cores / processes; of several runs 1)",
+        least=0,
+    )
+    every: int = option(1_000_000, OUTPUT, "agent-steps between two checkpoints", least=1)
+    settings: dict[str, Any] = option(
+        dict,
+        LEARNED,
+        f"numbers of PPO that differ from the preset's, as in gamma=0.999: {', '.join(KINDS)}",
+        python='As a dict: {"gamma": 0.999}.',
+        flag="--ppo",
+        metavar="NAME=VALUE",
+        many=True,
+        takes="Mapping[str, Any] | None = None",
+    )
+    policies: str = option(
+        "shared",
+        LEARNED,
+        "train one policy for all agents (shared), one for each side, or one for each agent",
+        choices=("shared", "side", "agent"),
+    )
+    opponents: dict[str, float] = option(
+        lambda: {SELF: 1.0},
+        OPPOSED,
+        "whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
+        f"its earlier selves; also {', '.join(OPPONENTS[2:])}, {SAVED_AS} (default self)",
+        python='Also as a dict: {"self": 0.5, "past": 0.5}.',
+        metavar="NAME:WEIGHT,...",
+        takes="str | Mapping[str | os.PathLike[str], float] = SELF",
+    )
+    prioritised: bool = option(False, OPPOSED, "draw an opponent the more often, the more games it wins")
+    snapshots: int = option(
+        10, OPPOSED, "with opponent past: number of updates until another earlier self is kept", least=1
+    )
+    processes: int = option(
+        1,
+        MACHINE,
+        "processes that share the worlds of a run, with the same results up to rounding",
+        metavar="N",
+        least=1,
+    )
+    halves: bool = option(
+        False,
+        MACHINE,
+        "step one half of the worlds while the networks choose actions for the other half, with the same results up to "
+        "rounding",
+    )
+    memory: int = option(
+        0,
+        LEARNED,
+        "how many numbers each agent remembers from step to step (default 0: no memory)",
+        metavar="N",
+        least=0,
+        most=4096,
+    )
+    critic: str = option(
+        "own",
+        LEARNED,
+        "learn values from what the agent observes (own), or from that and the state of the whole world (state)",
+        choices=("own", "state"),
+    )
+    warm_start: str = option(
+        "",
+        LEARNED,
+        f"begin by imitating {', '.join(TEACHERS)} (for STEPS agent-steps, by default 1.5e6) or FILE.zip:STEPS, or "
+        "begin with the weights of FILE.zip; the folder of a run stands for its newest file (default: no such start)",
+        metavar="NAME[:STEPS]",
+        takes='str | os.PathLike[str] = ""',
+    )
+    anneal: tuple[Anneal, ...] = option(
+        (),
+        LEARNED,
+        "change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the first 5 "
+        "million agent-steps, and without @5e6 in the whole run",
+        python="As a text, or a list of several.",
+        metavar="NUMBER=FROM:TO[@STEPS]",
+        many=True,
+        takes="str | Sequence[str] = ()",
+    )
+    levels: Choose | None = option(
+        None,
+        "",
+        "a function that chooses the levels to train in, called before each rollout with an "
+        "outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own",
+    )
+    loss: Callable[[Any], Any] | None = option(
+        None, "", "what is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss"
+    )
+    networks: Callable[..., Any] | None = option(
+        None,
+        "",
+        "the class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset",
+        takes="type | None = None",
+    )
 
     def __post_init__(self) -> None:
         """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
-        for name, least in LEAST.items():
-            value, most = as_whole(getattr(self, name)), MOST.get(name, 2**62 - 1)
-            if not is_whole(value, least, most):
-                up_to = f" to {most}" if name in MOST else ""
-                raise TrainingError(f"{name} = {value!r}: a whole number from {least}{up_to} is needed")
-            object.__setattr__(self, name, int(value))
-        if self.dead not in DEAD:
-            raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
+        preset(self.preset)
+        check_options(self, TrainingError)
         if self.dead == "drop" and self._comes_back():
             raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
-        if self.policies not in POLICIES:
-            raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
         if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
             raise TrainingError("prioritised needs several opponents to choose among: name some, such as self:1,past:1")
-        if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
+        if self.snapshots != default_of(TrainingConfig, "snapshots") and PAST not in self.opponents:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
-        if self.critic not in CRITICS:
-            raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
         _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # these check themselves
         if (file := policy_file(teacher, TEACHERS)) != teacher:  # so that the run records which file it was
             object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
@@ -236,6 +311,33 @@ class TrainingConfig:
         """Agents of a world; where their number varies, the largest."""
         varied = dict(self.scenario.varied).get("agents_count")  # without agents, making worlds raises an error later
         return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run is besides what it trains: further arguments of `outlast.train`."""
+
+    folder: str | Path | None = option(
+        None,
+        OUTPUT,
+        "folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED)",
+        flag="--out",
+    )
+    resume: bool = option(False, OUTPUT, "go on from the newest checkpoint in the folder of the run")
+    film: bool = option(False, OUTPUT, "make a short film of each checkpoint, a .webm file beside it")
+    quiet: bool = option(False, OUTPUT, "show no progress bar")
+    cluster: str | None = option(
+        None,
+        MACHINE,
+        "have all processes but the first on the Ray cluster at ADDRESS; without ADDRESS, on that of $RAY_ADDRESS, the "
+        "one on this machine, or a new one here (default: no cluster)",
+        python='"" is no ADDRESS.',
+        flag="--ray",
+        metavar="ADDRESS",
+    )
+    callbacks: Sequence[Any] = option(
+        (), "", "objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on"
+    )
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.core.options import documented, options_of
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
-from outlast.envs.scenarios.parse import checks_keywords, options_of, resolve
+from outlast.envs.scenarios.parse import checks_keywords, resolve
+from outlast.envs.scenarios.parse import options_of as arguments_of
 from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.annealing import Anneal, parse_anneal
-from ..base.config import AS_GIVEN, FAST, OPPONENTS, SELF, SNAPSHOTS, TEACHERS, Choose, TrainingConfig, Workload
+from ..base.config import FAST, OPPONENTS, SELF, TEACHERS, Choose, RunOptions, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
@@ -40,21 +42,33 @@ class TrainedRun:
 
 
 @checks_keywords
-def train(
+@documented(RunOptions, TrainingConfig)
+def train(  # noqa: D417, as options are described where they are declared
     scenario: str | Scenario,
+    # <options>
     folder: str | Path | None = None,
     *,
-    steps: int = 10_000_000,
-    preset: str = FAST,
-    seed: int = 0,
     resume: bool = False,
+    film: bool = False,
+    quiet: bool = False,
+    cluster: str | None = None,
+    callbacks: Sequence[Any] = (),
+    preset: str = FAST,
+    steps: int = 10_000_000,
+    seed: int = 0,
     worlds: int = 0,
     rollout: int = 0,
+    dead: str = "keep",
+    device: str = "cpu",
+    threads: int = 0,
+    every: int = 1_000_000,
     settings: Mapping[str, Any] | None = None,
     policies: str = "shared",
     opponents: str | Mapping[str | os.PathLike[str], float] = SELF,
     prioritised: bool = False,
-    snapshots: int = SNAPSHOTS,
+    snapshots: int = 10,
+    processes: int = 1,
+    halves: bool = False,
     memory: int = 0,
     critic: str = "own",
     warm_start: str | os.PathLike[str] = "",
@@ -62,16 +76,7 @@ def train(
     levels: Choose | None = None,
     loss: Callable[[Any], Any] | None = None,
     networks: type | None = None,
-    callbacks: Sequence[Any] = (),
-    dead: str = "keep",
-    device: str = "cpu",
-    threads: int = 0,
-    processes: int = 1,
-    cluster: str | None = None,
-    halves: bool = False,
-    every: int = 1_000_000,
-    film: bool = False,
-    quiet: bool = False,
+    # </options>
     **numbers: Number,
 ) -> TrainedRun:
     """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
@@ -81,36 +86,7 @@ def train(
 
     Args:
         scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
-        folder: The run's folder; a new one, or that of the run to resume. None: runs/SCENARIO-PRESET-SEED.
-        steps: Agent-steps to train for. As whole rollouts are collected, there may be a few more.
-        preset: Networks, numbers of PPO and the size of a rollout: "fast", "original", "paper", "scaled".
-        seed: The same seed gives the same numbers.
-        resume: Whether to go on from the newest checkpoint in the folder.
-        worlds: How many worlds collect a rollout; 0: as in the preset.
-        rollout: Environment steps of a rollout, of all worlds together; 0: as in the preset.
-        settings: Numbers of PPO that differ from the preset's: {"gamma": 0.995}.
-        policies: "shared": one policy for all agents. "side" or "agent": a policy for each side or agent.
-        opponents: Who the learners play against, with weights: "self:0.5,scripted:0.5" or {"self": 0.5, ...}.
-        prioritised: Whether opponents that win more often are drawn more often.
-        snapshots: How many updates lie between past selves.
-        memory: How many numbers each agent keeps from step to step; 0: none.
-        critic: What values are learned from: "own", what the agent observes; "state", the whole world as well.
-        warm_start: What policies start from before PPO begins: "scripted", "FILE.zip"; "": random weights.
-        anneal: Numbers of the scenario that change during training: ``"rewards_kill=10:0@5e6"``, or several.
-        levels: A function that chooses the levels to train in, called before each rollout; see
-            outlast.training.ppo.curriculum.TrainingProgress. None: worlds draw their own.
-        loss: What is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
-        networks: The class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset.
-        callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on.
-        dead: What happens to the samples of dead agents: "keep" or "drop".
-        device: PyTorch device on which policies are updated; they play on the CPU.
-        threads: Threads for the networks and the worlds, with the same results; 0: one for each available core.
-        processes: How many processes share the worlds.
-        cluster: Address of the Ray cluster on which all processes but this one run, "" for the one of this machine.
-        halves: Whether to step half of the worlds while the networks are busy with the other half.
-        every: Agent-steps between checkpoints.
-        film: Whether to make a short film of each checkpoint.
-        quiet: Whether to show no progress.
+        <options>
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
@@ -121,16 +97,13 @@ def train(
         NumberError: The scenario has no such number (perhaps one of the arguments was meant).
         TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
     """
-    given = locals()
+    given, own = locals(), options_of(TrainingConfig)
     for name in numbers.keys() & KINDS.keys():
         raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
     config = TrainingConfig(
-        resolve(scenario, numbers, options_of(train)),
-        **{name: given[name] for name in (*AS_GIVEN, "seed", "threads", "levels", "loss", "networks")},
-        settings=_settings(settings),
-        opponents=_weights(opponents),
-        warm_start=_start(warm_start),
-        anneal=_annealed(anneal),
+        resolve(scenario, numbers, arguments_of(train)),
+        **{name: given[name] for name in own if name not in PARSED},
+        **{name: parse(given[name]) for name, parse in PARSED.items()},
     )
     check_callbacks(callbacks)
     place = Path(folder) if folder is not None else usual_folder(config)
@@ -207,3 +180,11 @@ def _weights(opponents: Any) -> dict[str, float]:
         if not isinstance(name, str | os.PathLike):
             raise TrainingError(f"opponents: {name!r:.200} is no opponent of training: {needed}")
     return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}
+
+
+PARSED: dict[str, Callable[[Any], Any]] = {
+    "settings": _settings,
+    "opponents": _weights,
+    "warm_start": _start,
+    "anneal": _annealed,
+}  # arguments that a TrainingConfig has in another form
