@@ -3,6 +3,7 @@
 from typing import Any
 
 from outlast.ecs import Array, Component, Event, Singleton, column, kernel
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
 
 from .body import Solid
 
@@ -14,12 +15,18 @@ class Filter(Component):
 
     A solid without this component is in layer 1 and hits all. What a solid does not hit, it passes through, but nothing
     leaves the room. One in layer 0, or that hits 0, touches nothing.
+
+    Filter(sensor=1) is clear unless it says clear=0. Whoever makes a sensor of a solid in a tick writes both.
     """
 
     requires = (Solid,)
     layer: Array = column("u2", fill=1)  # bit mask of its layers
     hits: Array = column("u2", fill=ALL)  # bit mask of the layers that it hits
     sensor: Array = column("u1", high=1)  # 1: it touches without pushing: what overlaps it passes through
+    clear: Array = column("u1", high=1)  # 1: sight, rays of lidar and strikes pass through it
+
+    def __init__(self, **fills: Any) -> None:
+        super().__init__(**({"clear": fills["sensor"]} if "sensor" in fills else {}) | fills)
 
 
 class Material(Component):
@@ -85,6 +92,22 @@ def pushes(filters: Any, filtered: Any, e: int, o: int) -> bool:
     if filters.sensor[e] or filters.sensor[o]:
         return False
     return hits(filters, filtered, e, o) and hits(filters, filtered, o, e)
+
+
+@kernel
+def clear_bits(filters: Any, b: int) -> int:
+    """Return which rows of block `b` are clear. filters: the table `Read[Filter] | None`."""
+    if filters is None:
+        return 0
+    return int(to_bits(load_flags(filters.clear, SIMD_WIDTH * b)))
+
+
+@kernel
+def is_clear(filters: Any, e: int) -> bool:
+    """Return whether sight, rays and strikes pass through solid `e`. filters: as for `clear_bits`."""
+    if filters is None:
+        return False
+    return bool(filters.clear[e])
 
 
 @kernel

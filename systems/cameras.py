@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Phase, Shape, Side, Sight, Solid
+from outlast.components import Body, Filter, Phase, Shape, Side, Sight, Solid
+from outlast.components.contact import clear_bits, is_clear
 from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.components.wall import is_inner_wall
@@ -18,12 +19,12 @@ from .geometry.aabb import AABBs, aabbs_hit_by_ray
 from .geometry.blocks import first_row, without_row
 from .geometry.bodies import FEW, Bodies, all_aabbs, in_box, refresh
 from .geometry.points import in_kite, in_sector, to_local
+from .geometry.queries import ray_to
 from .geometry.rays import NO_HIT, raycast_entity
 
 PER_WORD = 63 // SIMD_WIDTH  # blocks whose bitsets fit into a positive int64
 SECTOR = 0  # index into the choices of Cameras.cone
 ZERO = np.float32(0)
-STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ def see(
     entities: Read[Entity],
     agents: Rows[Side],
     solids: Bitset[Shape, Solid],
+    filters: Read[Filter] | None,
     bodies: Bodies,
     lists: Scratch,
     listed: Scratch,
@@ -78,9 +80,8 @@ def see(
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     items_hide = -np.int32(items_occlude)  # all bits, or none
     if refresh(bodies) > FEW:
-        see_in_crowd(
-            sight, body, shape, entities, agents, solids, bodies, lists[0], listed, fov, depth, cone, items_hide
-        )
+        tables = (body, shape, entities, filters)
+        see_in_crowd(sight, tables, agents, solids, bodies, lists[0], listed, fov, depth, cone, items_hide)
         return
     aabbs, living, hiding = all_aabbs(bodies), bodies.count[0], lists[0]
     for i in range(agents.size):
@@ -97,7 +98,7 @@ def see(
             here = without_row(bodies.living[b], b, me)
             inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
-            hiding[k] = around & here & (solids[b] | items_hide)
+            hiding[k] = around & here & (solids[b] | items_hide) & ~clear_bits(filters, b)
         for start in range(0, living, PER_WORD):
             pending = 0  # of several blocks, as the end of a loop over few rows is often mispredicted
             for k in range(start, min(start + PER_WORD, living)):
@@ -120,9 +121,7 @@ def half_angle(fov: Real) -> tuple[Real, Real]:
 @noinline_kernel
 def see_in_crowd(
     sight: Array,
-    body: Array,
-    shape: Array,
-    entities: Array,
+    tables: Any,
     agents: Array,
     solids: Array,
     bodies: Any,
@@ -134,6 +133,7 @@ def see_in_crowd(
     items_hide: Any,
 ) -> None:
     """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
+    body, shape, entities, filters = tables
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     rows, lanes = bodies.rows, (listed[0], listed[1], listed[2], listed[3])
     for i in range(agents.size):
@@ -158,7 +158,8 @@ def see_in_crowd(
             while around:  # listed in place: the rows that may hide others are some of the near ones
                 e = rows[start + trailing_zeros(around)]
                 around &= around - 1
-                if (solids[e >> SIMD_SHIFT] | items_hide) >> (e & SIMD_WIDTH - 1) & 1:
+                hides = (solids[e >> SIMD_SHIFT] | items_hide) >> (e & SIMD_WIDTH - 1) & 1
+                if hides and not is_clear(filters, e):
                     list_row(listed, bodies, hiding, e)
                     hiding += 1
         for k in range(wanted):
@@ -263,11 +264,3 @@ def seen_past(listed: AABBs, rows: Array, count: int, body: Array, shape: Array,
                 return False
             pending &= pending - 1
     return True
-
-
-@kernel
-def ray_to(body: Array, shape: Array, me: int, e: int) -> tuple[Real, Real, Real, Real, Real]:
-    """Return the ray from the centre of `me` to that of `e`: origin, direction, and fraction at which it enters `e`."""
-    x, y = body.x[me], body.y[me]
-    dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
-    return x, y, dx, dy, raycast_entity(body, shape, x, y, dx, dy, e)

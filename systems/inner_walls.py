@@ -185,11 +185,12 @@ def stop_blows(
     entities: Read[Entity],
     walls: Bitset[Wall],
     armed: Rows[Weapon],
+    filters: Read[Filter] | None,
 ) -> None:
     """Let strikes that would go through a block hit the block."""
     span = block_span(walls)
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]
         if target >= 0:
-            strikes.target[k] = np.int32(first_barrier(body, shape, wall, entities, walls, span, me, target))
+            strikes.target[k] = np.int32(first_barrier(body, shape, wall, entities, filters, walls, span, me, target))
             weapon.target[me] = strikes.target[k]

@@ -7,19 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, LidarView, Phase, Rays, Shape, Side, Solid, Spawned
+from outlast.components import Body, Filter, LidarView, Phase, Rays, Shape, Side, Solid, Spawned
+from outlast.components.contact import clear_bits
 from outlast.components.lidar import RAYS
 from outlast.components.limits import FAR
 from outlast.ecs import (
     Archetype,
-    Array,
     Bitset,
     Entity,
     Layout,
     Module,
     Offset,
     Read,
-    Real,
     Rows,
     Scratch,
     Singleton,
@@ -29,8 +28,8 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.bodies import Bodies, on_ray, refresh
-from .geometry.rays import raycast_entity
+from .geometry.bodies import Bodies, refresh
+from .geometry.queries import first_on_ray
 
 WALLS, SOLIDS, BODIES = range(3)  # indices into TARGETS
 TARGETS = ("walls", "solids", "bodies")
@@ -80,11 +79,11 @@ def measure_distances(
     view: Write[LidarView],
     state: Read[Rays],
     body: Read[Body],
-    shape: Read[Shape],
     entities: Read[Entity],
     agents: Rows[Side, Rays],
     solids: Bitset[Shape, Solid],
     spawned: Bitset[Shape, Solid, Spawned],
+    filters: Read[Filter] | None,
     bodies: Bodies,
     ends: Scratch,
     lidar_distance: Offset,
@@ -97,7 +96,7 @@ def measure_distances(
     refresh(bodies)
     for b in range(ends.size):  # walls are the solids that did not get a cell of the spawn grid
         members = bodies.living[b] if targets == BODIES else solids[b]
-        ends[b] = members & ~spawned[b] if targets == WALLS else members
+        ends[b] = (members & ~spawned[b] if targets == WALLS else members) & ~clear_bits(filters, b)
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me] or state.off[me]:
@@ -108,8 +107,8 @@ def measure_distances(
         first, turn = 0.5 * part * (1 - rays), (math.cos(part), math.sin(part))
         dx, dy = turned(np.float64(body.cosine[me]), np.float64(body.sine[me]), math.cos(first), math.sin(first))
         for k in range(rays):
-            free = first_hit(bodies, ends, body, shape, me, np.float32(far * dx), np.float32(far * dy))
-            view.lidar[i, lidar_distance + k] = free * far
+            at = first_on_ray(bodies, ends, body.x[me], body.y[me], far * dx, far * dy, me)[1]
+            view.lidar[i, lidar_distance + k] = min(at, ONE) * far
             dx, dy = turned(dx, dy, turn[0], turn[1])
 
 
@@ -117,14 +116,3 @@ def measure_distances(
 def turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return vector (x, y) turned by an angle, float64: after a thousand turns it is still exact to 1e-12."""
     return cosine * x - sine * y, sine * x + cosine * y
-
-
-@kernel
-def first_hit(bodies: Any, ends: Array, body: Array, shape: Array, me: int, dx: Real, dy: Real) -> Real:
-    """Return the free share of the ray from the centre of `me`, 1 if all of it is free. ends: bitset of targets."""
-    x, y, free = body.x[me], body.y[me], ONE
-    for k in range(on_ray(bodies, ends, x, y, dx, dy)):
-        e = bodies.rows[k]
-        if e != me:
-            free = min(free, raycast_entity(body, shape, x, y, dx, dy, e))
-    return free

@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from outlast.components import Attack, Body, DamageType, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
+from outlast.components import Attack, Body, DamageType, Filter, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
+from outlast.components.contact import is_clear
 from outlast.components.health import MOST, hurt, immune
 from outlast.components.limits import FAR, TICKS
 from outlast.components.respawn import inactive
@@ -83,6 +84,7 @@ def aim(
     side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Side, Weapon],
+    filters: Read[Filter] | None,
     bodies: Bodies,
     reach: float,
     cooldown: int,
@@ -105,7 +107,11 @@ def aim(
         nearest, target = NO_HIT, -1
         for k in range(on_ray(bodies, bodies.members, x, y, dx, dy)):
             e = bodies.rows[k]
-            if e == me or not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me]))):
+            if (
+                e == me
+                or is_clear(filters, e)
+                or not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me])))
+            ):
                 continue
             at = raycast_entity(body, shape, x, y, dx, dy, e)
             if at < nearest:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Attack, Body, DamageType, Guard, Health, Hit, Phase, Seconds, SelfView, Shape, Side
+from outlast.components import Attack, Body, DamageType, Guard, Health, Hit, Phase, Seconds, SelfView, Side
 from outlast.components.body import half_room
 from outlast.components.health import hurt
 from outlast.ecs import (
@@ -23,9 +23,8 @@ from outlast.ecs import (
     column,
     number,
 )
+from outlast.queries import Bodies, first_on_ray
 from outlast.systems import Melee
-from outlast.systems.geometry.bodies import Bodies, on_ray
-from outlast.systems.geometry.rays import NO_HIT, raycast_entity
 
 
 class Bolt(Component):
@@ -90,8 +89,6 @@ def fly(
     bolt: Write[Bolt],
     health: Write[Health],
     hits: Write[Hit],
-    body: Read[Body],
-    shape: Read[Shape],
     guard: Read[Guard],
     side: Read[Side],
     clock: Read[Clock],
@@ -106,12 +103,7 @@ def fly(
     for e in agents:
         way = min(speed * seconds, bolt.left[e])
         x, y, dx, dy = bolt.x[e], bolt.y[e], way * bolt.cosine[e], way * bolt.sine[e]
-        first, target = NO_HIT, -1
-        for k in range(on_ray(bodies, bodies.members, x, y, dx, dy)):
-            o = bodies.rows[k]
-            at = raycast_entity(body, shape, x, y, dx, dy, o)
-            if o != e and at < first:
-                first, target = at, o
+        target, _ = first_on_ray(bodies, bodies.members, x, y, dx, dy, e)
         bolt.x[e], bolt.y[e] = x + dx, y + dy
         bolt.left[e] = bolt.left[e] - way if target < 0 else 0
         if target >= 0 and health.has_health[target]:

@@ -6,7 +6,8 @@ from yard import yard
 
 from outlast.components import Body, Phase, Shape, Solid, Weld
 from outlast.components.joint import hold, let_go
-from outlast.ecs import Action, Archetype, Array, Component, Entity, Module, Read, Rows, Write, column, number
+from outlast.ecs import Action, Archetype, Array, Bitset, Component, Entity, Module, Read, Rows, Write, column, number
+from outlast.queries import Bodies, nearest
 
 
 class Crate(Component):
@@ -23,7 +24,7 @@ class Grab(Action):
 class Grabbing(Module):
     """Several agents may hold one crate."""
 
-    reach: float = number(1.5, above=0, unit="metres", about="greatest distance between centres")
+    reach: float = number(0.5, above=0, unit="metres", about="greatest distance from an agent to a crate")
 
     def archetypes(self):
         """Agents have hands, and there are two crates."""
@@ -42,7 +43,8 @@ def grab(
     body: Read[Body],
     entities: Read[Entity],
     agents: Rows[Weld],
-    crates: Rows[Crate],
+    crates: Bitset[Crate],
+    bodies: Bodies,
     reach: float,
 ) -> None:
     """The joint is the weld's; this only says when it begins and ends."""
@@ -51,13 +53,9 @@ def grab(
         if not (action.grab[i] and entities.alive[e]):
             let_go(welds, e)
         elif welds.other[e] < 0:
-            nearest, least = -1, reach * reach
-            for crate in crates:
-                x, y = body.x[crate] - body.x[e], body.y[crate] - body.y[e]
-                if x * x + y * y <= least:
-                    nearest, least = crate, x * x + y * y
-            if nearest >= 0:
-                hold(welds, body, e, nearest)
+            crate = nearest(bodies, crates, e, reach)
+            if crate >= 0:
+                hold(welds, body, e, crate)
 
 
 GRAB = yard("grab", Grabbing(), agents=2)

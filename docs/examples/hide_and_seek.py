@@ -15,7 +15,6 @@ from outlast.components import (
     Phase,
     Reward,
     SelfView,
-    Shape,
     Side,
     Sight,
     Solid,
@@ -29,6 +28,7 @@ from outlast.ecs import (
     Action,
     Archetype,
     Array,
+    Bitset,
     Clock,
     Component,
     Entity,
@@ -47,6 +47,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
+from outlast.queries import Bodies, distance, within
 
 HIDERS, SEEKERS = 0, 1
 NOBODY = -1
@@ -114,26 +115,15 @@ class Handling(Module):
 
 
 @kernel
-def distance(body, shape, e, box) -> float:
-    """Metres from the rim of agent `e` to the rectangle `box`; 0 where it touches."""
-    x, y = body.x[e] - body.x[box], body.y[e] - body.y[box]
-    along = abs(x * body.cosine[box] + y * body.sine[box]) - shape.half_width[box]
-    across = abs(y * body.cosine[box] - x * body.sine[box]) - shape.half_height[box]
-    return max(math.hypot(max(along, 0.0), max(across, 0.0)) - shape.radius[e], 0.0)
-
-
-@kernel
-def nearest(tables, i, e, boxes, reach, locked_by, free) -> int:
+def pick(bodies, members, sight, handled, i, e, reach, locked_by, free) -> int:
     """The nearest box that agent `e` sees and reaches, with that lock, or NOBODY. free: of those that nobody holds."""
-    body, shape, entities, sight, handled = tables
     found, least = NOBODY, reach
-    for box in boxes:
+    for k in range(within(bodies, members, e, reach)):
+        box = bodies.rows[k]
         known = sight.mode[0] == OMNISCIENT or is_set(sight.visible, i, box)
         fits = handled.locked_by[box] == locked_by and not (free and handled.holder[box] >= 0)
-        if entities.alive[box] and known and fits:
-            far = distance(body, shape, e, box)
-            if far <= least:
-                found, least = box, far
+        if known and fits and distance(bodies, e, box) <= least:
+            found, least = box, distance(bodies, e, box)
     return found
 
 
@@ -154,15 +144,15 @@ def handle(
     events: Write[BoxLocked],
     action: Read[Handle],
     sight: Read[Sight],
-    shape: Read[Shape],
     side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Weld],
     boxes: Rows[Handled],
+    members: Bitset[Handled],
+    bodies: Bodies,
     reach: float,
 ) -> None:
     """Locks first: a locked box is as static as walls are. Then hands close and open; physics does the rest."""
-    tables = (body, shape, entities, sight, handled)
     for box in boxes:
         if not entities.alive[box]:  # it is broken: if it is set up again, it is not locked
             handled.locked_by[box] = NOBODY
@@ -170,7 +160,7 @@ def handle(
     for i in range(agents.size):
         e, own, locks = agents[i], side.side[agents[i]], action.lock[i] > 0
         if entities.alive[e] and action.lock[i] != 0:
-            box = nearest(tables, i, e, boxes, reach, NOBODY if locks else own, False)
+            box = pick(bodies, members, sight, handled, i, e, reach, NOBODY if locks else own, False)
             if box >= 0:
                 if handled.holder[box] >= 0:
                     release(welds, handled, handled.holder[box])
@@ -185,7 +175,7 @@ def handle(
         if action.grab[i] == 0 or not entities.alive[e] or (welds.other[e] >= 0 and not entities.alive[welds.other[e]]):
             release(welds, handled, e)
         elif welds.other[e] < 0:
-            box = nearest(tables, i, e, boxes, reach, NOBODY, True)
+            box = pick(bodies, members, sight, handled, i, e, reach, NOBODY, True)
             if box >= 0:
                 hold(welds, body, e, box)
                 handled.holder[box] = e

@@ -22,6 +22,8 @@ from .env_properties import Actions, Arrays, EnvProperties
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .numbers import change_levels, change_numbers
 from .observations import Observations
+from .places import place
+from .query import Query
 from .slow_call import announce_compilation
 from .spaces import check_published
 from .step_buffers import StepBuffers
@@ -316,6 +318,43 @@ class SurvivalVectorEnv(EnvProperties):
             ValueError: The mask is not valid.
         """
         change_levels(self.worlds, levels, mask)
+
+    @exclusive
+    def place(self, kind: str, number: int = 0, /, *, where: Any = slice(None), **values: Any) -> int:
+        """Put an entity into running worlds, alive and at rest, for tests and scripts; observations follow in a step.
+
+        >>> row = env.place("box", x=2.0, y=0.5, angle=math.pi / 4)
+        >>> env.place("agent", 1, where=0, x=-3, y=0, points=50)
+
+        Columns that follow from others are written, too: cosine and sine, what the engine computes of sizes and
+        densities at resets.
+
+        Args:
+            kind: The kind of entity: "agent", "box", or one of your own.
+            number: Which one of its kind, from 0.
+            where: The worlds: mask, indices or slice.
+            **values: Values of its columns by name, one or one for each of these worlds; "Component.column" where
+                several components have a column of that name and Body does not. Others stay as they are.
+
+        Returns:
+            Its row.
+
+        Raises:
+            NotResetError: Some worlds have not been reset.
+            ValueError: The kind has no such column, or no such number, the entity is absent or in a bag, a value does
+                not fit its column, or a column that has to fit this one is missing; nothing was changed.
+            RecordingError: A recording is in progress.
+        """
+        self._check_unrecorded("place")
+        self._tracker.check_running("place")
+        return place(self.worlds, kind, number, where, values)
+
+    def query(self, world: int = 0) -> Query:
+        """Return an object that answers what is near, how far away, first on a ray or in sight in one world.
+
+        >>> env.query().distance(env.worlds.span("agent").start, env.worlds.span("box").start)
+        """
+        return Query(self.worlds, world)
 
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does. For adapters whose episodes end when the learner dies, say.

@@ -37,7 +37,7 @@ from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Action, AgentRoles, Clock, Component, MemoryLayout, Worlds
 
 from ..core.spaces import published
-from ..rendering.layers.cameras import blind_until, cone_corners, seen_rows
+from ..rendering.layers.cameras import blind_until, cone_corners, is_see_through, seen_rows
 from ..rendering.layers.lidar import directions, distances
 from ..rendering.layers.others import POINT, has_size, of_kind
 from ..rendering.scene import Scene
@@ -253,7 +253,7 @@ def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:
 
 def _hides(scene: Scene, e: int) -> bool:
     """Return whether a body blocks the view of cameras, see systems.cameras.see."""
-    if systems.Cameras not in scene or not has_size(scene, e):
+    if systems.Cameras not in scene or not has_size(scene, e) or is_see_through(scene, e):
         return False
     return e in scene.rows(Shape, Solid) or bool(scene.mechanic(systems.Cameras).items_occlude)
 

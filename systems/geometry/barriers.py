@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components.contact import pushes
+from outlast.components.contact import clear_bits, pushes
 from outlast.ecs import Array, kernel
 
 from .aabb import aabbs_hit_by_ray, aabbs_near_point
@@ -89,7 +89,15 @@ def hold_back(
 
 @kernel
 def first_barrier(
-    body: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, me: int, target: int
+    body: Array,
+    shape: Array,
+    wall: Array,
+    entities: Array,
+    filters: Any,
+    walls: Array,
+    span: Any,
+    me: int,
+    target: int,
 ) -> int:
     """Return the block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
@@ -99,7 +107,7 @@ def first_barrier(
     dx, dy = reach * body.cosine[me], reach * body.sine[me]
     found, nearest = target, raycast_entity(body, shape, ox, oy, dx, dy, target)
     for b in range(span[0], span[1]):
-        hit = walls[b] & aabbs_hit_by_ray(aabbs, b, ox, oy, dx, dy)
+        hit = walls[b] & aabbs_hit_by_ray(aabbs, b, ox, oy, dx, dy) & ~clear_bits(filters, b)
         pending = hit & alive_bits(entities, walls, b) if hit else 0
         while pending:
             o = first_row(b, pending)

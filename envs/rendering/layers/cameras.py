@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from outlast import systems
-from outlast.components import Body, Shape, Side, Sight, Solid
+from outlast.components import Body, Filter, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Clock
 from outlast.ecs.kernels.integers import is_whole
@@ -70,7 +70,7 @@ class CamerasLayer(Layer):
         """Draw the vision cones of the agents in these rows, up to the first body that blocks sight."""
         body, cameras = scene.body, scene.mechanic(systems.Cameras)
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
-        rows = np.array(scene.living(*kinds), int)
+        rows = np.array([e for e in scene.living(*kinds) if not is_see_through(scene, e)], int)
         blockers = np.array([_blocker(scene, e) for e in rows.tolist()])
         for e in watching:
             if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
@@ -85,6 +85,11 @@ def blind_until(scene: Scene, e: int) -> int:
         return 0
     wait = scene.mechanic(systems.Preparation, e)
     return wait.ticks if wait.blind and (not wait.sides or scene[Side].side[e] in wait.sides) else 0
+
+
+def is_see_through(scene: Scene, e: int) -> bool:
+    """Return whether cameras see through the body in this row, whatever its kind."""
+    return Filter in scene and bool(scene[Filter].clear[e])
 
 
 def cone_corners(cameras: systems.Cameras) -> list[Point]:
