@@ -16,7 +16,7 @@ from .phase import Phase, Seconds
 from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Outcome, Reward, Score
 from .sight import ObservationMasks, Sight
-from .wall import Before, Unplaced, Wall
+from .wall import Before, StartAreas, Unplaced, Wall
 from .zone import Zone, ZoneView
 
 __all__ = [
@@ -84,6 +84,7 @@ __all__ = [
     "Sight",
     "Solid",
     "Spawned",
+    "StartAreas",
     "Steer",
     "Strike",
     "Throttle",

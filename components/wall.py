@@ -27,6 +27,13 @@ class Before(Singleton):
     y: Array = column("f4", "rows")
 
 
+class StartAreas(Singleton):
+    """The areas in which bodies that spawn start: rectangles, written at reset by the mechanic that sets up walls."""
+
+    # x, y, width, height, angle, and the use (systems.geometry.places); width 0: none; the last one is the room
+    area: Array = column("f4", "start areas", 6)
+
+
 class Unplaced(Singleton):
     """The number of bodies without a free place in the room at reset; if there are any, environments raise an error."""
 

@@ -76,7 +76,7 @@ class Boxes(Module):
     corner later for items, and for boxes that were set up from items.
     """
 
-    count: int = number(8, low=1, high=MANY, about="number of boxes")
+    count: int = number(8, low=0, high=MANY, about="number of boxes")
     width: float = number(1.0, above=0, high=FAR, unit="metres", about="mean width of a box")
     width_deviation: float = number(
         1.0, low=0, high=FAR, unit="metres", about="standard deviation of widths; 0: all boxes are alike"

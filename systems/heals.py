@@ -51,7 +51,7 @@ from .observation_rows import write_rows
 class Heals(Module):
     """Heals lie around from the start, and do not come back once used (paper, section 3.2)."""
 
-    count: int = number(15, low=1, high=MANY, about="number of heals")
+    count: int = number(15, low=0, high=MANY, about="number of heals")
     radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="radius of a heal")
     amount: int = number(75, low=0, high=MOST, unit="hit points", about="what an agent gets by using a heal")
 

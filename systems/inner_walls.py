@@ -1,4 +1,8 @@
-"""What all walls inside the room have in common; Walls, Maze, Rooms and Pillars set up the blocks."""
+"""What all walls inside the room have in common; Walls, Maze, Rooms, Pillars and generators of yours set up the blocks.
+
+A generator extends InnerWalls: it says how many blocks there can be, and has a system `build` of phase SPAWN,
+before=(Body, Shape, Entity), which sets up some of them by `place_block` (docs/levels.md).
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,6 +20,7 @@ from outlast.components import (
     Side,
     Solid,
     Spawned,
+    StartAreas,
     Strike,
     Unplaced,
     Wall,
@@ -44,7 +49,7 @@ from .geometry.aabb import make_half_extents
 from .geometry.barriers import first_barrier, hold_back
 from .geometry.blocks import alive_bits, block_span, first_row
 from .geometry.mazes import make_grid_memory
-from .geometry.places import ENTRY, fill_floor, measure, place_all
+from .geometry.places import fill_floor, measure, place_all
 
 SPARE = 0.1  # metres by which a passage must be wider than the widest agent
 
@@ -61,11 +66,20 @@ class InnerWalls(Module):
         return [Archetype(NAME, (Body(), Shape(), Solid(), Wall()), self.most_blocks(), alive=False, order=60)]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Before(), Unplaced()]
+        return [Before(), Unplaced(), StartAreas()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"start areas": self.most_areas() + 1}  # and the room
+
+    def most_areas(self) -> int:
+        """Return how many start areas `build` can write."""
+        return 0
 
     def most_blocks(self) -> int:
         """Return how many blocks there can be, at least 1."""
-        raise NotImplementedError("InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars")
+        raise NotImplementedError(
+            "InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars, or extend it"
+        )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         match name:
@@ -73,9 +87,7 @@ class InnerWalls(Module):
                 return make_grid_memory()
             case "half_extents":
                 return make_half_extents(dims)
-            case "obstacles":
-                return np.zeros(dims["blocks"], np.int32)
-        return np.zeros((1, ENTRY), np.float32)  # areas: the room
+        return np.zeros(dims["blocks"], np.int32)  # obstacles
 
     def whole(self, layout: Layout) -> tuple[float, float]:
         """Return width and height of the room, metres. NumberError if there is no room."""
@@ -118,6 +130,7 @@ def find_places(
     shape: Write[Shape],
     spawned: Write[Spawned],
     unplaced: Write[Unplaced],
+    areas: Write[StartAreas],
     wall: Write[Wall],
     entities: Read[Entity],
     side: Read[Side],
@@ -127,16 +140,15 @@ def find_places(
     agents: RowIndex[Side],
     solids: Rows[Solid],
     walls: Rows[Wall],
-    areas: Scratch,
     half_extents: Scratch,
     obstacles: Scratch,
     key: Random,
 ) -> None:
-    """Give bodies that stand inside something a free place. Agents come first."""
-    fill_floor(areas[0], floor)
+    """Give bodies that stand inside something, or outside their start areas, a free place. Agents come first."""
+    fill_floor(areas.area[areas.area.shape[0] - 1], floor)
     tables = (body, shape, entities, floor, half_extents, obstacles)
     measure(wall, walls, half_extents, body, shape)
-    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas.area, key)
     unplaced.bodies[0] = np.int32(missed)
 
 

@@ -46,7 +46,7 @@ class Pillars(InnerWalls):
 
     draws_level: ClassVar[bool] = True
 
-    count: int = number(12, low=1, high=450, about="number of pillars")
+    count: int = number(12, low=0, high=450, about="number of pillars")
     least: float = number(0.8, low=0.004, high=FAR, unit="metres", about="shortest side that a pillar can have")
     most: float = number(1.6, low=0.004, high=FAR, unit="metres", about="longest side that a pillar can have")
     gap: float = number(

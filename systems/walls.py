@@ -3,16 +3,15 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Floor, Phase, Shape, Side, Solid, Spawned, Unplaced, Wall
+from outlast.components import Body, Phase, Shape, Spawned, StartAreas, Wall
 from outlast.components.body import face
-from outlast.ecs import Entity, Layout, NumberError, Random, Read, RowIndex, Rows, Scratch, Write, number
+from outlast.ecs import Entity, Layout, NumberError, Rows, Write, number
 
 from .geometry.mazes import place_block
-from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, fill_floor, measure, place_all
+from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, kind_use
 from .geometry.plans import are_free, lattice, overlap, reach
 from .inner_walls import InnerWalls, passage
 
@@ -27,23 +26,22 @@ class Walls(InnerWalls):
 
     layout: six numbers for each rectangle, in a single row: x and y of the middle, width, height (metres), angle
     (radians), and what it is: 0 for a block, 1 for the start area of side 0, 2 for that of side 1 and so on, -1 for
-    that of items and boxes. A rectangle of width and height 0 does not count, so layouts can be padded to one length
-    and chosen from: vary(walls_layout=choice(one, two)).
+    that of items and boxes, and a number below that for that of a kind (places.kind_use). A rectangle of width and
+    height 0 does not count, so layouts can be padded to one length and chosen from by vary(walls_layout=choice(...)).
     """
 
     layout: tuple[float, ...] = number(
-        (), low=-1e4, high=1e4, free=True, about="rectangles of a floor plan, as outlast.FloorPlan makes them"
+        (), low=-(2.0**23), high=1e4, free=True, about="rectangles of a floor plan, as outlast.FloorPlan makes them"
     )
 
     def most_blocks(self) -> int:
         return max(1, len(self.layout) // ENTRY)
 
-    def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "areas":
-            return np.zeros((len(self.layout) // ENTRY + 1, ENTRY), np.float32)
-        return super().scratch(name, dims)
+    def most_areas(self) -> int:
+        return len(self.layout) // ENTRY
 
     def check(self, layout: Layout) -> None:
+        kinds = self._uses(layout)
         if len(self.layout) % ENTRY:
             raise NumberError(
                 f"walls.layout has {len(self.layout)} numbers: {ENTRY} for each rectangle are needed (x, y, width, "
@@ -52,7 +50,9 @@ class Walls(InnerWalls):
         sides = self.whole(layout)
         found = [entry for entry in entries(self.layout) if entry[WIDTH] != 0 or entry[HEIGHT] != 0]
         for k, entry in enumerate(found):
-            self._check_entry(f"walls.layout: rectangle {k} at ({entry[X]:g}, {entry[Y]:g})", entry, sides, layout)
+            self._check_entry(
+                f"walls.layout: rectangle {k} at ({entry[X]:g}, {entry[Y]:g})", entry, sides, layout, kinds
+            )
             for other in found[:k]:
                 if min(entry[USE], other[USE]) > WALL and other[USE] != entry[USE] and overlap(other, entry):
                     raise NumberError(
@@ -61,8 +61,33 @@ class Walls(InnerWalls):
                     )
         self._check_space(found, layout)
 
-    def _check_entry(self, what: str, entry: tuple[float, ...], sides: tuple[float, float], layout: Layout) -> None:
-        """Raise NumberError for an impossible rectangle. what: its name in messages. sides: of the room, metres."""
+    def _uses(self, layout: Layout) -> dict[float, str]:
+        """Return the kinds that can have start areas, by use."""
+        found = dict[float, str]()
+        for name in layout.prefab_values(Spawned, "cell"):
+            if (other := found.setdefault(kind_use(name), name)) != name:
+                raise NumberError(
+                    f"walls.layout cannot tell start areas of '{other}' from those of '{name}'; rename one"
+                )
+        return found
+
+    def _check_entry(
+        self,
+        what: str,
+        entry: tuple[float, ...],
+        sides: tuple[float, float],
+        layout: Layout,
+        kinds: dict[float, str],
+    ) -> None:
+        """Raise NumberError for an impossible rectangle.
+
+        Args:
+            what: Its name in messages.
+            entry: Its numbers.
+            sides: Those of the room, metres.
+            layout: What all modules of the scenario bring.
+            kinds: The kinds that can have start areas, by use.
+        """
         if min(entry[WIDTH], entry[HEIGHT]) < THINNEST:
             raise NumberError(
                 f"{what} is {entry[WIDTH]:g} x {entry[HEIGHT]:g} m: at least {THINNEST:g} m are needed either way, or "
@@ -75,10 +100,10 @@ class Walls(InnerWalls):
                 f"{sides[1] / 2:g}); make it smaller, or the room larger: Room(width=..., height=...)"
             )
         count = layout.dims.get("sides", 0)
-        if entry[USE] != int(entry[USE]) or not ITEMS <= entry[USE] <= count:
+        if entry[USE] != int(entry[USE]) or not (ITEMS <= entry[USE] <= count or entry[USE] in kinds):
             raise NumberError(
                 f"{what} is for {owner(entry[USE])}, and this scenario has the sides 0 to {count - 1}; take one of "
-                "these, or -1 for items"
+                f"these, -1 for items, or a kind that spawns: {', '.join(kinds.values())}"
             )
 
     def _check_space(self, found: list[tuple[float, ...]], layout: Layout) -> None:
@@ -108,16 +133,23 @@ def entries(layout: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
 
 def owner(use: float) -> str:
     """Return in words who starts in an area."""
-    return "items" if use == ITEMS else f"side {use - 1:g}"
+    return "items" if use == ITEMS else f"side {use - 1:g}" if use > ITEMS else "a kind that does not spawn here"
 
 
 @Walls.system(Phase.SPAWN, before=(Body, Shape, Entity))
 def build(
-    body: Write[Body], shape: Write[Shape], entities: Write[Entity], walls: Rows[Wall], layout: tuple[float, ...]
+    body: Write[Body],
+    shape: Write[Shape],
+    entities: Write[Entity],
+    areas: Write[StartAreas],
+    walls: Rows[Wall],
+    layout: tuple[float, ...],
 ) -> None:
-    """Set up the blocks."""
+    """Set up the blocks, and write the start areas."""
     count = 0
     for k in range(len(layout) // ENTRY):
+        for field in range(ENTRY):
+            areas.area[k, field] = layout[ENTRY * k + field]
         if layout[ENTRY * k + USE] == WALL and layout[ENTRY * k + WIDTH] > 0:
             e, angle = walls[count], layout[ENTRY * k + ANGLE]
             x, y = layout[ENTRY * k + X], layout[ENTRY * k + Y]
@@ -126,36 +158,3 @@ def build(
             )
             face(body, e, angle)
             count += 1
-
-
-@Walls.system(Phase.SPAWN, after=("inner_walls", Body), before=Shape)
-def find_places(
-    body: Write[Body],
-    shape: Write[Shape],
-    spawned: Write[Spawned],
-    unplaced: Write[Unplaced],
-    wall: Write[Wall],
-    entities: Read[Entity],
-    side: Read[Side],
-    floor: Read[Floor],
-    rows: Rows[Spawned],
-    index: RowIndex[Spawned],
-    agents: RowIndex[Side],
-    solids: Rows[Solid],
-    walls: Rows[Wall],
-    areas: Scratch,
-    half_extents: Scratch,
-    obstacles: Scratch,
-    layout: tuple[float, ...],
-    key: Random,
-) -> None:
-    """Give bodies that stand inside something, or outside their start areas, a free place there. Agents come first."""
-    last = areas.shape[0] - 1
-    for k in range(last):
-        for field in range(ENTRY):
-            areas[k, field] = layout[ENTRY * k + field]
-    fill_floor(areas[last], floor)
-    tables = (body, shape, entities, floor, half_extents, obstacles)
-    measure(wall, walls, half_extents, body, shape)
-    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
-    unplaced.bodies[0] = np.int32(missed)

@@ -326,15 +326,16 @@ class MemoryLayout:
         }
 
     def _check_counts(self) -> None:
-        """Raise DeclarationError if an archetype is only extended, or declared with a count of 0."""
+        """Raise DeclarationError if an archetype is only extended, or counted by no number and has a count of 0."""
         for name, archetype in self.archetypes.items():
-            if archetype.count == 0:
+            if archetype.count == 0 and not any(name in kinds for d in self.declared for kinds in d.kinds.values()):
                 kinds = self.modules[0].providing(
                     lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
                 )
                 if here := [module.name for module in self.modules if type(module) in kinds]:
                     raise DeclarationError(
-                        f"{here[0]} declares 0 of the kind '{name}': at least 1 is needed; for none leave {here[0]} out"
+                        f"{here[0]} declares 0 of the kind '{name}': leave {here[0]} out, or count them by a number "
+                        'that may be 0: Archetype(..., ref("count")), and count: int = number(2, low=0)'
                     )
                 declared = [name for name, kind in self.archetypes.items() if kind.count]
                 cure = did_you_mean(name, declared) or "add a module that does"

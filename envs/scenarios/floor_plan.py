@@ -3,9 +3,10 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any
 
 from outlast.components import Body, Floor, Shape, Wall
@@ -14,7 +15,7 @@ from outlast.ecs import Entity, Module, Worlds, checked_worlds
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.kernels.integers import is_whole
 from outlast.systems import Maze, Pillars, Room, Rooms, Walls
-from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
+from outlast.systems.geometry.places import ENTRY, ITEMS, WALL, kind_use
 
 from ..errors import ScenarioError
 from ..storage import strict_json
@@ -42,8 +43,8 @@ class FloorPlan:
         walls: Rectangles (x, y, width, height, angle): x and y of the middle, width and height in metres; the angle in
             radians, 0 if left out.
         starts: Start areas (owner, x, y, width, height, angle), where the angle may be left out as well. The owner is
-            the number of a side, or "items" for everything else that has a start place. Whatever has no area starts
-            anywhere.
+            the number of a side, the name of a kind such as "heal" or "crate", or "items" for all other kinds that
+            have a start place. Whatever has no area starts anywhere.
         width: Width of the room that the plan is for, metres; 0: a room of any size.
         height: Height of that room, likewise.
 
@@ -75,7 +76,7 @@ class FloorPlan:
         return f"FloorPlan({len(self.walls)} walls, {len(self.starts)} start areas{size})"
 
     @classmethod
-    def from_text(cls, text: str, cell: float = 1.0) -> "FloorPlan":
+    def from_text(cls, text: str, cell: float = 1.0, kinds: Mapping[str, str] | None = None) -> "FloorPlan":
         """Read a plan drawn in characters: `#` is a wall, `.` and blanks are floor, a letter is where a side starts.
 
         >>> outlast.FloorPlan.from_text('''
@@ -90,16 +91,21 @@ class FloorPlan:
         Args:
             text: Lines of characters; blank lines around them and their common indentation are ignored.
             cell: Side of the square that a character stands for, metres.
+            kinds: The kinds that start at other signs: {"c": "crate", "r": "ramp"}.
 
         Raises:
             ScenarioError: The text has another character or no lines, or is no plan that can be (see `FloorPlan`).
         """
         if not 0 < _real("cell", cell) <= 1e3:
             raise ScenarioError(f"cell = {cell!r}: the metres of a character are needed")
-        rectangles, columns, rows = parsed(text, float(cell))
+        owners: dict[str, Any] = {**{sign: k for k, sign in enumerate(ascii_uppercase)}, "*": "items"}
+        if taken := [sign for sign in kinds or () if len(sign) != 1 or sign in {*owners, *"#. "}]:
+            raise ScenarioError(f"kinds has {taken[0]!r:.60}: signs are single characters other than # . * and A to Z")
+        owners |= kinds or {}
+        rectangles, columns, rows = parsed(text, float(cell), {"#", *owners})
         walls = [place for sign, place in rectangles if sign == "#"]
         areas = [(sign, place) for sign, place in rectangles if sign != "#"]
-        starts = [("items" if sign == "*" else ord(sign) - ord("A"), *place) for sign, place in areas]
+        starts = [(owners[sign], *place) for sign, place in areas]
         return cls(walls, starts, columns * float(cell), rows * float(cell))
 
     @classmethod
@@ -200,7 +206,10 @@ class FloorPlan:
         Raises:
             ScenarioError: The plan has more rectangles than that.
         """
-        uses = [ITEMS if owner == "items" else int(owner) + 1 for owner, *_ in self.starts]
+        uses = [
+            ITEMS if owner == "items" else kind_use(owner) if isinstance(owner, str) else int(owner) + 1
+            for owner, *_ in self.starts
+        ]
         places = [*self.walls, *(place for _, *place in self.starts)]
         found = list(zip(places, [WALL] * len(self.walls) + uses, strict=True))
         if length and length < len(found):
@@ -270,8 +279,10 @@ def _rectangle(name: str, given: Any) -> Rectangle:
 
 def _start(name: str, given: Any) -> tuple[int | str, float, float, float, float, float]:
     owner, *place = tuple(_listed(name, given)) or ("",)
-    if owner != "items" and (type(owner) is not int or not 0 <= owner < 2**16):
-        raise ScenarioError(f'{name} is for {owner!r:.60}: the number of a side is needed first, or "items"')
+    if not (isinstance(owner, str) and owner.isidentifier()) and (type(owner) is not int or not 0 <= owner < 2**16):
+        raise ScenarioError(
+            f'{name} is for {owner!r:.60}: the number of a side is needed first, the name of a kind, or "items"'
+        )
     return (owner, *_rectangle(name, place))
 
 

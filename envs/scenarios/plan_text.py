@@ -1,21 +1,22 @@
 """Floor plans drawn in characters, converted to rectangles."""
 
 import textwrap
+from collections.abc import Collection
 
 from ..errors import ScenarioError
 
-SIGNS = "#*ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 BLANK = ". "
 LONGEST = 1000  # characters of a line, and number of lines, at most
 Place = tuple[float, float, float, float, float]
 
 
-def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
+def parsed(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[str, Place]], int, int]:
     """Return the rectangles of each sign in a drawing.
 
     Args:
         text: The lines of the drawing; blank lines around them and their common indentation are ignored.
         cell: Side of the square that a character stands for, metres.
+        signs: The characters that mean something, apart from those of floor.
 
     Returns:
         Sign and (x, y, width, height, angle) of each rectangle, metres; the drawing's numbers of columns and rows.
@@ -38,10 +39,10 @@ def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
             sign = grid[row][column]
             if sign in BLANK:
                 continue
-            if sign not in SIGNS:
+            if sign not in signs:
                 raise ScenarioError(
                     f"line {row + 1}, column {column + 1}: {sign!r} means nothing; # is a wall, . is floor, A to Z are "
-                    "where sides start, * where items do"
+                    "where sides start, * where items do; other signs stand for kinds, as in kinds={'c': 'crate'}"
                 )
             wide, high = _cut_out(grid, row, column, sign)
             x, y = column + wide / 2 - columns / 2, rows / 2 - row - high / 2

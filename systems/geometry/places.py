@@ -1,6 +1,7 @@
 """Free places: whether two bodies are apart, and a search for where a body can stand.
 
-An area is a row of float32: x, y, width, height and angle of a rectangle, metres and radians, and what it is for.
+An area is a row of float32: x, y, width, height and angle of a rectangle, metres and radians, and its use, what starts
+in it: `side_use` of a side, `kind_use` of a kind of entities, ITEMS or ANYWHERE.
 """
 
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.kernels.random import uniform, uniform2
+from outlast.ecs.kernels.random import stream_number, uniform, uniform2
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH
 
 from .aabb import ALONG_X, ALONG_Y, aabbs_near_point, compute_aabbs
@@ -17,13 +18,26 @@ from .broad_phase import gap
 from .points import to_local
 
 X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # indices into an area; ENTRY: its length
-ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1
+ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1, kinds have those from KINDS downwards
+KINDS, KIND_BITS = -16, np.int64(41)  # a kind's use is KINDS less the upper bits of its identities, exact in float32
 MARGIN = np.float32(0.02)  # metres that are left between bodies
 SMALLEST = np.float32(0.1)  # metres: a box is not cut any more once both its half sides are this short
 TRIES = 32  # random places that are tested before all points of a lattice
 LATTICE = 40  # points of the lattice along either side of an area
 STRIDE = 20  # indices of draws for one body are 2**20 apart: more than there are entities of a kind
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
+
+
+def kind_use(kind: str) -> int:
+    """Return the use of areas in which entities of a kind start. Take it as a constant of your module in kernels."""
+    return KINDS - (stream_number(kind) >> 33 << 32 >> int(KIND_BITS))
+
+
+@kernel
+def set_area(areas: Array, k: int, use: int, x: Real, y: Real, width: Real, height: Real, angle: Real) -> None:
+    """Write start area `k` of `Write[StartAreas]`, metres and radians; use: side + 1, or `kind_use` of a kind."""
+    row = areas.area[k]
+    row[X], row[Y], row[WIDTH], row[HEIGHT], row[ANGLE], row[USE] = x, y, width, height, angle, use
 
 
 @kernel
@@ -214,7 +228,8 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
         side: The table of Side.
         solids: Rows of all solid bodies.
         rows: Rows of all bodies to place; by row, the index of each among these, and the number of the agent (or -1).
-        areas: The start areas; the last one is the room. A body whose use has no area starts anywhere.
+        areas: The start areas; the last one is the room. Agents start in those of their side, or else of their kind;
+            others in those of their kind, or else of items; who has none starts anywhere.
         key: Key of random numbers.
 
     Returns:
@@ -231,7 +246,9 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
         e = placed[n % placed.size]
         if entities.identity[e] < 0 or (tables[1].radius[e] > ZERO) != (n < placed.size):  # absent, or not its turn
             continue
-        use = side.side[e] + 1 if agents[e] >= 0 else ITEMS
+        use, kind = side.side[e] + 1 if agents[e] >= 0 else ITEMS, KINDS - (entities.identity[e] >> KIND_BITS)
+        if agents[e] < 0 or not has_area(areas, use):
+            use = kind if has_area(areas, kind) else use
         if not has_area(areas, use):
             use = ANYWHERE
         if not (in_area(tables[0], e, areas, use) and is_free(tables, e)):

@@ -88,6 +88,25 @@ def test_a_plan_in_a_room_of_its_size() -> None:
     assert env.worlds[Shape].half_width[0, rows].max() == 15
 
 
+def test_kinds_start_in_areas_of_their_own() -> None:
+    plan = FloorPlan.from_text("AA..#..hh\nAA..#..hh\n....#....\nbb.....BB\nbb..#..BB", 4.0, {"h": "heal", "b": "box"})
+    scenario = variant("teams_3").replace(safe_zone_radii=(8.0, 4.0), n_boxes=2, n_heals=3)
+    env = outlast.make_vec(scenario.with_(plan.room(), plan.mechanic()), 16, seed=0)
+    env.reset()
+    body, span = env.worlds[Body], env.worlds.span
+    assert (np.abs(body.x[:, span("heal")] - 14) <= 4).all()
+    assert (np.abs(body.y[:, span("heal")] - 6) <= 4).all()
+    assert (np.abs(body.x[:, span("box")] + 14) <= 4).all()
+    assert (np.abs(body.y[:, span("box")] + 6) <= 4).all()
+    assert (body.x[:, 2:4] >= 10).all()
+    with pytest.raises(
+        outlast.ecs.NumberError, match=r"for a kind that does not spawn here.*a kind that spawns: agent"
+    ):
+        outlast.make_vec(scenario.without("heals").with_(plan.room(), plan.mechanic()), 1)
+    with pytest.raises(ScenarioError, match="kinds has 'A': signs are single characters"):
+        FloorPlan.from_text("A", kinds={"A": "box"})
+
+
 def test_layouts_of_one_length() -> None:
     assert len(PLAN.layout(10)) == 60
     assert PLAN.layout(10)[: 4 * 6] == PLAN.layout()
@@ -105,7 +124,7 @@ def test_layouts_of_one_length() -> None:
         (lambda: FloorPlan(walls="#"), "a list of rectangles"),
         (lambda: FloorPlan(walls=(1, 2, 3, 4)), "a list of rectangles"),
         (lambda: FloorPlan(walls=[(0, 0, 1, 1)] * 451), "at most 450"),
-        (lambda: FloorPlan(starts=[("heals", 1, 2, 3, 4)]), "the number of a side is needed"),
+        (lambda: FloorPlan(starts=[("a heal", 1, 2, 3, 4)]), "the number of a side is needed"),
         (lambda: FloorPlan.from_text("..\n.x"), "line 2, column 2: 'x' means nothing"),
         (lambda: FloorPlan.from_text("\n\n"), "0 x 0 characters"),
         (lambda: FloorPlan.from_text("#", cell=0.0), "cell = 0.0"),

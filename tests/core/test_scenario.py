@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import outlast
 from outlast import ALIASES, VARIANTS, Scenario, integers, make_vec, variant
 from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Phase, Shape, Spawned
 from outlast.components.health import hurt
@@ -490,3 +491,20 @@ def test_a_factory_resolves_names_scenarios_and_numbers_in_one_way() -> None:
         resolve("ffa_1", {"thread": 2}, options=("seed", "threads"))
     with pytest.raises(ScenarioError, match="3: a Scenario or the name of one is needed"):
         resolve(3)
+
+
+@pytest.mark.parametrize("numbers", [{"n_boxes": 0}, {"n_heals": 0}, {"n_boxes": 0, "n_heals": 0}])
+def test_counts_can_be_zero(numbers: dict[str, int]) -> None:
+    scenario = outlast.variant("teams_3").replace(**numbers)
+    assert outlast.check(scenario) == []
+    env = outlast.make_vec(scenario, 2, seed=0)
+    observations, _ = env.reset()
+    assert [observations[name[2:]].shape[2] for name in numbers] == [0] * len(numbers)
+    varied = outlast.make_vec(scenario.vary(**{name: outlast.integers(0, 2) for name in numbers}), 64, seed=0)
+    varied.reset()
+    for name in numbers:
+        drawn = varied.numbers()[f"{name[2:]}_count"]
+        kind = varied.worlds.span(name[2:].rstrip("s").replace("boxe", "box"))
+        assert {*drawn} == {0, 1, 2}
+        assert (varied.worlds[outlast.ecs.Entity].alive[:, kind].sum(1) == drawn).all()
+    assert outlast.check(varied.scenario) == []

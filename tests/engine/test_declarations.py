@@ -442,7 +442,7 @@ def remembering(memory: Any) -> Module:
         (lambda: layout(mechanic("Others", archetypes=[Archetype("rival", (Mark(),), 1, roles=True)])),
          "agent and rival are both the agents that can have roles: let one kind say so"),
         (lambda: index_unit("side", "teams"), "of unit 'side' are indices of 'sides', not of 'teams': rename one"),
-        (lambda: layout(Landing(count=0)), "landing declares 0 of the kind 'place': at least 1 is needed"),
+        (lambda: layout(Landing(count=0)), "landing declares 0 of the kind 'place': leave landing out, or"),
         (lambda: layout(agent(component(Component, door=column("i4", below="heals"))(door=99))),
          r"agent: Odd.door begins as 99: 0 to \d+ is its range"),
         (lambda: layout(agent(component(Component, door=column("i4", below="heals + healz"))())),

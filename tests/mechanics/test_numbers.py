@@ -20,7 +20,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Pickup": {"reach": (0.5, FAR), "touch": (True, SWITCH)},
     "Behaviour": {"cells": (8, "[1,32]"), "need": (0.5, "[0,1]")},
     "Boxes": {
-        "count": (8, MANY), "width": (1.0, FAR), "width_deviation": (1.0, FROM_0),
+        "count": (8, "[0,65536]"), "width": (1.0, FAR), "width_deviation": (1.0, FROM_0),
         "height": (1.5, FAR), "height_deviation": (1.5, FROM_0), "least": (0.1, "[0.003,1e4]"),
         "toughness": (5, SOME_POINTS), "owned": (True, SWITCH), "dynamic": (False, SWITCH),
         "density": (1.0, DENSITY), "offset": (0.0, FROM_0), "item_radius": (0.25, RADIUS),
@@ -42,7 +42,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Ending": {"rule": ("all dead", ("all dead", "last alive", "never")), "limit": (0, TICKS)},
     "FreeForAll": {},
     "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
-    "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
+    "Heals": {"count": (15, "[0,65536]"), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
     "Inventory": {"slots": (4, MANY), "capacity": (0, "[0,65536]")},
     "Lidar": {
         "rays": (16, "[1,1024]"), "angle": (2 * math.pi, f"(0,{2 * math.pi}]"), "depth": (10.0, "[0.01,1e4]"),
@@ -62,7 +62,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "give": ("evenly", ("evenly", "at once")),
     },
     "Pillars": {
-        "count": (12, "[1,450]"), "least": (0.8, "[0.004,1e4]"), "most": (1.6, "[0.004,1e4]"), "gap": (1.2, "(0,1e4]"),
+        "count": (12, "[0,450]"), "least": (0.8, "[0.004,1e4]"), "most": (1.6, "[0.004,1e4]"), "gap": (1.2, "(0,1e4]"),
     },
     "ObserveRoles": {"count": (2, MANY)},
     "Preparation": {
@@ -90,7 +90,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "SpawnGrid": {"cells": (8, "[1,256]")},
     "Steering": {"speed": (5.0, STRONG), "spin": (math.pi, STRONG)},
     "Teams": {"count": (2, MANY), "sizes": ((), "whole numbers")},  # see tests/core/test_roles.py
-    "Walls": {"layout": ((), "[-10000,10000]")},
+    "Walls": {"layout": ((), "[-8388608,10000]")},
 }  # fmt: skip
 NUMBERS |= {"FineMotors": NUMBERS["Motors"], "FineSteering": NUMBERS["Steering"]}
 TINY, HUGE = 1e-6, 10**6
