@@ -1,76 +1,110 @@
-"""Options are declared once: the signature of `outlast.train` is written from them, and places are counted.
+"""Options are declared once, as fields of dataclasses; signatures and docstrings of functions are written from these.
 
-python -m tests.options           list each option with the places where it is said what it is
-python -m tests.options --write   write the signature anew, after an option was changed or added
+python -m tests.options           list each option with the places where somebody says what it is: one
+python -m tests.options --write   write signatures and docstrings anew, after an option was changed or added
 """
 
 import ast
+import itertools
 import re
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+from outlast.envs.core.options import argument_of, flag_of, options_of
+from outlast.training.base import config
 
 ROOT = Path(__file__).parents[1]
-DECLARED, SIGNATURE = ROOT / "training/base/config.py", ROOT / "training/runs/train.py"
-COMMAND = ROOT / "training/cli/train.py"
-CLASSES = ("RunOptions", "TrainingConfig")
-BLOCK = re.compile(r"(?<=# <options>\n)(.*?)(?=    # </options>)", re.DOTALL)
+COLUMNS = 112  # of a docstring, behind its indent
+TRAINING = ROOT / "training/base/config.py", (config.RunOptions, config.TrainingConfig)
+FUNCTIONS = {(ROOT / "training/runs/train.py", "train"): TRAINING}  # and where its options are declared
+COMMANDS = (ROOT / "training/cli/train.py",)
 
 
-def declared() -> Iterator[tuple[str, ast.AnnAssign]]:
-    """The class and the field of each option, whose value is a call of option()."""
-    for kind in ast.parse(DECLARED.read_text()).body:
-        if isinstance(kind, ast.ClassDef) and kind.name in CLASSES:
-            fields = (each for each in kind.body if isinstance(each, ast.AnnAssign))
-            yield from ((kind.name, each) for each in fields if isinstance(each.value, ast.Call))
+def fields(path: Path, kind: Any) -> Iterator[tuple[str, ast.AnnAssign]]:
+    """The options of a dataclass, as they are written in a file."""
+    for found in ast.parse(path.read_text()).body:
+        if isinstance(found, ast.ClassDef) and found.name == kind.__name__:
+            for each in found.body:
+                if isinstance(each, ast.AnnAssign) and ast.unparse(each.target) in options_of(kind):
+                    yield ast.unparse(each.target), each
 
 
-def _given(field: ast.AnnAssign, keyword: str) -> str:
-    """A text that is given to option() by keyword; "" if it is not."""
-    assert isinstance(field.value, ast.Call)
-    return next((ast.literal_eval(each.value) for each in field.value.keywords if each.arg == keyword), "")
-
-
-def parameters() -> str:
-    """The lines of the signature: first the folder, which may be given without its name."""
-    source, lines = DECLARED.read_text(), []
-    for _, each in sorted(declared(), key=lambda found: CLASSES.index(found[0])):
+def parameters(path: Path, kind: Any) -> dict[str, str]:
+    """The lines of a signature, by option."""
+    source, found = path.read_text(), dict[str, str]()
+    for name, each in fields(path, kind):
         assert isinstance(each.value, ast.Call)
-        name, usual = ast.unparse(each.target), ast.get_source_segment(source, each.value.args[0])
-        lines.append(f"    {name}: {_given(each, 'takes') or f'{ast.unparse(each.annotation)} = {usual}'},\n")
-    return "".join([lines[0], "    *,\n", *lines[1:]])
+        usual = f"{ast.unparse(each.annotation)} = {ast.get_source_segment(source, each.value.args[0])}"
+        found[name] = f"    {name}: {options_of(kind)[name].takes or usual},\n"
+    return found
 
 
-def written() -> str:
-    """The source of the signature's file, as it has to be."""
-    return BLOCK.sub(lambda found: parameters(), SIGNATURE.read_text())
+def arguments(kind: Any) -> dict[str, str]:
+    """The lines of Args, by option."""
+    texts = {name: f"{name}: {argument_of(kind, name)}" for name in options_of(kind)}
+    filled = {name: textwrap.fill(text, COLUMNS, subsequent_indent="    ") for name, text in texts.items()}
+    return {name: textwrap.indent(text, "        ") + "\n" for name, text in filled.items()}
+
+
+def replaced(text: str, entry: str, lines: dict[str, str]) -> str:
+    """A text in which each entry has its lines; those that it lacks follow the last one. entry: Matches that of {}."""
+    last = 0
+    for name, line in lines.items():
+        if found := re.search(entry.format(name), text, re.MULTILINE):
+            text = text[: found.start()] + line + text[found.end() :]
+            last = max(last, found.start() + len(line))
+        else:
+            text = text[:last] + line + text[last:]
+            last += len(line)
+    return text
+
+
+def written(path: Path, function: str) -> str:
+    """The source of a file, with the signature and the docstring that a function has to have."""
+    declared, kinds = FUNCTIONS[path, function]
+    source = path.read_text().splitlines(keepends=True)
+    (found,) = (each for each in ast.parse("".join(source)).body if getattr(each, "name", "") == function)
+    assert isinstance(found, ast.FunctionDef)
+    told = found.body[0]
+    parts = (0, found.lineno - 1, told.lineno - 1, told.end_lineno, None)
+    before, head, docstring, after = ("".join(source[first:last]) for first, last in itertools.pairwise(parts))
+    lines, texts = dict[str, str](), dict[str, str]()
+    for kind in kinds:
+        lines |= parameters(declared, kind)
+        texts |= arguments(kind)
+    head = replaced(head, r"^    {}: .*\n", lines)
+    docstring = replaced(docstring, r"^        {}: .*\n(?:            .*\n)*", texts)
+    return before + head + docstring + after
 
 
 def places() -> dict[str, list[str]]:
-    """By option, the places where somebody has written what it is: declarations, flags, and Args of `train`."""
+    """By option, the places where it is declared, or a flag is added by hand."""
     found, flags = dict[str, list[str]](), dict[str, str]()
-    for kind, each in declared():
-        name = ast.unparse(each.target)
-        found[name] = [f"{DECLARED.relative_to(ROOT)}:{each.lineno} ({kind})"]
-        flags[_given(each, "flag") or f"--{name.replace('_', '-')}"] = name
-    command, (_, call_of) = COMMAND.read_text(), BLOCK.sub("", SIGNATURE.read_text()).split("def train(")
-    written = [(flags.get(flag, ""), "flag") for flag in re.findall(r'add_argument\(\s*"(--[\w-]+)"', command)]
-    written += [(name, "Args") for name in re.findall(r"^        (\w+): [A-Z]", call_of, re.MULTILINE)]
-    for name, what in written:
-        found.get(name, []).append(f"{(COMMAND if what == 'flag' else SIGNATURE).relative_to(ROOT)} ({what})")
+    for path, kinds in dict.fromkeys(FUNCTIONS.values()):
+        for kind in kinds:
+            for name, each in fields(path, kind):
+                found.setdefault(name, []).append(f"{path.relative_to(ROOT)}:{each.lineno} ({kind.__name__})")
+                flags[flag_of(name, options_of(kind)[name])] = name
+    for path in COMMANDS:
+        for flag in re.findall(r'add_argument\(\s*"(--[\w-]+)"', path.read_text()):
+            found.get(flags.get(flag, ""), []).append(f"{path.relative_to(ROOT)} ({flag})")
     return found
 
 
 def main() -> int:
-    """List, or write; the exit status is 1 if an option has two places or the signature is not as it has to be."""
-    if "--write" in sys.argv[1:]:
-        SIGNATURE.write_text(written())
-    found, stale = places(), written() != SIGNATURE.read_text()
-    for name, where in found.items():
+    """List, or write; the exit status is 1 if an option has two places, or a function is not as it has to be."""
+    stale = {path: function for path, function in FUNCTIONS if written(path, function) != path.read_text()}
+    for name, where in (found := places()).items():
         print(f"{name:12} {len(where)}  {', '.join(where)}")
-    if stale:
-        print("the signature of outlast.train differs from these: run `python -m tests.options --write`")
-    return int(stale or any(len(where) > 1 for where in found.values()))
+    if stale and "--write" in sys.argv[1:]:
+        for path, function in stale.items():
+            path.write_text(written(path, function))
+    elif stale:
+        print(f"not as declared: {', '.join(stale.values())}; run `python -m tests.options --write`")
+    return int(any(len(where) > 1 for where in found.values()) or (bool(stale) and "--write" not in sys.argv[1:]))
 
 
 if __name__ == "__main__":

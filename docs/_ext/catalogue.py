@@ -3,7 +3,6 @@
 import dataclasses
 import inspect
 import math
-import re
 from typing import Any
 
 from sources import code, comments, grid, summary
@@ -17,7 +16,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import in_words, number_rows
-from outlast.training.base.hyperparameters import RANGES, Hyperparameters
+from outlast.training.base.hyperparameters import Hyperparameters
 from outlast.training.base.presets import PRESETS
 from outlast.training.base.quantities import COLUMNS
 from outlast.training.benchmark.suite import suite
@@ -106,13 +105,18 @@ def _numbers(kind: type[Module]) -> str:
 
 def ppo() -> str:
     """The numbers of PPO: values in the paper's runs and in preset fast, allowed values, and their meaning."""
-    described = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", inspect.getdoc(Hyperparameters) or "", re.MULTILINE)
-    notes, paper, fast = dict(described), Hyperparameters(), PRESETS["fast"].numbers
-    rows = []
+    paper, fast, rows = Hyperparameters(), PRESETS["fast"].numbers, []
     for item in dataclasses.fields(Hyperparameters):
-        allowed = f"a number {RANGES[item.name][0]}" if item.name in RANGES else "true, false"
+        words, text = item.metadata["range"][0], item.metadata["text"]
         values = [shown(getattr(own, item.name)) for own in (paper, fast)]
-        rows.append([code(item.name), *values, allowed, " ".join(notes[item.name].split())])
+        rows.append(
+            [
+                code(item.name),
+                *values,
+                f"a number {words}" if words else "true, false",
+                f"{text[:1].upper()}{text[1:]}.",
+            ]
+        )
     return grid(["number", "original, paper, scaled", "fast", "allowed", "is"], rows)
 
 

@@ -1,15 +1,14 @@
-"""Options, each declared once as a field of a dataclass: checks, flags, help and docstrings follow from that."""
+"""Options, each declared once as a field of a dataclass: checks, flags and help follow from that.
 
-import textwrap
-from collections.abc import Callable, Iterator
+`python -m tests.options --write` writes signatures and docstrings of functions from the same fields.
+"""
+
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, TypeVar
+from typing import Any
 
 from outlast.ecs.kernels.integers import as_whole, is_whole
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-PLACE = "<options>"  # the line of a docstring that the descriptions of options replace
-COLUMNS = 112  # of these descriptions, behind their indent
 MILLION = 10**6
 
 
@@ -88,21 +87,8 @@ def help_of(kind: Any, name: str) -> str:
     return f"{own.text} (default {short})"
 
 
-def documented(*kinds: Any) -> Callable[[Function], Function]:
-    """Return a decorator that describes the options of dataclasses in the docstring of a function, at PLACE."""
-
-    def described(function: Function) -> Function:
-        text = function.__doc__ or ""  # there is none with -OO
-        indent = next((line[: line.index(PLACE)] for line in text.splitlines() if line.strip() == PLACE), "")
-        lines = [line for kind in kinds for line in _lines(kind)]
-        function.__doc__ = text.replace(indent + PLACE, "\n".join(textwrap.indent(line, indent) for line in lines))
-        return function
-
-    return described
-
-
-def _lines(kind: Any) -> Iterator[str]:
-    for name, own in options_of(kind).items():
-        text = f"whether to {own.text}" if isinstance(default_of(kind, name), bool) else own.text
-        sentences = f"{text[:1].upper()}{text[1:]}. {own.python}".strip()
-        yield textwrap.fill(f"{name}: {sentences}", COLUMNS, subsequent_indent="    ", break_long_words=False)
+def argument_of(kind: Any, name: str) -> str:
+    """Return what a docstring says of an option, as a sentence."""
+    own = options_of(kind)[name]
+    text = f"whether to {own.text}" if isinstance(default_of(kind, name), bool) else own.text
+    return f"{text[:1].upper()}{text[1:]}. {own.python}".strip()

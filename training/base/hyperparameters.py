@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from outlast.ecs.kernels.errors import meant
@@ -19,38 +19,52 @@ PARSERS: dict[type, Callable[[str], Any]] = {
 }
 
 
+Range = tuple[str, Callable[[float], bool]]  # in words, and as a test
+ANY: Range = ("", lambda value: True)
+POSITIVE: Range = ("above 0", lambda value: value > 0)
+SHARE: Range = ("from 0 to 1", lambda value: 0 <= value <= 1)
+
+
+def at_least(least: int) -> Range:
+    """Return the range of numbers from `least` on."""
+    return f"of at least {least}", lambda value: value >= least
+
+
+def number(default: Any, text: str, allowed: Range = ANY) -> Any:
+    """Return the field of a hyperparameter: what it is, and its range."""
+    return field(default=default, metadata={"text": text, "range": allowed})
+
+
 @dataclass(frozen=True)
 class Hyperparameters:
-    """The numbers of PPO; the defaults are those of the authors' runs.
+    """The numbers of PPO; the defaults are those of the authors' runs."""
 
-    Attributes:
-        learning_rate: Learning rate of Adam.
-        anneal_lr: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
-        batch_size: About how many samples a minibatch has; the samples of a rollout are shared out evenly.
-        n_epochs: How often every sample is used, at most.
-        gamma: Discount of a step.
-        gae_lambda: How far advantages look ahead, from 0 to 1.
-        clip_range: How far the ratio of probabilities may move away from 1 before it is clipped.
-        ent_coef: Weight of the entropy in the loss.
-        vf_coef: Weight of the values in the loss.
-        max_grad_norm: Norm that gradients are clipped to.
-        target_kl: The update ends before a minibatch whose divergence is above 1.5 times this; 0: never.
-        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums, that of
-            all agents, trained or not, including absent ones.
-    """
-
-    learning_rate: float = 3e-4
-    anneal_lr: bool = False
-    batch_size: int = 512
-    n_epochs: int = 400  # a cap; the divergence ends most updates
-    gamma: float = 0.99
-    gae_lambda: float = 0.95
-    clip_range: float = 0.2
-    ent_coef: float = 0.0
-    vf_coef: float = 0.5
-    max_grad_norm: float = 0.5
-    target_kl: float = 0.01
-    scale_rewards: bool = False
+    learning_rate: float = number(3e-4, "learning rate of Adam", POSITIVE)
+    anneal_lr: bool = number(
+        False, "whether the learning rate falls to 0 along the run, in proportion to the steps that are left"
+    )
+    batch_size: int = number(  # of at least 2, as advantages are normalised in each minibatch
+        512, "about how many samples a minibatch has; the samples of a rollout are shared out evenly", at_least(2)
+    )
+    n_epochs: int = number(
+        400, "how often every sample is used, at most; the divergence ends most updates", at_least(1)
+    )
+    gamma: float = number(0.99, "discount of a step", SHARE)
+    gae_lambda: float = number(0.95, "how far advantages look ahead, from 0 to 1", SHARE)
+    clip_range: float = number(
+        0.2, "how far the ratio of probabilities may move away from 1 before it is clipped", POSITIVE
+    )
+    ent_coef: float = number(0.0, "weight of the entropy in the loss", at_least(0))
+    vf_coef: float = number(0.5, "weight of the values in the loss", at_least(0))
+    max_grad_norm: float = number(0.5, "norm that gradients are clipped to", POSITIVE)
+    target_kl: float = number(
+        0.01, "the update ends before a minibatch whose divergence is above 1.5 times this; 0: never", at_least(0)
+    )
+    scale_rewards: bool = number(
+        False,
+        "whether rewards are divided by the running standard deviation of their discounted sums, that of all agents, "
+        "trained or not, including absent ones",
+    )
 
     def __post_init__(self) -> None:
         """Raise TrainingError if a number has the wrong type, or is out of its range."""
@@ -58,7 +72,7 @@ class Hyperparameters:
             value: Any = getattr(self, name)
             if kind is int:
                 object.__setattr__(self, name, value := as_whole(value))
-            words, fits = RANGES.get(name, ANY)
+            words, fits = RANGES[name]
             kinds: Any = (float, int) if kind is float else kind
             if not isinstance(value, kinds) or isinstance(value, bool) != (kind is bool):
                 raise TrainingError(f"{name}={value}: {example(name)} is needed")
@@ -74,25 +88,7 @@ class Hyperparameters:
 
 
 KINDS: dict[str, type] = {each.name: type(each.default) for each in fields(Hyperparameters)}
-
-
-Range = tuple[str, Callable[[float], bool]]  # in words, and as a test
-ANY: Range = ("", lambda value: True)
-POSITIVE: Range = ("above 0", lambda value: value > 0)
-NOT_NEGATIVE: Range = ("of at least 0", lambda value: value >= 0)
-SHARE: Range = ("from 0 to 1", lambda value: 0 <= value <= 1)
-RANGES: dict[str, Range] = {
-    "learning_rate": POSITIVE,
-    "batch_size": ("of at least 2", lambda value: value >= 2),  # advantages are normalised in each minibatch
-    "n_epochs": ("of at least 1", lambda value: value >= 1),
-    "gamma": SHARE,
-    "gae_lambda": SHARE,
-    "clip_range": POSITIVE,
-    "ent_coef": NOT_NEGATIVE,
-    "vf_coef": NOT_NEGATIVE,
-    "max_grad_norm": POSITIVE,
-    "target_kl": NOT_NEGATIVE,
-}
+RANGES: dict[str, Range] = {each.name: each.metadata["range"] for each in fields(Hyperparameters)}
 
 
 def example(name: str) -> str:

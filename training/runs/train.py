@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.core.options import documented, options_of
+from outlast.envs.core.options import options_of
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
 from outlast.envs.scenarios.parse import checks_keywords, resolve
@@ -15,7 +15,7 @@ from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.annealing import Anneal, parse_anneal
-from ..base.config import FAST, OPPONENTS, SELF, TEACHERS, Choose, RunOptions, TrainingConfig, Workload
+from ..base.config import FAST, OPPONENTS, SELF, TEACHERS, Choose, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
@@ -42,10 +42,8 @@ class TrainedRun:
 
 
 @checks_keywords
-@documented(RunOptions, TrainingConfig)
-def train(  # noqa: D417, as options are described where they are declared
+def train(
     scenario: str | Scenario,
-    # <options>
     folder: str | Path | None = None,
     *,
     resume: bool = False,
@@ -76,7 +74,6 @@ def train(  # noqa: D417, as options are described where they are declared
     levels: Choose | None = None,
     loss: Callable[[Any], Any] | None = None,
     networks: type | None = None,
-    # </options>
     **numbers: Number,
 ) -> TrainedRun:
     """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
@@ -86,7 +83,50 @@ def train(  # noqa: D417, as options are described where they are declared
 
     Args:
         scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
-        <options>
+        folder: Folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED).
+        resume: Whether to go on from the newest checkpoint in the folder of the run.
+        film: Whether to make a short film of each checkpoint, a .webm file beside it.
+        quiet: Whether to show no progress bar.
+        cluster: Have all processes but the first on the Ray cluster at ADDRESS; without ADDRESS, on that of
+            $RAY_ADDRESS, the one on this machine, or a new one here (default: no cluster). "" is no ADDRESS.
+        callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on.
+        preset: Networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper,
+            what the paper's text says; scaled, which is paper with inputs of about -1 to 1.
+        steps: Agent-steps to train for, rounded up to whole rollouts.
+        seed: The same seed gives the same numbers.
+        worlds: Worlds that are stepped together (default: 0, as in the preset; fast has 512 agents in all, others 64
+            worlds, the paper 1).
+        rollout: Environment steps of all worlds together between two updates (default: 0, as in the preset; fast has
+            128 of each world, others 16384, as the paper).
+        dead: Learn also from the steps of dead agents (keep), or leave them out (drop).
+        device: PyTorch's device on which policies are updated, such as cuda; they always play on the CPU.
+        threads: Threads of each process, with the same results (default: 0, which is cores / processes; of several runs
+            1).
+        every: Agent-steps between two checkpoints.
+        settings: Numbers of PPO that differ from the preset's, as in gamma=0.999: learning_rate, anneal_lr, batch_size,
+            n_epochs, gamma, gae_lambda, clip_range, ent_coef, vf_coef, max_grad_norm, target_kl, scale_rewards. As a
+            dict: {"gamma": 0.999}.
+        policies: Train one policy for all agents (shared), one for each side, or one for each agent.
+        opponents: Whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past
+            one of its earlier selves; also random, noop, scripted, camper, hunter, hoarder, healer, a model's name,
+            FILE.zip, FILE.safetensors or the folder of a run (default self). Also as a dict: {"self": 0.5, "past":
+            0.5}.
+        prioritised: Whether to draw an opponent the more often, the more games it wins.
+        snapshots: With opponent past: number of updates until another earlier self is kept.
+        processes: Processes that share the worlds of a run, with the same results up to rounding.
+        halves: Whether to step one half of the worlds while the networks choose actions for the other half, with the
+            same results up to rounding.
+        memory: How many numbers each agent remembers from step to step (default 0: no memory).
+        critic: Learn values from what the agent observes (own), or from that and the state of the whole world (state).
+        warm_start: Begin by imitating scripted, camper, hunter, hoarder, healer (for STEPS agent-steps, by default
+            1.5e6) or FILE.zip:STEPS, or begin with the weights of FILE.zip; the folder of a run stands for its newest
+            file (default: no such start).
+        anneal: Change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the
+            first 5 million agent-steps, and without @5e6 in the whole run. As a text, or a list of several.
+        levels: A function that chooses the levels to train in, called before each rollout with an
+            outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own.
+        loss: What is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
+        networks: The class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
