@@ -9,8 +9,9 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.components.masks import MasksActions
-from outlast.ecs import Action, DeclarationError, Module, Worlds
+from outlast.ecs import Action, AgentRoles, DeclarationError, Module, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
+from outlast.systems.role_limits import without
 
 from ..errors import ActionError, UsageError
 from .spaces import published
@@ -200,11 +201,15 @@ class ActionSpace:
 
     def idle(self) -> Array:
         """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
+        roles = self._worlds.layout.roles
         said = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
         found = np.ones((self._worlds.count, self._worlds.dims["agents"], len(self.keys)), bool)
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             for name in readers:
                 found[..., k] &= np.asarray(said.get(name, {}).get(key, False), bool)
+            if roles and any(lacking := without(roles, key)):
+                role = self._worlds[AgentRoles].role
+                found[..., k] |= (role >= 0) & np.array(lacking)[role]
         return found
 
     @cached_property
