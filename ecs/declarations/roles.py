@@ -4,15 +4,13 @@ A role has a name, says which agents have it, and changes some numbers of mechan
 distributions, from which each agent draws when an episode begins. memory.numbers says where the values lie in memory.
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..kernels.errors import NumberError
 from ..kernels.integers import is_whole
 from .distributions import Distribution, in_python
-from .distributions import from_plain as distribution_of
-from .distributions import plain as plain_distribution
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
 OPTIONS = ("drawn", "observed")  # options of Scenario.roles
@@ -205,50 +203,6 @@ class Roles:
         return (
             f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
         )
-
-
-def plain(roles: Roles) -> dict[str, Any]:
-    """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
-
-    A distribution becomes a list that begins with the name of its kind: ["uniform", low, high].
-    """
-    return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
-
-
-def _plain_role(role: Role) -> dict[str, Any]:
-    who: dict[str, Any] = {"agents": list(role.agents)} if role.agents else {"count": role.count}
-    numbers = {
-        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in role.numbers
-    }
-    return {"name": role.name, **who, "numbers": numbers} | ({"without": [*role.without]} if role.without else {})
-
-
-def from_plain(given: Any) -> Roles:
-    """Return the roles from the result of `plain`. NumberError for anything else."""
-    if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
-        raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
-    return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
-
-
-def _role_of(given: Any) -> Role:
-    if (
-        not isinstance(given, Mapping)
-        or given.keys() - {"count", "without"} not in ({"name", "numbers"}, {"name", "agents", "numbers"})
-        or {"count", "agents"} <= given.keys()
-        or not isinstance(given["name"], str)
-        or not isinstance(given["numbers"], Mapping)
-        or not all(isinstance(given.get(key, []), list) for key in ("agents", "without"))
-    ):
-        raise NumberError(
-            f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}; only one role '
-            "can leave out who has it, and gets the agents that are left"
-        )
-    numbers = {
-        str(name): distribution_of(*value) if isinstance(value, list) else value
-        for name, value in given["numbers"].items()
-    }
-    found = role(given.get("count"), agents=given.get("agents", ()), without=given.get("without", ()))
-    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
 
 
 def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:

@@ -13,13 +13,13 @@ import outlast
 from outlast import Recording, Replay, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
 from outlast.ecs import AgentRoles, NumberError, Rows, Write
-from outlast.ecs.declarations.roles import plain
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.varying_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled
 from tests.helpers.mechanics import kind
@@ -301,9 +301,48 @@ def test_recordings_replay_with_roles(tmp_path: Path) -> None:
     assert (replay.worlds.block == env.worlds.block).all()
 
 
+def test_roles_are_data() -> None:
+    melee = outlast.choice(1, 5)
+    game = outlast.variant("ffa_2").roles(
+        a=outlast.role(1, melee_damage=melee), b=outlast.role(agents=(1,)), drawn="anyone"
+    )
+    given = game.by_role
+    assert given
+    assert roles_of(json.loads(json.dumps(plain_roles(given)))) == given
+
+
+def drawn(**role: Any) -> dict[str, Any]:
+    return {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {}} | role]}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        None,
+        [],
+        {"drawn": "never"},
+        {"drawn": "never", "roles": {}},
+        {"drawn": "never", "roles": []},
+        drawn() | {"drawn": []},
+        drawn(name="a b"),
+        drawn(name=1),
+        drawn(count=1.5),
+        drawn(agents=[1]),
+        {"drawn": "never", "roles": [{"name": "a", "agents": [-1], "numbers": {}}]},
+        {"drawn": "never", "roles": [{"name": "a", "agents": [1, 1], "numbers": {}}]},
+        drawn(numbers={"x": ["normal", 1, 2]}),
+        drawn(numbers={"x": []}),
+        drawn(numbers={"x": ["uniform", 1, 2, 3]}),
+    ],
+)
+def test_broken_data_is_refused(data: Any) -> None:
+    with pytest.raises((NumberError, TypeError)):
+        roles_of(data)
+
+
 def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "hunt.json"
-    file.write_text(json.dumps(plain(HUNT.by_role)))
+    file.write_text(json.dumps(plain_roles(HUNT.by_role)))
     game = ("teams_3", "--set", "teams_sizes=1,3", "--roles")
     assert with_roles(variant("teams_3"), file).by_role == HUNT.by_role
     status, out, _ = run(capsys, "schedule", *game, file)
