@@ -6,9 +6,9 @@ tables alone. The others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -50,8 +50,8 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.kernels.jit import compiled, noinline_kernel
-from outlast.ecs.kernels.simd import SIMD_WIDTH, load_flags, to_bits
+from outlast.ecs.kernels.jit import called_kernel, compiled, noinline_kernel
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .box2d import native, portable
 from .box2d.batch import (
@@ -72,9 +72,9 @@ from .box2d.batch import (
 )
 from .box2d.connect import gather_joints, mark_joined, number_marked, read_forces
 from .box2d.report import report_nothing, report_touches
-from .box2d.transfer import describe, gather, own, scatter
-from .geometry.blocks import alive_bits, first_row
-from .geometry.bodies import Bodies, for_moving
+from .box2d.transfer import describe, gather, own, scatter, some_marked
+from .geometry.blocks import alive_bits, first_row, without_row
+from .geometry.bodies import FEW, Bodies, all_aabbs, near, refresh
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 
@@ -142,16 +142,6 @@ class Physics(Module):
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "batch":
-            return np.zeros((dims["rows"], COLUMNS), np.float32)
-        if name == "traits":
-            return np.zeros((dims["rows"], TRAITS), np.float32)
-        if name == "rows_of_joints":
-            return np.zeros((2 * dims["rows"], JOINTS), np.float32)
-        if name == "spots":
-            return np.zeros((2, dims["rows"]), np.int32)
-        if name == "touches":
-            return np.zeros((1 + dims.get("touches", 0), TOUCHES), np.float32)
         backend = native if self.native() else portable
         return backend.listen(backend.make_workspace()) if "touches" in dims else backend.make_workspace()
 
@@ -187,11 +177,12 @@ def broad_phase(
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    most = ZERO
+    most, last = ZERO, 0
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
     for b in range(solids.size):
         pending = dynamic(entities, solid, solids, b)
+        last = b + 1 if pending else last
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
@@ -202,20 +193,56 @@ def broad_phase(
             if entities.alive[e] and not solid.dynamic[e]:
                 solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
                 most = max(most, solid.max_travel[e])
-    for b in range(solids.size):
+    if refresh(bodies) > FEW:
+        mark_queried(bodies, solids, entities, solid, body, shape, last, most)
+    else:
+        mark_tested(bodies, solids, entities, solid, body, shape, last)
+
+
+@kernel
+def mark_queried(
+    bodies: Any, solids: Array, entities: Array, solid: Array, body: Array, shape: Array, last: int, most: Real
+) -> None:
+    """Mark pairs in a crowd. last: the block behind the last one that has dynamic bodies; most: the longest travel."""
+    for b in range(last):
         pending = dynamic(entities, solid, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
             far = solid.max_travel[e] + outer_radius(shape, e)
-            pair = solid, body, shape, e
-            for_moving(bodies, solids, body.x[e], body.y[e], far, solid.max_travel, most, mark_pair, pair)
+            for k in range(near(bodies, solids, body.x[e], body.y[e], far + most)):
+                if bodies.rows[k] != e:
+                    mark_pair(solid, body, shape, e, bodies.rows[k])
+
+
+@kernel
+def mark_tested(
+    bodies: Any, solids: Array, entities: Array, solid: Array, body: Array, shape: Array, last: int
+) -> None:
+    """Mark pairs in a small room: each block of bodies is loaded once, and tested against all dynamic ones."""
+    x, y, wide, high = all_aabbs(bodies)
+    for b in range(solids.size):
+        there, row = bodies.living[b] & solids[b], SIMD_WIDTH * b
+        if there:
+            xs, ys, travels = load(x, row), load(y, row), load(solid.max_travel, row)
+            halves_x, halves_y = load(wide, row) + travels, load(high, row) + travels
+            for c in range(last):
+                pending = dynamic(entities, solid, solids, c)
+                while pending:
+                    e = first_row(c, pending)
+                    pending &= pending - 1
+                    far = solid.max_travel[e] + outer_radius(shape, e)
+                    close = (abs(xs - body.x[e]) <= halves_x + far) & (abs(ys - body.y[e]) <= halves_y + far)
+                    here = without_row(there & to_bits(close), b, e)
+                    while here:
+                        mark_pair(solid, body, shape, e, first_row(b, here))
+                        here &= here - 1
 
 
 @kernel
 def mark_pair(solid: Array, body: Array, shape: Array, e: int, o: int) -> None:
     """Mark two bodies if they may touch."""
-    if o != e and gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
+    if gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
         solid.may_collide[e], solid.may_collide[o] = 1, 1
 
 
@@ -257,6 +284,110 @@ def box2d_settings(
     )
 
 
+class Differences(NamedTuple):
+    """What tells bodies apart for Box2D; None in place of what a scenario lacks."""
+
+    filters: Any  # the table, and by row which ones are in it, as the next two
+    filtered: Any
+    materials: Any
+    made: Any
+    driven: Any  # by row, which ones are driven
+
+
+def tell_apart(
+    filters: Read[Filter] | None,
+    filtered: RowIndex[Filter] | None,
+    materials: Read[Material] | None,
+    made: RowIndex[Material] | None,
+    driven: RowIndex[Driven] | None,
+) -> Differences:
+    """Return what tells bodies apart."""
+    return Differences(filters, filtered, materials, made, driven)
+
+
+class Batch(NamedTuple):
+    """Memory of a contact batch, see `box2d.batch`."""
+
+    rows: Array
+    traits: Array
+    joints: Array
+    spots: Array  # int32 (2, rows), see number_marked
+    touches: Array
+
+
+def make_batch(dims: Mapping[str, int]) -> Batch:
+    """Make the memory of a contact batch."""
+    rows = dims["rows"]
+    return Batch(
+        np.zeros((rows, COLUMNS), np.float32),
+        np.zeros((rows, TRAITS), np.float32),
+        np.zeros((2 * rows, JOINTS), np.float32),
+        np.zeros((2, rows), np.int32),
+        np.zeros((1 + dims.get("touches", 0), TOUCHES), np.float32),
+    )
+
+
+@called_kernel
+def solve_marked(
+    solve: Any,
+    body: Array,
+    solid: Array,
+    fault: Array,
+    push: Array,
+    entities: Array,
+    solids: Array,
+    filters: Any,
+    filtered: Any,
+    materials: Any,
+    made: Any,
+    driven: Any,
+    welds: Any,
+    welders: Any,
+    ropes: Any,
+    tied: Any,
+    weld_events: Any,
+    rope_events: Any,
+    touch_events: Any,
+    touching: Any,
+    bodies: Any,
+    workspace: Array,
+    batch: Batch,
+    settings: Settings,
+) -> None:
+    """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything.
+
+    It takes what `collide` takes, which calls it in a few worlds of a hundred.
+    """
+    result = SOLVED
+    for everything in (False, True):
+        if everything:
+            for e in range(solid.may_collide.size):
+                solid.may_collide[e] = entities.alive[e]
+        count = gather(batch.rows, bodies, push, solid, entities, solids, driven, settings.substeps)
+        if everything:
+            batch.rows[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
+        if filters is None and materials is None and welds is None and ropes is None and touching is None:
+            result = solve(workspace, settings, batch.rows, count)
+        else:
+            describe(batch.traits, settings, solid, entities, solids, filters, filtered, materials, made)
+            number_marked(batch.spots, solid, entities, solids)
+            joined = gather_joints(batch.joints, body, solid, welds, welders, ropes, tied, batch.spots)
+            if touching is None:
+                result = solve(workspace, settings, batch.rows, count, batch.traits, batch.joints, joined)
+            else:
+                result = solve(
+                    workspace, settings, batch.rows, count, batch.traits, batch.joints, joined, batch.touches
+                )
+        if result == SOLVED:
+            break
+    fault.physics[0] = result != SOLVED
+    ended = read_forces(batch.joints, 0, welds, weld_events, solid, welders)
+    if touching is not None and result == SOLVED:
+        report_touches(batch.touches, batch.spots[1], touch_events, touching)
+    read_forces(batch.joints, ended, ropes, rope_events, solid, tied)
+    scatter(batch.rows, body, solid, entities, solids)
+
+
 def collider(solve: Any) -> Any:
     """Return the system `collide` for one of the two backends."""
 
@@ -264,15 +395,10 @@ def collider(solve: Any) -> Any:
         body: Write[Body],
         solid: Write[Solid],
         fault: Write[Fault],
-        shape: Read[Shape],
         push: Read[Push],
         entities: Read[Entity],
         solids: Bitset[Solid],
-        filters: Read[Filter] | None,
-        filtered: RowIndex[Filter] | None,
-        materials: Read[Material] | None,
-        made: RowIndex[Material] | None,
-        driven: RowIndex[Driven] | None,
+        differences: Annotated[Differences, Service(tell_apart)],
         welds: Write[Weld] | None,
         welders: Rows[Weld] | None,
         ropes: Write[Rope] | None,
@@ -283,46 +409,41 @@ def collider(solve: Any) -> Any:
         touching: Write[Touching] | None,
         bodies: Bodies,
         workspace: Scratch,
-        batch: Scratch,
-        traits: Scratch,
-        rows_of_joints: Scratch,
-        spots: Scratch,
-        touches: Scratch,
+        batch: Annotated[Batch, Service(memory=make_batch)],
         settings: Annotated[Settings, Service(box2d_settings)],
     ) -> None:
-        """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
+        """Hand the marked bodies to Box2D, with those that are joined to each other."""
         mark_joined(welds, solid, entities, solids, welders)
         mark_joined(ropes, solid, entities, solids, tied)
-        result = SOLVED
-        for everything in (False, True):
-            if everything:
-                for e in range(solid.may_collide.size):
-                    solid.may_collide[e] = entities.alive[e]
-            count = gather(batch, bodies, push, solid, entities, solids, driven, settings.substeps)
-            if count == 0:
-                if touching is not None:
-                    report_nothing(touching)
-                return
-            if everything:
-                batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
-            if filters is None and materials is None and welds is None and ropes is None and touching is None:
-                result = solve(workspace, settings, batch, count)
-            else:
-                describe(traits, settings, solid, entities, solids, filters, filtered, materials, made)
-                number_marked(spots, solid, entities, solids)
-                joined = gather_joints(rows_of_joints, body, solid, welds, welders, ropes, tied, spots)
-                if touching is None:
-                    result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined)
-                else:
-                    result = solve(workspace, settings, batch, count, traits, rows_of_joints, joined, touches)
-            if result == SOLVED:
-                break
-        fault.physics[0] = result != SOLVED
-        ended = read_forces(rows_of_joints, 0, welds, weld_events, solid, welders)
-        if touching is not None and result == SOLVED:
-            report_touches(touches, spots[1], touch_events, touching)
-        read_forces(rows_of_joints, ended, ropes, rope_events, solid, tied)
-        scatter(batch, body, solid, entities, solids)
+        if some_marked(solid, entities, solids):
+            solve_marked(
+                solve,
+                body,
+                solid,
+                fault,
+                push,
+                entities,
+                solids,
+                differences.filters,
+                differences.filtered,
+                differences.materials,
+                differences.made,
+                differences.driven,
+                welds,
+                welders,
+                ropes,
+                tied,
+                weld_events,
+                rope_events,
+                touch_events,
+                touching,
+                bodies,
+                workspace,
+                batch,
+                settings,
+            )
+        elif touching is not None:
+            report_nothing(touching)
 
     return collide
 

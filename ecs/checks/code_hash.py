@@ -57,7 +57,7 @@ def _describe_module(module: Module) -> Iterator[str]:
     for system in sorted(module.systems(), key=lambda system: system.label):
         yield _describe_declaration(system)
         components.update(component for parameter in _described(system) for component in parameter.components)
-        services = [each.service.function for each in system.parameters if each.service]
+        services = [each.service.function for each in system.parameters if each.service and each.service.function]
         functions += [each for each in (system.function, *services) if is_outside(each)]
     for component in sorted(components, key=full_name):
         yield _describe_component(component)

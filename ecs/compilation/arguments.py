@@ -15,9 +15,9 @@ import ctypes
 import functools
 import hashlib
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -73,17 +73,33 @@ class ArgumentLayout:
         return slot
 
 
-ServiceMemory: TypeAlias = dict[Service, dict[str, Array]]
-"""The arrays of services by service, which the units of a thread share; they are made when first asked for."""
+class ServiceMemory:
+    """The memory of services, which the units of a thread share; it is made when first asked for."""
 
+    def __init__(self, dims: Mapping[str, int]) -> None:
+        self._dims = dims
+        self._made = dict[Service, list[Array]]()
 
-def _arrays(service: Service, dims: Mapping[str, int]) -> dict[str, Array]:
-    """Make the arrays of a service, each at the start of a cache line, and with one behind it, for kernels.simd."""
-    found = service.arrays(service.memory(dims)) if service.memory else {}
-    for name, array in found.items():
-        found[name] = aligned(array.nbytes).view(array.dtype).reshape(array.shape)
-        found[name][...] = array
-    return found
+    def arrays(self, service: Service) -> list[Array]:
+        """Return a service's arrays, each at the start of a cache line, and with one behind it, for kernels.simd."""
+        if service not in self._made:
+            self._made[service] = [
+                aligned(each.nbytes).view(each.dtype).reshape(each.shape) for each in self._first(service)
+            ]
+            self._fill(service)
+        return self._made[service]
+
+    def restore(self) -> None:
+        """Make all arrays what they were at first, as a system that has failed may have left any in between."""
+        for service in self._made:
+            self._fill(service)
+
+    def _first(self, service: Service) -> Iterable[Array]:
+        return service.arrays(service.memory(self._dims)).values() if service.memory else ()
+
+    def _fill(self, service: Service) -> None:
+        for array, first in zip(self._made[service], self._first(service), strict=True):
+            array[...] = first
 
 
 class ArgumentBlock:
@@ -100,9 +116,7 @@ class ArgumentBlock:
         for slot, (find, axes) in layout.arrays.items():
             self._describe(slot, find(worlds), axes)
         for slot, service in layout.services.items():
-            if service not in memory:
-                memory[service] = _arrays(service, worlds.dims)
-            for k, array in enumerate(memory[service].values()):
+            for k, array in enumerate(memory.arrays(service)):
                 self._describe(slot + k * ARRAY_SLOTS, array, 0)
         self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
         for slot, array in self.scratch.items() if compiled else ():

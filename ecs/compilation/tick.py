@@ -15,7 +15,7 @@ import functools
 import itertools
 import linecache
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -59,9 +59,7 @@ from .arguments import (
     MAX_DIMENSIONS,
     MODE,
     STRIDE,
-    ArgumentBlock,
     ArgumentLayout,
-    ServiceMemory,
     View,
     array_view,
     number_view,
@@ -122,6 +120,7 @@ class Generator:
         self._owners: dict[str, Any] = {}  # what each name in the source stands for
         self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
         self.inside: dict[str, None] = {}  # lines at the start of its body
+        self.behind: list[str] = []  # lines at its end
         self._kernels: list[Any] = []  # those of services
 
     def clock(self) -> Unit:
@@ -223,7 +222,7 @@ class Generator:
         if self.compiled:
             lines += ["        fetch(ahead, offsets, count)", "        ahead += stride"]
         lines += [f"        if {IDLE[when]}:", "            continue"]
-        lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
+        lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})", *self.behind)]
         source, kernels = "\n".join(lines) + "\n", (kernel, *self._kernels)
         at_reset = when is When.RESET
         return Unit(label, system, source, self.names, self.arguments, self.compiled, at_reset, needed, kernels)
@@ -272,18 +271,19 @@ class Generator:
         return self._number(value, parameter.name, full)
 
     def _service(self, module: Module, system: System, parameter: Parameter) -> str:
-        """Return what a service makes of its parts: a value, or memory of the thread that it fills."""
+        """Return what a service makes of its parts: a value, or memory of the thread that it fills or clears."""
         service: Any = parameter.service
-        parts = [self._argument(module, system, part) for part in service.parameters]
-        make = self._unique(f"make_{service.function.__name__}", service)
-        self.names[make] = service.kernel if self.compiled else service.function
-        self._kernels.append(service.kernel)
+        parts = [self._argument(module, system, part) for part in parameter.parts]
         name = f"service_{parameter.name}"
+        if service.function is not None:
+            make = self._unique(f"make_{service.function.__name__}", service)
+            self.names[make] = service.kernel if self.compiled else service.function
+            self._kernels.append(service.kernel)
         if service.memory is None:
             self.inside[f"{name} = {make}({', '.join(parts)})"] = None
             return name
         memory = service.memory(self.layout.dims)
-        kind, fields = f"memory_{parameter.name}", dict(zip((p.name for p in service.parameters), parts, strict=True))
+        kind, fields = f"memory_{parameter.name}", dict(zip((p.name for p in parameter.parts), parts, strict=True))
         arrays = service.arrays(memory)
         slot = self._slot(kind, self.arguments.add_service(service, len(arrays)))
         for k, (field, array) in enumerate(arrays.items()):
@@ -291,7 +291,10 @@ class Generator:
             fields[field] = f"{view}(arguments, {slot} + {k * ARRAY_SLOTS}, 0)"
         self.names[kind] = type(memory)
         self.inside[f"{name} = {kind}({', '.join(fields[field] for field in memory._fields)})"] = None
-        self.inside[f"{make}({', '.join([name, *parts])})"] = None
+        if service.function is not None:
+            call = f"{make}({', '.join([name, *parts])})"
+            self.behind += [call] if service.behind else []
+            self.inside |= {} if service.behind else {call: None}
         return name
 
     def _number(self, value: int | float, parameter: str, full: str = "") -> str:
@@ -461,14 +464,15 @@ class Segment:
 def segments(
     layout: MemoryLayout,
     systems: Sequence[System],
+    split: bool = False,
     interpret: Collection[str] = (),
     specialize: bool = False,
     python: bool = False,
 ) -> list[Segment]:
     """Generate the units of a tick of these systems, in order.
 
-    interpret: labels of systems to run as Python; python: all of them. specialize: whether the machine code is for this
-    layout alone.
+    split: whether each unit gets a segment of its own. interpret: labels of systems to run as Python; python: all of
+    them. specialize: whether the machine code is for this layout alone.
     """
     modules, tables = {module.name: module for module in layout.modules}, dict[Any, tuple[Any, str]]()
 
@@ -494,6 +498,8 @@ def segments(
     if NumbersView in layout.components:
         units.append(new().show())
     units += [new().clear(*each) for each in published_rows(layout)]
+    if split:
+        return [Segment((unit,), unit.compiled) for unit in units]
     return [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
 
 
@@ -527,11 +533,3 @@ def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Compone
             for name, column in component.columns.items():
                 if column.dtype != bool and (ends := column.range(layout.dims)):
                     yield component, name, *ends
-
-
-def in_python(units: Sequence[Unit], worlds: Tables) -> Iterator[tuple[Unit, ArgumentBlock, Callable[[], None]]]:
-    """Yield units with their arguments, and a function that takes all worlds through each as Python."""
-    memory = ServiceMemory()
-    for unit in units:
-        block = ArgumentBlock(unit.arguments, worlds, memory, compiled=False)
-        yield unit, block, functools.partial(unit.function(), block, 0, worlds.count)

@@ -18,8 +18,9 @@ Offset          the first column of an observation's field, which the parameter'
                 the system touches only these fields; systems that touch different fields may run in any order
 int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: float
 tuple[float..]  the same for several numbers, as a read-only float32 array
-... | None      one of the first six, or None in a scenario that lacks the component. What `if table is not None:`
-                guards is then no part of the machine code, so what a scenario does without costs it nothing
+... | None      one of the first six, or None in a scenario that lacks the component; also in a Service. What
+                `if table is not None:` guards is then no part of the machine code, if `table` is a parameter, so what
+                a scenario does without costs it nothing
 Label           the number of the module's label of a kind, as Annotated[int, Label("damage_type")]: see there
 Service         what is made of other parameters, as Annotated[..., Service(function)]: see there
 =============== =====================================================================================
@@ -88,12 +89,18 @@ class Parameter:
     type: type = object  # the type of a number: int, float, bool or tuple
     optional: bool = False  # whether the kernel takes None where the scenario lacks the component
     service: "Service | None" = None
+    parts: tuple["Parameter", ...] = ()  # what the service is made of
     label: str = ""  # the class attribute of a Label
 
     def with_parts(self) -> tuple["Parameter", ...]:
         """Return the parameter and, if it is a service, those that the service is made of."""
-        parts = self.service.parameters if self.service else ()
-        return self, *(replace(each, name=f"{self.name}.{each.name}") if each.components else each for each in parts)
+        return self, *(replace(p, name=f"{self.name}.{p.name}") if p.components else p for p in self.parts)
+
+    def among(self, brings: Callable[["Parameter"], bool]) -> "Parameter":
+        """Return what it is in a scenario of which `brings` says what a parameter finds there."""
+        if self.optional and not brings(self):
+            return Parameter(self.name, "none")
+        return replace(self, parts=tuple(part.among(brings) for part in self.parts)) if self.parts else self
 
 
 @dataclass(frozen=True)
@@ -120,24 +127,32 @@ class Service:
 
     Without `memory`, the system gets what `function` returns.
 
-    With `memory`, it gets a named tuple of arrays, which is the first argument of `function` and is filled by it ahead
-    of each system that takes the service, in each world. It is memory of the thread, which stays in its fastest cache,
-    and no part of a world's state. A field of the tuple that is called like a parameter of `function` is that
-    parameter, so that `function` can leave the work to the first kernel that needs it.
+    With `memory`, it gets a named tuple of arrays, which is the first argument of `function`, and is filled by it ahead
+    of each system that takes the service, in each world; without `function`, by the system. It is memory of the thread,
+    which stays in its fastest cache, and no part of a world's state. A field of the tuple that is called like a
+    parameter of `function` is that parameter, so that the first kernel that needs the memory can fill it; `function`
+    then runs `behind` each system, and clears what has been filled.
 
     Args:
         function: A function that kernels can call. Its parameters, behind the named tuple, are annotated like those of
             systems: Read, Rows, Bitset, RowIndex, and numbers.
         memory: From sizes by name of the dimension, the named tuple, with None in place of parameters. Numbers do not
             enter into it.
+        behind: Whether `function` runs behind each system, not ahead. A store ahead of a system would keep the compiler
+            from loading the addresses of columns where they are needed only.
     """
 
-    function: Callable[..., Any]
+    function: Callable[..., Any] | None = None
     memory: Callable[[Mapping[str, int]], Any] | None = None
-    kernel: Callable[..., Any] = field(init=False)
-    parameters: tuple[Parameter, ...] = field(init=False)
+    behind: bool = False
+    kernel: Callable[..., Any] | None = field(init=False, default=None)
+    parameters: tuple[Parameter, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
+        if self.function is None:
+            if self.memory is None:
+                raise DeclarationError("a Service needs a function, or memory, or both")
+            return
         function = getattr(self.function, "py_func", self.function)
         found = parameters(function, skip=1 if self.memory else 0)
         for each in found:
@@ -156,8 +171,9 @@ class Service:
         found = {name: value for name, value in memory._asdict().items() if name not in named}
         for name, value in found.items():
             if not isinstance(value, np.ndarray):
+                made: Any = self.function or self.memory
                 raise DeclarationError(
-                    f"{self.function.__module__}.{self.function.__qualname__}: the field '{name}' of its memory is "
+                    f"{made.__module__}.{made.__qualname__}: the field '{name}' of its memory is "
                     f"{type(value).__name__}: an array is needed, or the name of a parameter"
                 )
         return found
@@ -195,7 +211,7 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
             return replace(found, optional=True)
     inner, kind = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
     if isinstance(kind, Service):
-        return Parameter(name, "service", service=kind)
+        return Parameter(name, "service", service=kind, parts=kind.parameters)
     if isinstance(kind, Label):
         return Parameter(name, "label", label=kind.attribute)
     if kind in ANNOTATED:

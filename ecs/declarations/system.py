@@ -47,11 +47,8 @@ class System:
 
     def among(self, brings: Callable[[Parameter], bool]) -> "System":
         """The same system in a scenario: `brings` says what a parameter finds there. Optional ones get None instead."""
-        lacking = {each for each in self.parameters if each.optional and not brings(each)}
-        if not lacking:
-            return self
-        own = (Parameter(each.name, "none") if each in lacking else each for each in self.parameters)
-        return dataclasses.replace(self, parameters=tuple(own))
+        found = tuple(each.among(brings) for each in self.parameters)
+        return self if found == self.parameters else dataclasses.replace(self, parameters=found)
 
     @functools.cached_property
     def access(self) -> tuple[Parameter, ...]:

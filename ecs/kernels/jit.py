@@ -16,16 +16,20 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import llvmlite.binding
 import numba
 import numpy as np
 from numba import types
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.extending import _Intrinsic
+from numba.core.lowering import Lower
 from numba.core.registry import CPUDispatcher
 from numba.core.sigutils import normalize_signature
+from numba.core.typed_passes import NativeLowering
 from numba.extending import models, register_model
 
 from .errors import DeclarationError
@@ -99,15 +103,42 @@ def _has_plain_arrays(kinds: Any) -> bool:
     )
 
 
-def kernel(function: Function, *, inline: bool = True) -> Function:
+class _NotInlined(Lower):  # type: ignore[misc]
+    def setup_function(self, fndesc: Any) -> None:
+        super().setup_function(fndesc)
+        self.function.attributes.add("noinline")  # or LLVM would inline what has one caller, however large
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _LoweringOfCalls(NativeLowering):  # type: ignore[misc]
+    _name = "outlast_lowering_of_calls"
+    lowering_class = _NotInlined
+
+
+class _CompilerOfCalls(CompilerBase):  # type: ignore[misc]
+    """Numba's compiler, of functions that are always called."""
+
+    def define_pipelines(self) -> list[Any]:
+        usual, passes = DefaultPassBuilder.define_nopython_pipeline(self.state), PassManager("outlast_calls")
+        for each, what in usual.passes:
+            passes.add_pass(_LoweringOfCalls if each is NativeLowering else each, what)
+        passes.finalize()
+        return [passes]
+
+
+def kernel(function: Function, *, inline: Literal["always", "may", "never"] = "always") -> Function:
     """Compile `function` for the tick: it takes arrays and scalars, and writes columns in place.
 
     Args:
         function: A Python function in the subset of Python that numba compiles.
-        inline: Whether to compile it into every kernel that calls it. A call that is not inlined takes some fifty
-            instructions for each table among its arguments; inlined, only the columns that are used cost anything.
+        inline: Whether it is compiled into every kernel that calls it; LLVM decides about those that may be. A call
+            that is not inlined takes some fifty instructions for each table among its arguments; inlined, only the
+            columns that are used cost anything.
     """
-    options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    options = {**options_of(function), "forceinline": inline == "always"}
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    if inline == "never":
+        options["pipeline_class"] = _CompilerOfCalls
     compiled = numba.njit(**options)(function)
     if compiled is not function:  # under NUMBA_DISABLE_JIT, numba returns the function
         compiled.__class__ = _Kernel
@@ -115,8 +146,13 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
 
 
 def noinline_kernel(function: Function) -> Function:
-    """Compile a kernel without inlining it: a large one with several callers and scalars, not tables, as arguments."""
-    return kernel(function, inline=False)
+    """Compile a kernel that may be called: a large one with several callers and scalars, not tables, as arguments."""
+    return kernel(function, inline="may")
+
+
+def called_kernel(function: Function) -> Function:
+    """Compile a kernel that is always called: a large one that is seldom needed, and would slow down what is usual."""
+    return kernel(function, inline="never")
 
 
 @functools.cache

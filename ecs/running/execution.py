@@ -22,7 +22,7 @@ from ..compilation.compiled_step import (
     UNITS,
     WHOLE_STEP,
 )
-from ..compilation.tick import Segment, Unit, in_python
+from ..compilation.tick import Segment, Unit
 from ..declarations.component import Component
 from ..kernels.errors import EngineError
 from ..kernels.jit import interpreted
@@ -53,7 +53,7 @@ class CompiledExecution:
     ) -> None:
         self._units, self._code = segment.units, compiled_units
         self._count, self._touched = worlds.count, touched
-        self.blocks = list[ArgumentBlock]()
+        self.blocks, self._memories = list[ArgumentBlock](), list[ServiceMemory]()
         self._frames = [self._frame(worlds) for _ in range(1 if team is None else team.size)]
         addresses = [int(frame.ctypes.data) for frame in self._frames]
         step, run = compiled_units.function(WHOLE_STEP), compiled_units.address(RUN)
@@ -63,8 +63,9 @@ class CompiledExecution:
 
     def _frame(self, worlds: Tables) -> Any:
         """The frame of a thread."""
-        memory = ServiceMemory()
+        memory = ServiceMemory(worlds.dims)
         blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
+        self._memories.append(memory)
         frame = aligned(8 * (TABLE + 2 * len(blocks))).view(np.int64)
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
         frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
@@ -85,7 +86,9 @@ class CompiledExecution:
             raise self.error()
 
     def error(self) -> BaseException:
-        """Return the exception that a kernel has raised, if `step` has returned -1."""
+        """Return the exception that a kernel has raised, after which `step` has returned -1, and be ready again."""
+        for memory in self._memories:
+            memory.restore()
         frame = self._frames[0]
         unit, first_world, exception = (int(frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
         last = min(first_world + int(frame[CHUNK]), self._count) - 1
@@ -106,17 +109,22 @@ class PythonExecution:
     """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Tables) -> None:
-        self._calls = [*in_python(segment.units, worlds)]
-        self.blocks = [block for _, block, _ in self._calls]
+        self._count = worlds.count
+        self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
+        self._memory = ServiceMemory(worlds.dims)
+        self.blocks = [ArgumentBlock(unit.arguments, worlds, self._memory, compiled=False) for unit in segment.units]
 
     def __call__(self) -> None:
         """Take all worlds through the units, one after the other."""
         with interpreted():
-            for unit, _, call in self._calls:
+            for unit, function, block in zip(self._units, self._functions, self.blocks, strict=True):
                 try:
-                    call()
-                except EngineError as error:
-                    raise error if unit.system else type(error)(f"{unit.label}: {error}{unit.needed}") from None
+                    function(block, 0, self._count)
+                except BaseException as error:
+                    self._memory.restore()
+                    if unit.system or not isinstance(error, EngineError):
+                        raise
+                    raise type(error)(f"{unit.label}: {error}{unit.needed}") from None
 
 
 def _together(worlds: Tables) -> int:

@@ -50,6 +50,15 @@ def marked(solid: Array, entities: Array, solids: Array, b: int) -> int:
 
 
 @kernel
+def some_marked(solid: Array, entities: Array, solids: Array) -> bool:
+    """Return whether any body goes into the batch."""
+    some = 0
+    for b in range(solids.size):
+        some |= marked(solid, entities, solids, b)
+    return some != 0
+
+
+@kernel
 def gather(
     batch: Array,
     bodies: Any,
@@ -61,11 +70,7 @@ def gather(
     substeps: int,
 ) -> int:
     """Write the marked bodies into `batch` in order of rows; returns how many."""
-    some = count = 0
-    for b in range(solids.size):
-        some |= marked(solid, entities, solids, b)
-    if some == 0:
-        return 0
+    count = 0
     refresh(bodies)
     aabbs, body, shape = all_aabbs(bodies), bodies.body, bodies.shape
     for b in range(solids.size):

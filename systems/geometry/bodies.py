@@ -10,7 +10,8 @@ grid of 255 steps along each axis, so that each is a byte, and a rectangle is co
 instructions.
 
 The first query of a system fills the index of a world, in memory of the thread: to fill it in each system that asks
-is faster than to keep one for every world, out of the fastest cache. A system that has nothing to ask pays nothing.
+is faster than to keep one for every world, out of the fastest cache. A system that has nothing to ask pays almost
+nothing.
 Whether a later query finds what the system itself has moved or removed since is open.
 """
 
@@ -85,11 +86,11 @@ def make_index(dims: Mapping[str, int]) -> Index:
 
 
 def expire(index: Any, body: Read[Body], shape: Read[Shape], entities: Read[Entity], members: Bitset[Shape]) -> None:
-    """Let the next query of a world fill its index."""
+    """Let the first query of the next world, or of the next system, fill the index."""
     index.count[0] = STALE
 
 
-Bodies: TypeAlias = Annotated[Any, Service(expire, make_index)]
+Bodies: TypeAlias = Annotated[Any, Service(expire, make_index, behind=True)]
 """A parameter of systems: the index of all living bodies that have a Shape, an Index."""
 
 
@@ -114,28 +115,6 @@ def near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
     """List the living `members`, a bitset by block, whose AABB is within `distance` of a point along both axes."""
     box = x - distance, x + distance, y - distance, y + distance
     return list_rows(index, members, box, aabbs_near_point, (x, y, distance))
-
-
-@kernel
-def for_moving(
-    index: Index, members: Array, x: Real, y: Real, distance: Real, travel: Array, longest: Real, act: Any, given: Any
-) -> None:
-    """Call `act(*given, e)` for the rows that `near` lists if bodies may move first.
-
-    travel: how far each may, float32 by row, at most `longest`; metres.
-    """
-    if refresh(index) > FEW:
-        for k in range(near(index, members, x, y, distance + longest)):
-            act(*given, index.rows[k])
-        return
-    aabbs = all_aabbs(index)
-    for b in range(members.size):
-        here = index.living[b] & members[b]
-        if here:
-            here &= aabbs_near_point(aabbs, b, x, y, load(travel, SIMD_WIDTH * b) + distance)
-            while here:
-                act(*given, first_row(b, here))
-                here &= here - 1
 
 
 @kernel

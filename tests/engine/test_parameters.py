@@ -27,6 +27,7 @@ from outlast.ecs import (
     Worlds,
     Write,
     column,
+    kernel,
     number,
     of,
 )
@@ -34,7 +35,11 @@ from tests.engine.test_per_agent import MODULES, Pace, made, roles
 from tests.helpers.mechanics import kind, taking
 from tests.helpers.toy_game import GAME, Food, Phase, Place, Toy, Walkers, Weather, make, run, system_of, walked
 
-TICKS = 12
+TICKS, FAR = 12, 1e6
+
+
+class Absent(Singleton):  # which no game brings
+    there: Array = column("f4")
 
 
 class Sum(NamedTuple):
@@ -110,6 +115,71 @@ def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
         np.testing.assert_allclose(shown.seen[modes == RESET, 3], shown.there[modes == RESET, 3])
         np.testing.assert_array_equal(shown.seen[modes == SKIP], before[modes == SKIP])
     assert worlds[Shown].seen.any(0).all()
+
+
+class Lazy(NamedTuple):
+    total: Array
+    full: Array
+    place: Any
+    rows: Any
+    food: Any
+
+
+def clear(memory: Any, place: Read[Place], rows: Rows[Place], food: Read[Absent] | None) -> None:
+    memory.full[0] = 0
+
+
+LazyTotal = Annotated[Any, Service(clear, lambda dims: Lazy(np.zeros(1), np.zeros(1), None, None, None), behind=True)]
+
+
+@kernel
+def lazy_total(memory: Any) -> float:
+    if memory.full[0] == 0:
+        memory.total[0] = 0
+        for e in memory.rows:
+            memory.total[0] += memory.place.x[e]
+        memory.full[0] = 1
+    return memory.total[0]
+
+
+Asks = kind("Asks", Toy, singletons=[Shown()])
+
+
+@Asks.system(Phase.SHOW, after="walkers.show")
+def ask(shown: Write[Shown], lazy: LazyTotal, place: Read[Place], rows: Rows[Place]) -> None:
+    shown.seen[0], shown.there[0] = lazy_total(lazy), 0
+    for e in rows:
+        shown.there[0] += place.x[e]
+    if lazy.food is not None or shown.there[0] > FAR:
+        raise ValueError("too far")
+
+
+@pytest.mark.parametrize("options", [{}, {"threads": 2}, {"interpret": ("asks.ask",)}])
+def test_what_a_system_fills_is_cleared_behind_it(options: Any) -> None:
+    """Also behind one that fails, and if there is but one world, which comes again and again."""
+    for count in (1, 70):
+        worlds = Worlds([*GAME, Asks()], count, **options)
+        for tick in range(3):
+            run(worlds, STEP if tick else RESET)
+            np.testing.assert_allclose(worlds[Shown].seen, worlds[Shown].there)
+        worlds[Place].x[0] = 2 * FAR
+        with pytest.raises(ValueError, match="too far"):
+            run(worlds, STEP)
+        worlds[Place].x[0] = 1
+        run(worlds, STEP)
+        np.testing.assert_allclose(worlds[Shown].seen, worlds[Shown].there)
+
+
+def test_a_service_may_be_memory_alone() -> None:
+    def note(shown: Write[Shown], memory: Annotated[Sum, Service(memory=make_sum)]) -> None:
+        memory.total[0] = 3
+        shown.seen[0] = memory.total[0]
+
+    Bare = kind("Bare", Toy, singletons=[Shown()])  # noqa: N806
+    Bare.system(Phase.SHOW)(note)
+    assert run(Worlds([*GAME, Bare()], 1), RESET)[Shown].seen[0, 0] == 3
+    with pytest.raises(DeclarationError, match="a Service needs a function, or memory, or both"):
+        Service()
 
 
 def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
