@@ -71,7 +71,7 @@ class RowIndex(Rows[*Parts]):
 
 
 SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
-ANNOTATED = ("read", "write", "add", "random", "scratch", "offset")
+ANNOTATED = ("random", "scratch", "offset")
 PARTS = ("read", *SELECTIONS.values(), "number", "numbers")  # kinds of the parameters that services are made of
 
 
@@ -186,76 +186,75 @@ def parameters(function: Callable[..., Any], skip: int = 0) -> tuple[Parameter, 
         DeclarationError: An annotation is not in the table above, a parameter has a default, or the function is a
             generator or a coroutine, which would not run when it is called.
     """
+    label = f"{function.__module__}.{function.__qualname__}"
     if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
         raise DeclarationError(
-            f"{function.__module__}.{function.__qualname__} is a generator or a coroutine: a call of it would do "
-            "nothing; write a function without yield or async"
+            f"{label} is a generator or a coroutine: a call of it would do nothing; write a function without yield or "
+            "async"
         )
     hints, own = get_type_hints(function, include_extras=True), inspect.signature(function).parameters
     for name, parameter in own.items():
         if parameter.default is not parameter.empty:
             cure = f": the default of a number stands in the class of its mechanic, as in {name}: float = number(1.0)"
             raise DeclarationError(
-                f"{function.__module__}.{function.__qualname__}: parameter '{name}' has the default "
-                f"{parameter.default!r:.60}, but every call gives it; leave it out"
+                f"{label}: parameter '{name}' has the default {parameter.default!r:.60}, but every call gives it; "
+                "leave it out"
                 + (cure if hints.get(name) in (int, float, bool) or get_origin(hints.get(name)) is tuple else "")
             )
-    return tuple(_parameter(function, name, hints.get(name)) for name in [*own][skip:])
+    found = [_parameter(name, hints.get(name)) for name in [*own][skip:]]
+    for name, each in zip([*own][skip:], found, strict=True):
+        if isinstance(each, str):
+            raise DeclarationError(f"{label}: parameter '{name}' is {each}")
+    return tuple(each for each in found if isinstance(each, Parameter))
 
 
-def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
+def _parameter(name: str, hint: Any) -> Parameter | str:
+    """Return what an annotation says; or in words what it is, if that is impossible, and what to write instead."""
     if get_origin(hint) in (Union, UnionType) and NoneType in get_args(hint):
-        inner = next(each for each in get_args(hint) if each is not NoneType)
-        found = _parameter(function, name, inner)
-        if len(get_args(hint)) == 2 and found.components:
+        found = _parameter(name, next(each for each in get_args(hint) if each is not NoneType))
+        if len(get_args(hint)) == 2 and isinstance(found, Parameter) and found.components:
             return replace(found, optional=True)
     inner, kind = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
     if isinstance(kind, Service):
         return Parameter(name, "service", service=kind, parts=kind.parameters)
     if isinstance(kind, Label):
         return Parameter(name, "label", label=kind.attribute)
-    if kind in ANNOTATED:
-        if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
-            raise DeclarationError(
-                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[{inner!r}]; a "
-                f"component is needed, as in {kind.title()}[Body]"
-            )
-        if kind in ("read", "write", "add") and not inner.columns:
+    if kind in ("read", "write", "add"):
+        if not (isinstance(inner, type) and issubclass(inner, Component)):
+            return f"{kind.title()}[{inner!r}]; a component is needed, as in {kind.title()}[Body]"
+        what = f"{kind.title()}[{inner.__name__}]"
+        if not inner.columns:
             rows = "" if issubclass(inner, Singleton) else f"; Rows[{inner.__name__}] are the entities that have it"
-            raise DeclarationError(
-                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}"
-                f"[{inner.__name__}], which has no columns{rows}"
-            )
+            return f"{what}, which has no columns{rows}"
         if kind == "add" and issubclass(inner, Event):
-            raise DeclarationError(
-                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "
-                f"order of events is that of the systems that emit them: annotate it Write[{inner.__name__}]"
+            return (
+                f"{what}, but the order of events is that of the systems that emit them: annotate it "
+                f"Write[{inner.__name__}]"
             )
         if kind in ("write", "add") and inner is Clock:
-            raise DeclarationError(
-                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[Clock], but the "
-                "engine alone sets the clock, which is the key of all random numbers: annotate it Read[Clock], and "
-                "count in a component of your own"
+            return (
+                f"{what}, but the engine alone sets the clock, which is the key of all random numbers: annotate it "
+                "Read[Clock], and count in a component of your own"
             )
-        return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
+        return Parameter(name, kind, (inner,))
+    if kind in ANNOTATED:
+        return Parameter(name, kind)
     if get_origin(hint) in SELECTIONS:
         for part in get_args(hint):
             if not (isinstance(part, type) and issubclass(part, Component)) or issubclass(part, Singleton):
-                selection = f"{get_origin(hint).__name__}[{getattr(part, '__name__', part)}]"
                 singleton = isinstance(part, type) and issubclass(part, Singleton)
                 why = "which is per world and has no rows" if singleton else "which is no component"
-                raise DeclarationError(
-                    f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {selection}, {why}; "
-                    "the components of entities are needed, as in Rows[Body]"
+                return (
+                    f"{get_origin(hint).__name__}[{getattr(part, '__name__', part)}], {why}; the components of "
+                    "entities are needed, as in Rows[Body]"
                 )
         return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))
     if hint in (int, float, bool):
         return Parameter(name, "number", type=hint)
     if get_origin(hint) is tuple:
         return Parameter(name, "numbers", type=tuple)
-    raise DeclarationError(
-        f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
-        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
-        "Offset, int, float, bool, tuple, Annotated[...] with a Label or a Service, and one that names components or "
-        "None, as in Read[C] | None"
+    return (
+        f"annotated {hint!r}; allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], "
+        "Random, Scratch, Offset, int, float, bool, tuple, Annotated[...] with a Label or a Service, and one that "
+        "names components or None, as in Read[C] | None"
     )

@@ -55,15 +55,6 @@ def check_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) 
     layout.modules[number.module].replace(**{number.field: value}).check(layout)
 
 
-def _is_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) -> bool:
-    """Return whether the mechanic takes this value of a free number."""
-    try:
-        check_taken(number, layout, value)
-    except NumberError:
-        return False
-    return True
-
-
 def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
     """Return which worlds have words that could not have been drawn: bool (worlds,).
 
@@ -72,18 +63,24 @@ def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
         layout: A layout that varies it.
         words: int32 (worlds, width), the words of this number.
     """
-    module = layout.modules[number.module]
-    if number.distribution.kind == FREE:
-        values, which = np.unique(np.ascontiguousarray(words).view(number.dtype), axis=0, return_inverse=True)
-        fits = np.array([_is_taken(number, layout, tuple(value.tolist())) for value in values], bool)[which.reshape(-1)]
-    elif number.distribution.kind == CHOICE:
-        known = np.array([encode(module, number.field, value) for value in number.distribution.values])
-        fits = (words[:, None] == known).all(2).any(1)
-    else:
-        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
-        low, high = (number.dtype.type(end) for end in number.distribution.values)
-        fits = (low <= values) & (values <= high)
-    return ~np.asarray(fits)
+    rows, which = np.unique(words, axis=0, return_inverse=True)
+    fits = np.array([_could_be(number, layout, row) for row in rows], bool)
+    return ~fits[which.reshape(-1)]
+
+
+def _could_be(number: Number, layout: MemoryLayout, row: Array) -> bool:
+    """Return whether a number can have a value, given by its words."""
+    if number.distribution.kind == CHOICE:
+        encoded = (encode(layout.modules[number.module], number.field, each) for each in number.distribution.values)
+        return any(np.array_equal(row, each) for each in encoded)
+    value = row.view(number.dtype).tolist()
+    if number.distribution.kind != FREE:
+        return value[0] in number.distribution
+    try:
+        check_taken(number, layout, tuple(value))
+    except NumberError:
+        return False
+    return True
 
 
 def wrongly_given(layout: MemoryLayout, words: Array) -> str:

@@ -14,7 +14,6 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,6 @@ from ..kernels.errors import NumberError, meant
 from ..kernels.jit import Array
 
 EXACT = 2**24  # float32 has all integers up to this one
-CORNERS = 64  # the most combinations of extreme values; beyond, only all lowest, all highest, and each one by itself
 WORDS, GIVEN_WORDS, ROLES, AGENT_WORDS = "varied words", "given words", "roles", "role words"  # dimensions
 GIVEN = np.uint64(32)  # this bit of a word of Given says that a value is given
 ONCE = np.uint64(33)  # this bit says that it is for one episode only
@@ -284,25 +282,21 @@ def check_kind(name: str, kind: type, distribution: Distribution, free: bool = F
 def extremes(
     modules: Sequence[Module], varied: Iterable[Number], roles: Roles | None
 ) -> Iterator[tuple[str, list[Module]]]:
-    """Yield the mechanics with combinations of extreme values: what holds for all is taken to hold between them.
+    """Yield the mechanics with extreme values: what holds for all of these is taken to hold between them.
 
-    If there are more than CORNERS combinations, only those with all lowest, all highest, and each one by itself. As the
-    lowest value may stand for none, a value in the middle of each range follows.
+    All lowest, all highest, each one by itself among the lowest, and among the highest. As the lowest value may stand
+    for none, a value in the middle of each range follows.
 
     Yields:
         The name of the role whose numbers they are, "" for none, and the mechanics.
     """
-    ways: list[list[tuple[str, dict[str, Any]]]] = [
-        [("", {number.name: value}) for value in number.distribution.extremes()] for number in varied
-    ]
+    ways = [[("", {number.name: value}) for value in number.distribution.extremes()] for number in varied]
     if roles and roles.numbers:
         ways.append([(role.name * bool(values), values) for role, values in spread(roles)])
-    combined: Iterable[Sequence[tuple[str, dict[str, Any]]]] = product(*ways)
-    if math.prod(map(len, ways)) > CORNERS:
-        lowest = [way[0] for way in ways]
-        singles = [[*lowest[:k], each, *lowest[k + 1 :]] for k, way in enumerate(ways) for each in way]
-        combined = [lowest, [way[-1] for way in ways], *singles]
-    for chosen in combined:
+    ends = [(0,) * len(ways), tuple(len(way) - 1 for way in ways)]
+    singles = [(*end[:k], i, *end[k + 1 :]) for end in ends for k, way in enumerate(ways) for i in range(len(way))]
+    for picks in dict.fromkeys((*ends, *singles)):
+        chosen = [way[i] for way, i in zip(ways, picks, strict=True)]
         values = {name: value for _, named in chosen for name, value in named.items()}
         yield "".join(role for role, _ in chosen), replaced(modules, values)
     for number in varied:

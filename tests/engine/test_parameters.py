@@ -100,7 +100,7 @@ def shift(place: Write[Place], rows: Rows[Place]) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"threads": 2}, {"split": True}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}],
+    [{}, {"threads": 2}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}],
 )
 def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
     """In more worlds than go through a tick together, some of them in resets, and after tables were written."""
