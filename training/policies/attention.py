@@ -13,137 +13,159 @@ import torch
 from torch import Tensor
 
 from outlast.ecs import CompiledUnits
-from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
+from outlast.ecs.kernels.jit import compiled, kernel, loader
+
+from .vectors import BYTES, HEAD, exponential, head_sums, larger, load, quotient, repeated, store
 
 Array = np.ndarray[Any, Any]
-read_count, read, write = loader("int64"), loader("float32"), storer("float32")
+read_count = loader("int64")
 
 
 @kernel
-def attend(rows: int, count: int, agents: int, width: int, heads: int, likely: int, shares: int, means: int) -> int:
-    """Average the outputs of attention over the rows of each agent. All but agents, width and heads are addresses.
+def attend(
+    rows: int, stride: int, count: int, agents: int, width: int, likely: int, shares: int, share_stride: int,
+    means: int, mean_stride: int,
+) -> int:  # fmt: skip
+    """Average the outputs of attention over the rows of each agent. Most arguments are addresses and bytes.
+
+    A head has HEAD numbers, and what belongs to a head is written HEAD times, so that vectors need not be rearranged.
 
     Args:
-        rows: float32 (rows, 3 * width), query, key and value of each row, agent after agent.
+        rows: float32, query, key and value of each row, width each, agent after agent.
+        stride: Bytes from one row to the next.
         count: int64 (agents,), rows of each agent.
         agents: How many there are.
-        width: Numbers of a query.
-        heads: Heads, which share these.
-        likely: float32 (pairs, heads), written: how much each row attends to each row of its agent.
-        shares: float32 (rows, heads), written: the means of these over the rows that attend.
+        width: Numbers of a query, a multiple of 16.
+        likely: float32 (pairs, width), written: how much each row attends to each row of its agent.
+        shares: float32 (rows, width), written: the means of these over the rows that attend.
+        share_stride: Bytes from one row of them to the next.
         means: float32 (agents, width), written: sums of the values by these shares; 0 for an agent without rows.
+        mean_stride: Bytes from one row of them to the next.
     """
-    size, each, pair = 4 * (width // heads), 12 * width, likely
-    scale = np.float32(1 / math.sqrt(width // heads))
+    width, scale = 4 * width, np.float32(1 / math.sqrt(HEAD))
+    zero, one = repeated(np.float32(0)), repeated(np.float32(1))
     for i in range(agents):
         seen = read_count(count + 8 * i)
-        end = rows + each * seen
-        for k in range(width):
-            write(means + 4 * k, np.float32(0))
-        for share in range(shares, shares + 4 * heads * seen, 4):
-            write(share, np.float32(0))
-        for query in range(rows, end, each):
-            for h in range(heads):
-                highest, total = np.float32(-math.inf), np.float32(0)
+        each = repeated(np.float32(1) / np.float32(seen))
+        for h in range(0, width, BYTES):
+            mean = zero
+            if seen == 1:
+                store(likely + h, one)
+                store(shares + h, one)
+                mean = load(rows + 2 * width + h)
+            elif seen > 1:
                 for k in range(seen):
-                    logit, one, other = np.float32(0), query + h * size, rows + each * k + h * size + 4 * width
-                    for d in range(0, size, 4):
-                        logit += read(one + d) * read(other + d)
-                    write(pair + 4 * (heads * k + h), logit * scale)
-                    highest = max(highest, logit * scale)
+                    store(shares + k * share_stride + h, zero)
+                for q in range(seen):
+                    pairs, highest, total = likely + q * seen * width + h, repeated(np.float32(-math.inf)), zero
+                    query = load(rows + q * stride + h) * scale
+                    for k in range(seen):
+                        logit = head_sums(query * load(rows + k * stride + width + h))
+                        store(pairs + k * width, logit)
+                        highest = larger(highest, logit)
+                    for k in range(seen):
+                        weight = exponential(load(pairs + k * width) - highest)
+                        store(pairs + k * width, weight)
+                        total = total + weight
+                    factor = quotient(one, total)
+                    for k in range(seen):
+                        weight, share = load(pairs + k * width) * factor, shares + k * share_stride + h
+                        store(pairs + k * width, weight)
+                        store(share, load(share) + weight)
                 for k in range(seen):
-                    at = pair + 4 * (heads * k + h)
-                    weight = np.float32(math.exp(read(at) - highest))
-                    write(at, weight)
-                    total += weight
-                for k in range(seen):
-                    at, share = pair + 4 * (heads * k + h), shares + 4 * (heads * k + h)
-                    weight = read(at) / total
-                    write(at, weight)
-                    write(share, read(share) + weight)
-            pair += 4 * heads * seen
-        for value in range(rows + 8 * width, end + 8 * width, each):
-            for h in range(heads):
-                share = read(shares + 4 * h) / np.float32(seen)
-                write(shares + 4 * h, share)
-                for d in range(h * size, (h + 1) * size, 4):
-                    write(means + d, read(means + d) + share * read(value + d))
-            shares += 4 * heads
-        rows, means = end, means + 4 * width
+                    share = load(shares + k * share_stride + h) * each
+                    store(shares + k * share_stride + h, share)
+                    mean = mean + share * load(rows + k * stride + 2 * width + h)
+            store(means + h, mean)
+        rows, shares, likely = rows + seen * stride, shares + seen * share_stride, likely + seen * seen * width
+        means += mean_stride
     return 0
 
 
 @kernel
 def differentiate(
-    rows: int, count: int, agents: int, width: int, heads: int, likely: int, shares: int, slopes: int, found: int
-) -> int:
+    rows: int, stride: int, count: int, agents: int, width: int, likely: int, shares: int, share_stride: int,
+    slopes: int, slope_stride: int, found: int,
+) -> int:  # fmt: skip
     """Compute the gradients of `attend`, whose arguments and results come first; `shares` is overwritten.
 
     shares: Becomes the gradients of these shares. slopes: float32 (agents, width), gradients of the means.
-    found: float32 (rows, 3 * width), gradients of the rows; 0 at first.
+    slope_stride: Bytes from one row of them to the next. found: float32, written: gradients of rows, at their stride.
     """
-    size, each, pair = 4 * (width // heads), 12 * width, likely
-    scale = np.float32(1 / math.sqrt(width // heads))
+    width, scale, zero = 4 * width, np.float32(1 / math.sqrt(HEAD)), repeated(np.float32(0))
     for i in range(agents):
         seen = read_count(count + 8 * i)
-        for k in range(seen):
-            for h in range(heads):
-                at, value = shares + 4 * (heads * k + h), each * k + 8 * width
-                share, slope = read(at), np.float32(0)
-                for d in range(h * size, (h + 1) * size, 4):
-                    write(found + value + d, share * read(slopes + d))
-                    slope += read(rows + value + d) * read(slopes + d)
-                write(at, slope / np.float32(seen))
-        for q in range(seen):
-            for h in range(heads):
-                mean = np.float32(0)
+        each = np.float32(1) / np.float32(seen)
+        for h in range(0, width, BYTES):
+            slope = load(slopes + h)
+            for k in range(seen):
+                share, row, to = shares + k * share_stride + h, rows + k * stride + h, found + k * stride + h
+                store(to, zero)
+                store(to + width, zero)
+                store(to + 2 * width, load(share) * slope)
+                store(share, head_sums(load(row + 2 * width) * slope) * each)
+            for q in range(seen if seen > 1 else 0):  # of one row, the share is 1 whatever its query
+                pairs, mean, query, moved = likely + q * seen * width + h, zero, load(rows + q * stride + h), zero
                 for k in range(seen):
-                    mean += read(pair + 4 * (heads * k + h)) * read(shares + 4 * (heads * k + h))
+                    mean = mean + load(pairs + k * width) * load(shares + k * share_stride + h)
                 for k in range(seen):
-                    at = 4 * (heads * k + h)
-                    slope = read(pair + at) * (read(shares + at) - mean) * scale
-                    query, key = each * q + h * size, each * k + h * size + 4 * width
-                    for d in range(0, size, 4):
-                        write(found + query + d, read(found + query + d) + slope * read(rows + key + d))
-                        write(found + key + d, read(found + key + d) + slope * read(rows + query + d))
-            pair += 4 * heads * seen
-        rows, found = rows + each * seen, found + each * seen
-        slopes, shares = slopes + 4 * width, shares + 4 * heads * seen
+                    change = load(pairs + k * width) * (load(shares + k * share_stride + h) - mean) * scale
+                    key, to = rows + k * stride + width + h, found + k * stride + width + h
+                    moved = moved + change * load(key)
+                    store(to, load(to) + change * query)
+                store(found + q * stride + h, load(found + q * stride + h) + moved)
+        rows, found, slopes = rows + seen * stride, found + seen * stride, slopes + slope_stride
+        shares, likely = shares + seen * share_stride, likely + seen * seen * width
     return 0
+
+
+@kernel
+def _attend(rows: int, count: int, agents: int, width: int, likely: int, shares: int, means: int) -> int:
+    """`attend` for rows that lie one behind the other."""
+    return attend(rows, 12 * width, count, agents, width, likely, shares, 4 * width, means, 4 * width)
+
+
+@kernel
+def _differentiate(
+    rows: int, count: int, agents: int, width: int, likely: int, shares: int, slopes: int, found: int
+) -> int:
+    """`differentiate` for rows that lie one behind the other."""
+    return differentiate(rows, 12 * width, count, agents, width, likely, shares, 4 * width, slopes, 4 * width, found)
 
 
 @functools.cache
 def functions() -> tuple[Any, Any]:
     """Both kernels, for Python to call with addresses; compiled once, and then loaded from the disk."""
-    units = CompiledUnits([], {"attend": attend, "differentiate": differentiate}, {})
+    units = CompiledUnits([], {"attend": _attend, "differentiate": _differentiate}, {})
     units.load()
     return units.function("attend"), units.function("differentiate")
 
 
-def possible(rows: Tensor) -> bool:
+def possible(rows: Tensor, heads: int) -> bool:
     """Return whether the kernels can take these rows; otherwise PyTorch's operations do."""
-    return rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
+    whole = rows.shape[1] == 3 * HEAD * heads and heads % (BYTES // 4 // HEAD) == 0
+    return whole and rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
 
 
 class Means(torch.autograd.Function):
-    """See `attend`: of rows (rows, 3 * width), known int64 (agents,) and heads, the means (agents, width)."""
+    """See `attend`: of rows (rows, 3 * width) and known int64 (agents,), the means (agents, width)."""
 
     @staticmethod
-    def forward(context: Any, rows: Tensor, known: Array, heads: int) -> Tensor:
+    def forward(context: Any, rows: Tensor, known: Array) -> Tensor:
         """Compute the means."""
         width, rows, known = rows.shape[1] // 3, rows.contiguous(), np.ascontiguousarray(known)
-        likely, shares = (rows.new_empty(count, heads) for count in (int(known @ known), len(rows)))
+        likely, shares = (rows.new_empty(count, width) for count in (int(known @ known), len(rows)))
         means = rows.new_empty(len(known), width)
-        context.given = rows, known, width, heads, likely, shares
-        given = rows.data_ptr(), known.ctypes.data, len(known), width, heads
+        context.given = rows, known, width, likely, shares
+        given = rows.data_ptr(), known.ctypes.data, len(known), width
         functions()[0](*given, *map(Tensor.data_ptr, (likely, shares, means)))
         return means
 
     @staticmethod
-    def backward(context: Any, slopes: Tensor) -> tuple[Tensor, None, None]:
+    def backward(context: Any, slopes: Tensor) -> tuple[Tensor, None]:
         """Compute the gradients of the rows."""
-        rows, known, width, heads, likely, shares = context.given
-        found, slopes, shares = torch.zeros_like(rows), slopes.contiguous(), shares.clone()
-        given = rows.data_ptr(), known.ctypes.data, len(known), width, heads
+        rows, known, width, likely, shares = context.given
+        found, slopes, shares = torch.empty_like(rows), slopes.contiguous(), shares.clone()
+        given = rows.data_ptr(), known.ctypes.data, len(known), width
         functions()[1](*given, *map(Tensor.data_ptr, (likely, shares, slopes, found)))
-        return found, None, None
+        return found, None

@@ -75,8 +75,8 @@ class Extractor(nn.Module):
 
     def _attended(self, seen: Rows, each: Tensor) -> Tensor:
         """Average attention over the rows of each agent. each: float32 (rows, 3 * width), query, key and value."""
-        if seen.room is None and attention.possible(each):
-            return cast(Tensor, attention.Means.apply(each, seen.known, self.preset.heads))  # type: ignore[no-untyped-call]
+        if seen.room is None and attention.possible(each, self.preset.heads):
+            return cast(Tensor, attention.Means.apply(each, seen.known))  # type: ignore[no-untyped-call]
         width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
         query, key = seen.pairs
         queries, keys, values = each.chunk(3, 1)

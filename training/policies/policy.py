@@ -14,8 +14,9 @@ from ..base.config import name_of
 from ..base.errors import TrainingError
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
+from . import compiled_networks
 from .networks import Extractor, Memory, Tower, dense
-from .rows import Observed
+from .rows import Observed, Rows
 from .torch_settings import FLOAT, INDEX, playing
 
 NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
@@ -184,11 +185,15 @@ class ActorCritic(Networks):
         self.overview = dense(state, preset.hidden) if state else None
         self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
         self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
+        self.plan = compiled_networks.plan(self) if type(self) is ActorCritic else None  # others may compute otherwise
 
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
         """See Networks."""
+        if compiled_networks.possible(self, seen):
+            logits, values = compiled_networks.evaluated(self, cast(Rows, seen))
+            return self.choices.log_softmax(logits), values, None
         features = [extractor(seen) for extractor in self.extractors]
         if self.recurrent is not None:
             after, memory = self._remember(features[0], memory, begins)

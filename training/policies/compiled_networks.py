@@ -1,0 +1,336 @@
+"""The networks of preset `fast` in two compiled functions, for the CPU: outputs, and gradients of all weights.
+
+PyTorch's form, ActorCritic, is what they are compared with, and what runs on a GPU, with a memory, with a critic of the
+state and with other presets. It goes through a whole batch with each of some hundred operations; here, a block of
+agents goes through all layers while its numbers are in the cache, and other threads of Python run meanwhile.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from outlast.ecs import CompiledUnits
+from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
+
+from ..base.observation_layout import ObservationLayout
+from ..base.presets import Preset
+from .attention import attend, differentiate
+from .rows import Rows
+from .torch_settings import FLOAT
+from .vectors import BYTES, HEAD, gated, load, product, store
+
+Array = np.ndarray[Any, Any]
+BLOCK = 64  # agents that go through all layers together
+LOWEST = np.float32(-np.inf)
+VECTOR = 16  # numbers of a vector; results of products are filled up to whole ones
+TOWER = "first", "second", "last"
+LAYERS, SEEING = 10, 3  # in order; the first ones come before attention
+# Where layers read and write: what is observed, records of numbers in between for each agent and entity, and results.
+OWN, ENTITIES, AGENTS, ROWS, LOGITS, VALUES = range(6)
+# The fields of a layer, int64: places are a base, an offset and the distance from one record to the next, in bytes.
+X, X_OFFSET, X_STRIDE, Y, Y_OFFSET, Y_STRIDE, INPUTS, OUTPUTS, RELU, ADDS, BY_OUTPUT, BY_INPUT, PACKED, FIELDS = range(
+    14
+)
+# What a call is given, int64, most of it addresses: the bases, those of slopes, weights and biases of the layers, ...
+SLOPES, WEIGHTS, BIASES = 6, 12, 12 + LAYERS
+ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # in place of slopes that nothing needs: zeros, and a number 1
+LAYER, COUNT, AGENT_COUNT, WIDTH, WEIGHT_MEMORY, LIKELY, FOUND, GRADIENTS = range(BIASES + LAYERS, BIASES + LAYERS + 8)
+word, read, write = loader("int64"), loader("float32"), storer("float32")
+
+
+@kernel
+def _given(call: int, k: int) -> int:
+    return word(call + 8 * k)
+
+
+@kernel
+def _field(call: int, layer: int, k: int) -> int:
+    return word(_given(call, LAYER) + 8 * (FIELDS * layer + k))
+
+
+@kernel
+def _filled(numbers: int) -> int:
+    """Round up to whole vectors."""
+    return (numbers + VECTOR - 1) // VECTOR * VECTOR
+
+
+@kernel
+def _pack(call: int) -> None:
+    """Copy the weights of all layers into a row for each input, and a last one for the bias, filled up with 0."""
+    for layer in range(LAYERS):
+        weight, bias = _given(call, WEIGHTS + layer), _given(call, BIASES + layer)
+        inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
+        by_input, by_output = _field(call, layer, BY_INPUT), _field(call, layer, BY_OUTPUT)
+        at, columns = _given(call, WEIGHT_MEMORY) + _field(call, layer, PACKED), _filled(outputs)
+        for i in range(inputs):
+            for o in range(columns):
+                write(at + 4 * o, read(weight + i * by_input + o * by_output) if o < outputs else np.float32(0))
+            at += 4 * columns
+        for o in range(columns):
+            write(at + 4 * o, read(bias + 4 * o) if bias != 0 and o < outputs else np.float32(0))
+
+
+@kernel
+def _unpack(call: int) -> None:
+    """Copy gradients of all layers from the form of `_pack` to that of the weights, one layer behind the other."""
+    to = _given(call, GRADIENTS)
+    for layer in range(LAYERS):
+        inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
+        by_input, by_output = _field(call, layer, BY_INPUT), _field(call, layer, BY_OUTPUT)
+        at, columns = _given(call, FOUND) + _field(call, layer, PACKED), _filled(outputs)
+        for i in range(inputs):
+            for o in range(outputs):
+                write(to + i * by_input + o * by_output, read(at + 4 * o))
+            at += 4 * columns
+        to += 4 * inputs * outputs
+        if _given(call, BIASES + layer) != 0:
+            for o in range(outputs):
+                write(to + 4 * o, read(at + 4 * o))
+            to += 4 * outputs
+
+
+@kernel
+def _apply(call: int, layer: int, agent: int, row: int, agents: int, rows: int) -> None:
+    """Let some agents and their entities go through a layer."""
+    of_rows = _field(call, layer, X) in (ENTITIES, ROWS)
+    first, count = (row, rows) if of_rows else (agent, agents)
+    x_stride, y_stride = _field(call, layer, X_STRIDE), _field(call, layer, Y_STRIDE)
+    x = _given(call, _field(call, layer, X)) + _field(call, layer, X_OFFSET) + first * x_stride
+    y = _given(call, _field(call, layer, Y)) + _field(call, layer, Y_OFFSET) + first * y_stride
+    inputs, columns = _field(call, layer, INPUTS), _filled(_field(call, layer, OUTPUTS))
+    weights = _given(call, WEIGHT_MEMORY) + _field(call, layer, PACKED)
+    low = np.float32(0) if _field(call, layer, RELU) else LOWEST
+    bias = weights + 4 * inputs * columns
+    product(x, x_stride, 4, weights, 4 * columns, bias, 0, y, y_stride, count, columns, inputs, low)
+
+
+@kernel
+def _differentiate(call: int, layer: int, agent: int, row: int, agents: int, rows: int) -> None:
+    """Add the gradients of a layer's weights for some agents, and compute or add the slopes of its inputs."""
+    from_, into = _field(call, layer, X), _field(call, layer, Y)
+    first, count = (row, rows) if from_ in (ENTITIES, ROWS) else (agent, agents)
+    x_stride, y_stride = _field(call, layer, X_STRIDE), _field(call, layer, Y_STRIDE)
+    x_offset, y_offset = _field(call, layer, X_OFFSET), _field(call, layer, Y_OFFSET)
+    x = _given(call, from_) + x_offset + first * x_stride
+    slopes = _given(call, SLOPES + into) + y_offset + (first * y_stride if into in (LOGITS, VALUES) else 0)
+    inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
+    columns, zero = _filled(outputs), _given(call, ZEROS)
+    found = _given(call, FOUND) + _field(call, layer, PACKED)
+    bias = found + 4 * inputs * columns
+    if _field(call, layer, RELU):
+        y = _given(call, into) + y_offset + first * y_stride
+        for i in range(count):
+            for at in range(i * y_stride, i * y_stride + 4 * outputs, BYTES):
+                store(slopes + at, gated(load(slopes + at), load(y + at)))
+    product(x, 4, x_stride, slopes, y_stride, found, 4 * columns, found, 4 * columns, inputs, columns, count, LOWEST)
+    product(_given(call, ONE), 0, 0, slopes, y_stride, bias, 0, bias, 0, 1, columns, count, LOWEST)
+    if from_ in (AGENTS, ROWS):
+        weight, by_output = _given(call, WEIGHTS + layer), _field(call, layer, BY_OUTPUT)
+        to = _given(call, SLOPES + from_) + x_offset
+        start, stride = (to, x_stride) if _field(call, layer, ADDS) else (zero, 0)
+        product(slopes, y_stride, 4, weight, by_output, start, stride, to, x_stride, count, inputs, outputs, LOWEST)
+
+
+@kernel
+def _seen(call: int, agent: int, agents: int) -> tuple[int, int]:
+    """Count the entities that some agents see, and their pairs."""
+    rows, pairs = 0, 0
+    for i in range(agent, agent + agents):
+        count = word(_given(call, COUNT) + 8 * i)
+        rows, pairs = rows + count, pairs + count * count
+    return rows, pairs
+
+
+@kernel
+def _clear_unseeing(call: int, features: int, stride: int, agent: int, agents: int) -> None:
+    """Clear what attention makes of nothing: features of agents that see no entity, or their slopes."""
+    for i in range(agents):
+        if word(_given(call, COUNT) + 8 * (agent + i)) == 0:
+            for at in range(features + i * stride, features + i * stride + 4 * _given(call, WIDTH), 4):
+                write(at, np.float32(0))
+
+
+@kernel
+def _attention(call: int, agent: int, row: int) -> tuple[int, int, int, int, int, int]:
+    """Return where attention reads rows and shares, and where it writes means, with their strides."""
+    stride, mean_stride = _field(call, SEEING - 1, Y_STRIDE), _field(call, SEEING, X_STRIDE)
+    rows = _given(call, ROWS) + row * stride + _field(call, SEEING - 1, Y_OFFSET)
+    means = _given(call, AGENTS) + agent * mean_stride + _field(call, SEEING, X_OFFSET)
+    return rows, stride, rows + 12 * _given(call, WIDTH), stride, means, mean_stride
+
+
+@kernel
+def evaluate(call: int) -> int:
+    """Compute logits and values of all agents, and keep what is in between."""
+    _pack(call)
+    row, likely, width = 0, _given(call, LIKELY), _given(call, WIDTH)
+    for agent in range(0, _given(call, AGENT_COUNT), BLOCK):
+        agents, count = min(BLOCK, _given(call, AGENT_COUNT) - agent), _given(call, COUNT) + 8 * agent
+        rows, pairs = _seen(call, agent, agents)
+        for layer in range(SEEING):
+            _apply(call, layer, agent, row, agents, rows)
+        attended, stride, shares, share_stride, means, mean_stride = _attention(call, agent, row)
+        attend(attended, stride, count, agents, width, likely, shares, share_stride, means, mean_stride)
+        _apply(call, SEEING, agent, row, agents, rows)
+        features = _given(call, AGENTS) + agent * mean_stride + _field(call, SEEING, Y_OFFSET)
+        _clear_unseeing(call, features, mean_stride, agent, agents)
+        for layer in range(SEEING + 1, LAYERS):
+            _apply(call, layer, agent, row, agents, rows)
+        row, likely = row + rows, likely + 4 * width * pairs
+    return 0
+
+
+@kernel
+def backward(call: int) -> int:
+    """Compute the gradients of all weights from the slopes of logits and values, after `evaluate`."""
+    row, likely, width = 0, _given(call, LIKELY), _given(call, WIDTH)
+    for agent in range(0, _given(call, AGENT_COUNT), BLOCK):
+        agents, count = min(BLOCK, _given(call, AGENT_COUNT) - agent), _given(call, COUNT) + 8 * agent
+        rows, pairs = _seen(call, agent, agents)
+        for layer in range(LAYERS - 1, SEEING, -1):
+            _differentiate(call, layer, agent, row, agents, rows)
+        attended, stride, shares, share_stride, _, mean_stride = _attention(call, agent, row)
+        slopes = _given(call, SLOPES + AGENTS)
+        _clear_unseeing(call, slopes + _field(call, SEEING, Y_OFFSET), mean_stride, agent, agents)
+        _differentiate(call, SEEING, agent, row, agents, rows)
+        found = _given(call, SLOPES + ROWS) + _field(call, SEEING - 1, Y_OFFSET)
+        slopes += _field(call, SEEING, X_OFFSET)
+        differentiate(attended, stride, count, agents, width, likely, shares, share_stride, slopes, mean_stride, found)
+        for layer in range(SEEING - 1, -1, -1):
+            _differentiate(call, layer, agent, row, agents, rows)
+        row, likely = row + rows, likely + 4 * width * pairs
+    _unpack(call)
+    return 0
+
+
+@functools.cache
+def functions() -> tuple[Any, Any]:
+    """Both kernels, for Python to call; compiled once, and then loaded from the disk."""
+    units = CompiledUnits([], {"evaluate": evaluate, "backward": backward}, {})
+    units.load()
+    return units.function("evaluate"), units.function("backward")
+
+
+class Plan:
+    """How the layers of networks lie in memory.
+
+    Attributes:
+        fields: int64 (LAYERS, FIELDS).
+        agent, row: Numbers of the record of an agent, and of an entity.
+        logits: Numbers of a row of logits, filled up.
+        size: Numbers of all weights, filled up.
+    """
+
+    def __init__(self, layout: ObservationLayout, preset: Preset, outputs: int) -> None:
+        own, columns, width, hidden = layout.own, layout.columns, preset.width, preset.hidden
+        self.logits, self.width = -(-outputs // VECTOR) * VECTOR, width
+        first, second, means = 2 * width, 2 * width + 2 * hidden, 2 * width + 4 * hidden  # in the record of an agent
+        self.agent, self.row = means + width, 5 * width
+        agents, rows = self.agent, self.row
+        layers = [  # reads from, writes to: base, offset, stride; inputs, outputs, relu, adds
+            (OWN, 0, own, AGENTS, 0, agents, own, width, 1, 0),
+            (ENTITIES, 0, columns, ROWS, 0, rows, columns, width, 1, 0),
+            (ROWS, 0, rows, ROWS, width, rows, width, 3 * width, 0, 0),
+            (AGENTS, means, agents, AGENTS, width, agents, width, width, 0, 0),
+            (AGENTS, 0, agents, AGENTS, first, agents, 2 * width, hidden, 1, 1),
+            (AGENTS, first, agents, AGENTS, second, agents, hidden, hidden, 1, 0),
+            (AGENTS, second, agents, LOGITS, 0, self.logits, hidden, outputs, 0, 0),
+            (AGENTS, 0, agents, AGENTS, first + hidden, agents, 2 * width, hidden, 1, 0),
+            (AGENTS, first + hidden, agents, AGENTS, second + hidden, agents, hidden, hidden, 1, 0),
+            (AGENTS, second + hidden, agents, VALUES, 0, VECTOR, hidden, 1, 0, 0),
+        ]
+        self.fields, self.size = np.zeros((LAYERS, FIELDS), np.int64), 0
+        for to, (x, x_at, x_next, y, y_at, y_next, inputs, results, relu, adds) in zip(
+            self.fields, layers, strict=True
+        ):
+            by_output, by_input = (4, 4 * results) if x == ENTITIES else (4 * inputs, 4)
+            places = x, 4 * x_at, 4 * x_next, y, 4 * y_at, 4 * y_next
+            to[:] = *places, inputs, results, relu, adds, by_output, by_input, 4 * self.size
+            self.size += (inputs + 1) * (-(-results // VECTOR) * VECTOR)
+        self.zeros = torch.zeros(max(2 * width, hidden, self.logits) + 1, **FLOAT)
+        self.zeros[-1] = 1
+
+    def call(self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None]) -> "Call":
+        """Make room for what layers compute of a batch. known: int64, `seen.known` without gaps."""
+        count, rows, pairs = len(seen), len(seen.entities), int(known @ known)
+        sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, self.size, pairs * self.width
+        agents, entities, logits, values, packed, likely = (torch.empty(size, **FLOAT) for size in sizes)
+        kept = seen.own.contiguous(), seen.entities.contiguous(), agents, entities, logits, values
+        given = [each.data_ptr() for each in kept] + [self.zeros.data_ptr(), self.zeros[-1].data_ptr(), 0, 0, 0, 0]
+        given += [each.data_ptr() for each in weights] + [0 if each is None else each.data_ptr() for each in biases]
+        given += [self.fields.ctypes.data, known.ctypes.data, count, self.width]
+        given += [packed.data_ptr(), likely.data_ptr(), 0, 0]
+        return Call(np.array(given), [*kept, packed, likely, known, *weights, *biases])
+
+
+class Call(NamedTuple):
+    """What the kernels are given, and what lies at the addresses in it."""
+
+    given: Array
+    kept: list[Any]
+
+
+class Evaluation(torch.autograd.Function):
+    """See `evaluated`: logits (agents, outputs) and values (agents,), given the layers' weights and biases."""
+
+    @staticmethod
+    def forward(context: Any, plan: Plan, seen: Rows, *parameters: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Compute both."""
+        weights, biases = parameters[:LAYERS], parameters[LAYERS:]
+        call = plan.call(seen, np.ascontiguousarray(seen.known), cast(Sequence[Tensor], weights), biases)
+        functions()[0](call.given.ctypes.data)
+        context.plan, context.call, context.parameters = plan, call, parameters
+        count, outputs = len(seen), len(cast(Tensor, weights[6]))
+        return call.kept[LOGITS].view(count, plan.logits)[:, :outputs], call.kept[VALUES].view(count, VECTOR)[:, 0]
+
+    @staticmethod
+    def backward(context: Any, logits: Tensor, values: Tensor) -> tuple[Any, ...]:
+        """Compute the gradients of the parameters. It can be done once only, as it overwrites what it reads."""
+        plan, call, parameters = context.plan, context.call, context.parameters
+        del context.call
+        count, most = len(values), 0
+        if count:
+            most = int(np.add.reduceat(call.kept[8], np.arange(0, count, BLOCK)).max())
+        slopes = torch.empty(BLOCK * plan.agent, **FLOAT), torch.empty(most * plan.row, **FLOAT)
+        ends = torch.zeros(count, plan.logits, **FLOAT), torch.zeros(count, VECTOR, **FLOAT)
+        ends[0][:, : logits.shape[1]], ends[1][:, 0] = logits, values
+        sizes = [0 if each is None else each.numel() for each in parameters]
+        order = [k for pair in zip(range(LAYERS), range(LAYERS, 2 * LAYERS), strict=True) for k in pair]
+        found, gradients = torch.zeros(plan.size, **FLOAT), torch.empty(sum(sizes), **FLOAT)
+        call.given[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
+        call.given[FOUND:] = found.data_ptr(), gradients.data_ptr()
+        functions()[1](call.given.ctypes.data)
+        each = dict(zip(order, gradients.split([sizes[k] for k in order]), strict=True))
+        return None, None, *(None if given is None else each[k].view(given.shape) for k, given in enumerate(parameters))
+
+
+def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:
+    """Return logits (agents, outputs) and values (agents,) of an ActorCritic for which they are `possible`."""
+    extractor, actor, critic = networks.extractors[0], networks.actor, networks.critic
+    entities = torch.cat([extractor.weight * extractor.scale, extractor.bias])
+    own, attention = extractor.own.weight * extractor.own_scale, extractor.attention
+    layers = [attention.out_proj, *(getattr(tower, name) for tower in (actor, critic) for name in TOWER)]
+    weights = [own, entities, attention.in_proj_weight, *(layer.weight for layer in layers)]
+    biases = [extractor.own.bias, None, attention.in_proj_bias, *(layer.bias for layer in layers)]
+    return cast(tuple[Tensor, Tensor], Evaluation.apply(networks.plan, seen, *weights, *biases))
+
+
+def plan(networks: Any) -> Plan | None:
+    """Return how the layers of an ActorCritic lie in memory; None if the kernels cannot compute them."""
+    preset = networks.preset
+    simple = preset.shared and not (preset.leaky or networks.memory or networks.state) and preset.activation == "relu"
+    whole = preset.width % VECTOR == preset.hidden % VECTOR == 0 and preset.width == HEAD * preset.heads
+    return Plan(networks.layout, preset, sum(networks.sizes)) if simple and whole and compiled() else None
+
+
+def possible(networks: Any, seen: Any) -> bool:
+    """Return whether the kernels can compute what an ActorCritic makes of this."""
+    like = networks.actor.last.weight
+    return (
+        networks.plan is not None and isinstance(seen, Rows) and seen.room is None
+        and like.device.type == "cpu" and like.dtype == torch.float32
+    )  # fmt: skip
