@@ -142,6 +142,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     def _make_specs(self) -> None:
         """Make the specs by which TorchRL allocates and checks tensors, for one world."""
         env, device = self.vector_env, self.device
+        env._reader.check_fixed()
         seen, acts, rewards = (Composite(device=device) for _ in range(3))
         for group, own in self._members.items():
             n = len(self.group_map[group])

@@ -47,7 +47,8 @@ def make_vec(
         render_mode: "rgb_array", "ansi" or None.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
-        observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
+        observations: "dict", arrays by key; "flat", one array that joins those of all keys; or, from make_vec only,
+            "rows", by key, with lists of the rows that agents see and who sees them, instead of padded rows and masks.
         scaled: Whether observations, and `state`, are divided by the scales of their fields to about -1 to 1, with
             angles wrapped; columns without bounds are clipped to -10 to 10.
         action_masks: Whether info has "action_mask", int8: what `action_masks` returns.

@@ -1,4 +1,4 @@
-"""What agents observe, in the form that a learner wants: by key or flat, in units or scaled."""
+"""What agents observe, in the form that a learner wants: by key, flat or as lists, in units or scaled."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,9 @@ from .buffers import checked, flat_size, read_only, write
 from .scaling import Scale, joined
 from .spaces import bounds, published
 from .validation import Array, check_choice
+from .visible_rows import VisibleRows
 
-KINDS = ("dict", "flat")
+KINDS = ("dict", "flat", "rows")
 Arrays = dict[str, Array]
 
 
@@ -23,12 +24,13 @@ class Observations:
     """Reads what agents observe.
 
     "dict": float32 arrays (worlds, agents, ...) by key. "flat": one float32 array (worlds, agents, flat_size), which
-    joins all keys in their order.
+    joins all keys in their order. "rows": by key, with lists of the rows that agents see, see VisibleRows.
 
     Attributes:
         kind: One of KINDS.
         views: What the engine writes, by key, read-only and unscaled, whatever the kind.
-        space: The space of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size).
+        space: The space of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size). Lists have no
+            fixed shape: with "rows" it is the same as with "dict", for names, shapes and bounds of columns.
         names: The names of the columns of a flat row: "own.health", "heals.3.x", "heals_mask.3".
     """
 
@@ -58,9 +60,12 @@ class Observations:
         else:
             self.space = spaces.Dict({key: spaces.Box(*each, dtype=np.float32) for key, each in ends.items()})
         self._buffer: Any = None
+        self._lists = VisibleRows(self.views) if kind == "rows" else None
 
     def read(self, copy: bool) -> Any:
         """Return the observations now: new arrays, or without `copy` read-only views that the next call overwrites."""
+        if self._lists is not None:
+            return self._rows(self._lists, copy)
         if self.kind == "dict" and not self.scaled:
             return {key: view.copy() for key, view in self.views.items()} if copy else dict(self.views)
         room = self.room(_empty) if copy or self._buffer is None else self._buffer
@@ -70,15 +75,28 @@ class Observations:
         self._buffer = room
         return each(room, read_only)
 
+    def _rows(self, lists: VisibleRows, copy: bool) -> Arrays:
+        """The observations with lists of rows."""
+        found = lists()
+        if self.scaled or copy:
+            found = {key: array.copy() for key, array in found.items()}
+        for key in self._scales.keys() & found.keys() if self.scaled else ():
+            self._scales[key].apply(found[key])
+        return found
+
     def of_each(self, where: Array) -> Array:
         """Return a copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
         observations, found = self.read(copy=False), np.full(len(where), None, object)
         for w in np.flatnonzero(where):
-            found[w] = each(observations, lambda array, w=w: array[w].copy())
+            if self._lists is not None:
+                found[w] = self._lists.of_world(observations, int(w))
+            else:
+                found[w] = each(observations, lambda array, w=w: array[w].copy())
         return found
 
     def check(self, out: Any, name: str = "out") -> Any:
         """Return the caller's memory as numpy arrays, for `write`; see buffers.checked. Raises ValueError."""
+        self.check_fixed()
         return checked(self.views, out, name)
 
     def write(self, arrays: Any) -> None:
@@ -93,7 +111,8 @@ class Observations:
             self._flat.apply(arrays)
 
     def of_agent(self, i: int) -> Any:
-        """Return the space of agent `i`, a new object: Dict of Box (...), or Box (flat_size,)."""
+        """Return the space of agent `i`, a new object: Dict of Box (...), or Box (flat_size,). Raises ValueError."""
+        self.check_fixed()
         if self.kind == "flat":
             return spaces.Box(self.space.low[i], self.space.high[i], dtype=np.float32)
         return spaces.Dict(
@@ -101,10 +120,22 @@ class Observations:
         )
 
     def room(self, empty: Any) -> Any:
-        """Return memory to `write` observations into: what empty(shape) makes, float32, by key or as one."""
+        """Return memory to `write` observations into: what empty(shape) makes, float32, by key or as one.
+
+        Raises ValueError, as `check` and `of_agent` do, if there is no fixed shape.
+        """
+        self.check_fixed()
         if self.kind == "dict":
             return {key: empty(view.shape) for key, view in self.views.items()}
         return empty((*next(iter(self.views.values())).shape[:2], self.flat_size))
+
+    def check_fixed(self) -> None:
+        """Raise ValueError if observations have no fixed shape."""
+        if self._lists is not None:
+            raise ValueError(
+                "observations = 'rows': lists of what agents see have another length in every step, and fixed shapes "
+                "are needed here; take 'dict' or 'flat' (only make_vec has 'rows')"
+            )
 
 
 def _empty(shape: tuple[int, ...]) -> Array:

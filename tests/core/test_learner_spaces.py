@@ -484,3 +484,46 @@ def test_numbers_are_divided_by_their_scales_and_angles_wrapped() -> None:
                 assert seen[key] is values
             elif key not in ("own", "others"):
                 assert ((seen[key] == 0) == (values == 0)).all()
+
+
+@pytest.mark.parametrize("copy", [True, False])
+def test_lists_of_rows_are_what_masks_leave_of_the_padded_ones(copy: bool) -> None:
+    """Also in what worlds observed last, each as if it were alone; scaled as the padded ones are."""
+    envs = [
+        outlast.make_vec(TEAMS, 8, seed=1, copy=copy, autoreset_mode="SameStep", observations=form, scaled=copy)
+        for form in ("dict", "rows")
+    ]
+    rng, ended = np.random.default_rng(0), 0
+
+    def check(padded: Any, lists: Any, agents: tuple[int, ...]) -> None:
+        for key, values in padded.items():
+            if (mask := padded.get(f"{key}_mask")) is None:
+                assert key.endswith("_mask") or np.array_equal(lists[key], values)
+                continue
+            *who, index = np.nonzero(mask)
+            assert np.array_equal(lists[key], values[mask > 0])
+            assert np.array_equal(lists[f"{key}_owner"], np.ravel_multi_index(who, agents))
+            assert np.array_equal(lists[f"{key}_index"], index)
+            assert np.array_equal(np.diff(lists[f"{key}_start"]), mask.reshape(-1, mask.shape[-1]).sum(1))
+
+    results = [env.reset() for env in envs]
+    for _ in range(500):
+        check(results[0][0], results[1][0], (8, 4))
+        actions = busy(envs[0], rng)
+        results = [env.step(actions) for env in envs]
+        for padded, lists in zip(*(result[-1].get("final_obs", ()) for result in results), strict=True):
+            if padded is not None:
+                check(padded, lists, (4,))
+                ended += 1
+    assert ended > 3
+    assert results[1][0]["heals"].flags.writeable == copy
+
+
+def test_lists_of_rows_are_refused_where_shapes_are_fixed() -> None:
+    env = outlast.make_vec(TEAMS, 2, observations="rows")
+    assert env.single_observation_space == outlast.make_vec(TEAMS, 2).single_observation_space
+    env.reset()
+    agents = lambda: outlast.make_agents(TEAMS, num_worlds=2, observations="rows")  # noqa: E731
+    for make in (agents, lambda: outlast.parallel_env(TEAMS, observations="rows"), lambda: env.observe(out={})):
+        with pytest.raises(ValueError, match="fixed shapes are needed here; take 'dict' or 'flat'"):
+            make()

@@ -25,7 +25,7 @@ from .vectors import BYTES, HEAD, gated, load, product, store
 
 Array = np.ndarray[Any, Any]
 BLOCK = 64  # agents that go through all layers together
-LOWEST = np.float32(-np.inf)
+LOWEST: Any = np.float32(-np.inf)
 VECTOR = 16  # numbers of a vector; results of products are filled up to whole ones
 TOWER = "first", "second", "last"
 LAYERS, SEEING = 10, 3  # in order; the first ones come before attention
@@ -44,12 +44,14 @@ word, read, write = loader("int64"), loader("float32"), storer("float32")
 
 @kernel
 def _given(call: int, k: int) -> int:
-    return word(call + 8 * k)
+    found: int = word(call + 8 * k)
+    return found
 
 
 @kernel
 def _field(call: int, layer: int, k: int) -> int:
-    return word(_given(call, LAYER) + 8 * (FIELDS * layer + k))
+    found: int = word(_given(call, LAYER) + 8 * (FIELDS * layer + k))
+    return found
 
 
 @kernel
@@ -103,7 +105,7 @@ def _apply(call: int, layer: int, agent: int, row: int, agents: int, rows: int) 
     y = _given(call, _field(call, layer, Y)) + _field(call, layer, Y_OFFSET) + first * y_stride
     inputs, columns = _field(call, layer, INPUTS), _filled(_field(call, layer, OUTPUTS))
     weights = _given(call, WEIGHT_MEMORY) + _field(call, layer, PACKED)
-    low = np.float32(0) if _field(call, layer, RELU) else LOWEST
+    low: Any = np.float32(0) if _field(call, layer, RELU) else LOWEST
     bias = weights + 4 * inputs * columns
     product(x, x_stride, 4, weights, 4 * columns, bias, 0, y, y_stride, count, columns, inputs, low)
 
@@ -304,7 +306,7 @@ class Evaluation(torch.autograd.Function):
         call.given[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
         call.given[FOUND:] = found.data_ptr(), gradients.data_ptr()
         functions()[1](call.given.ctypes.data)
-        each = dict(zip(order, gradients.split([sizes[k] for k in order]), strict=True))
+        each = dict(zip(order, torch.split(gradients, [sizes[k] for k in order]), strict=True))
         return None, None, *(None if given is None else each[k].view(given.shape) for k, given in enumerate(parameters))
 
 
@@ -316,7 +318,8 @@ def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:
     layers = [attention.out_proj, *(getattr(tower, name) for tower in (actor, critic) for name in TOWER)]
     weights = [own, entities, attention.in_proj_weight, *(layer.weight for layer in layers)]
     biases = [extractor.own.bias, None, attention.in_proj_bias, *(layer.bias for layer in layers)]
-    return cast(tuple[Tensor, Tensor], Evaluation.apply(networks.plan, seen, *weights, *biases))
+    found = Evaluation.apply(networks.plan, seen, *weights, *biases)  # type: ignore[no-untyped-call]
+    return cast(tuple[Tensor, Tensor], found)
 
 
 def plan(networks: Any) -> Plan | None:

@@ -2,7 +2,7 @@
 
 An agent's actions are in its own frame (ahead, to the left, turn), but observations are in the room's, with angles that
 grow with every turn. So a network would have to learn to subtract and to rotate before it could walk up to anything.
-This module does both.
+Here is what has to be turned in the rows of each key; the packer does it.
 """
 
 import math
@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+
+from outlast.ecs.kernels.jit import kernel, loader, storer
 
 from ..base.errors import TrainingError
 from ..base.observation_layout import OWN, ObservationLayout
@@ -22,85 +24,54 @@ VECTORS = {  # the fields of a vector: the first field of the agent's own vector
     ("vx", "vy"): "vx",
 }
 ME = ("x", "y", "vx", "vy", ANGLE)
+MOVED = {"x": 2, "vx": 0, ANGLE: 0}  # of itself, an agent observes where the room's middle is, and its velocity
+TURN = 5  # numbers of a turn: columns of x and y (-1: an angle), those of the origin, and how often it is subtracted
+word, read, write = loader("int64"), loader("float32"), storer("float32")
 
 
-class Egocentric:
-    """Brings rows into the frame of the agent that observes: its place is the origin, and it looks along the x-axis.
+def turns(layout: ObservationLayout) -> list[Array]:
+    """Return how rows come into the frame of the agent that observes: its place is the origin, it looks along x.
 
-    Places become relative to the agent's place, velocities to its velocity; of itself, the agent observes where the
-    room's middle is, and its velocity. Angles of others become relative to its own, and all angles are brought into the
-    range of -pi to pi.
+    Places become relative to the agent's place, velocities to its velocity. Angles of others become relative to its
+    own, and all angles are brought into the range of -pi to pi. Returns int64 (turns, TURN) for an agent's own numbers,
+    and then for each kind. Raises TrainingError if the layout lacks the agent's own place, velocity or angle.
     """
-
-    def __init__(self, layout: ObservationLayout) -> None:
-        """layout: Must have the fields of the agent's own place, velocity and angle; raises TrainingError if not."""
-        columns = layout.field_columns()
-        if not columns[OWN].keys() >= {*ME}:
-            raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
-        self.me = np.array([columns[OWN][name] for name in ME])
-        self.own, self.entities = Columns(), Columns()
-        for key in layout.alone:
-            factors = {"x": 2.0, "vx": 0.0, ANGLE: 0.0} if key == OWN else {}
-            self.own.add(columns[key], 0, factors)
-        for k, kind in enumerate(layout.kinds):
-            self.entities.add(columns[kind.key], layout.columns - len(layout.kinds) + k, {})
-
-    def __call__(self, own: Array, entities: Array, agent: Array) -> None:
-        """Bring rows into the frames of their agents, in place.
-
-        own: float32 (agents, layout.own), the agents' own numbers. entities: float32 (rows, layout.columns), as in
-        Rows. agent: int (rows,), the agent that each row belongs to.
-        """
-        me = own[:, self.me]
-        turn = np.cos(me[:, 4:]), np.sin(me[:, 4:])
-        self.own.turn(own, me, turn, None)
-        self.entities.turn(entities, me[agent], (turn[0][agent], turn[1][agent]), entities)
+    columns = layout.field_columns()
+    if not columns[OWN].keys() >= {*ME}:
+        raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
+    own = [each for key in layout.alone for each in _turns(columns[key], columns[OWN], MOVED if key == OWN else {})]
+    kinds = [_turns(columns[kind.key], columns[OWN], {}) for kind in layout.kinds]
+    return [np.array(each, np.int64).reshape(-1, TURN) for each in (own, *kinds)]
 
 
-class Columns:
-    """Where vectors and angles are in rows.
+def _turns(columns: Mapping[str, int], me: Mapping[str, int], moved: Mapping[str, int]) -> list[tuple[int, ...]]:
+    found: list[tuple[int, ...]] = [
+        (columns[x], columns[y], me[origin], me[origin.replace("x", "y")], moved.get(x, 1))
+        for (x, y), origin in VECTORS.items()
+        if x in columns and y in columns
+    ]
+    angles = [(columns[ANGLE], -1, me[ANGLE], 0, moved.get(ANGLE, 1))] if ANGLE in columns else []
+    return found + angles
 
-    vectors: The columns of x and y, the column that marks their kind, the index of their origin in ME, and how often
-    that is subtracted. angles: The column, that of the kind, and how often the agent's angle is subtracted.
+
+@kernel
+def turn(row: int, me: int, angle: int, turned: int, count: int) -> None:
+    """Turn a row in place. row, me: Addresses of float32 numbers, those of the row and the agent's own as observed.
+
+    angle: Column of the agent's angle. turned: Address of the turns. count: How many these are.
     """
-
-    def __init__(self) -> None:
-        self.vectors, self.angles = list[tuple[int, int, int, int, float]](), list[tuple[int, int, float]]()
-
-    def add(self, columns: Mapping[str, int], kind: int, factors: Mapping[str, float]) -> None:
-        """Add the vectors and angles among the fields of one kind of row.
-
-        columns: The column of each field. kind: The column that is 1 in rows of the kind. factors: How often the
-        agent's place, velocity or angle is subtracted, by field; once unless given.
-        """
-        self.vectors += [
-            (columns[x], columns[y], kind, ME.index(origin), factors.get(x, 1.0))
-            for (x, y), origin in VECTORS.items()
-            if x in columns and y in columns
-        ]
-        if ANGLE in columns:
-            self.angles.append((columns[ANGLE], kind, factors.get(ANGLE, 1.0)))
-
-    def turn(self, values: Array, me: Array, turn: tuple[Array, Array], there: Array | None) -> None:
-        """Bring the values into the frame of their agents, in place.
-
-        Args:
-            values: float32 (rows, columns).
-            me: float32 (rows, len(ME)), the fields ME of the agent that each row belongs to.
-            turn: Cosine and sine of the agent's angle, float32 (rows, 1) each.
-            there: float32 (rows, columns), 1 in the column that marks the row's kind, 0 in those of other kinds; None:
-                all rows have all of the fields.
-        """
-        if self.vectors:
-            x, y, kinds, origin, moved = map(np.array, zip(*self.vectors, strict=True))
-            factor = moved.astype(np.float32)
-            factor = factor if there is None else there[:, kinds] * factor
-            cosine, sine = turn
-            dx, dy = values[:, x] - me[:, origin] * factor, values[:, y] - me[:, origin + 1] * factor
-            values[:, x], values[:, y] = cosine * dx + sine * dy, cosine * dy - sine * dx
-        if self.angles:
-            column, kinds, turned = map(np.array, zip(*self.angles, strict=True))
-            factor = turned.astype(np.float32)
-            factor = factor if there is None else there[:, kinds] * factor
-            angle = values[:, column] - me[:, 4:] * factor
-            values[:, column] = np.mod(angle + np.float32(math.pi), np.float32(2 * math.pi)) - np.float32(math.pi)
+    if count == 0:
+        return
+    ahead = read(me + 4 * angle)
+    cosine, sine = np.float32(math.cos(ahead)), np.float32(math.sin(ahead))
+    for t in range(turned, turned + 8 * TURN * count, 8 * TURN):
+        x, y, factor = row + 4 * word(t), row + 4 * word(t + 8), np.float32(word(t + 32))
+        dx = read(x) - read(me + 4 * word(t + 16)) * factor
+        if word(t + 8) < 0:
+            around = np.float32(2 * math.pi)
+            shifted = dx + np.float32(math.pi)
+            write(x, shifted - around * np.float32(math.floor(shifted / around)) - np.float32(math.pi))
+        else:
+            dy = read(y) - read(me + 4 * word(t + 24)) * factor
+            write(x, cosine * dx + sine * dy)
+            write(y, cosine * dy - sine * dx)

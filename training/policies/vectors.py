@@ -25,7 +25,8 @@ LEAST = -87.0  # the exponential of a smaller number is taken to be that of this
 
 def _vector(address: int) -> Any:
     """The vector at an address, as an array."""
-    return np.frombuffer((ctypes.c_float * SIMD_WIDTH).from_address(address), np.float32)
+    memory: Any = (ctypes.c_float * SIMD_WIDTH).from_address(address)
+    return np.frombuffer(memory, np.float32)
 
 
 def _function(builder: Any, name: str, count: int) -> Callable[..., Any]:
@@ -60,45 +61,45 @@ def _operation(python: Any, result: types.Type, *kinds: types.Type) -> Any:
     return define
 
 
-@_operation(lambda address: _vector(address).copy(), VECTOR, types.intp)
+@_operation(lambda address: _vector(address).copy(), VECTOR, types.intp)  # type: ignore[untyped-decorator]
 def load(builder: Any, address: Any) -> Any:
     """(address) -> vector."""
     return builder.load(_pointer(builder, address), align=FLOAT)
 
 
-@_operation(lambda address, value: np.copyto(_vector(address), value), types.void, types.intp, VECTOR)
+@_operation(lambda address, value: np.copyto(_vector(address), value), types.void, types.intp, VECTOR)  # type: ignore[untyped-decorator]
 def store(builder: Any, address: Any, value: Any) -> Any:
     """(address, vector): write it."""
     builder.store(value, _pointer(builder, address), align=FLOAT)
     return ir.Constant(ir.IntType(8).as_pointer(), None)
 
 
-@_operation(lambda value: np.full(SIMD_WIDTH, value, np.float32), VECTOR, types.float32)
+@_operation(lambda value: np.full(SIMD_WIDTH, value, np.float32), VECTOR, types.float32)  # type: ignore[untyped-decorator]
 def repeated(builder: Any, value: Any) -> Any:
     """(number) -> vector of it."""
     return _repeated(builder, value)
 
 
-@_operation(np.maximum, VECTOR, VECTOR, VECTOR)
+@_operation(np.maximum, VECTOR, VECTOR, VECTOR)  # type: ignore[untyped-decorator]
 def larger(builder: Any, one: Any, other: Any) -> Any:
     """(vector, vector) -> the larger numbers of both."""
     return builder.select(builder.fcmp_ordered("<", one, other), other, one)
 
 
-@_operation(np.divide, VECTOR, VECTOR, VECTOR)
+@_operation(np.divide, VECTOR, VECTOR, VECTOR)  # type: ignore[untyped-decorator]
 def quotient(builder: Any, one: Any, other: Any) -> Any:
     """(vector, vector) -> quotients."""
     return builder.fdiv(one, other)
 
 
-@_operation(lambda value, gate: np.where(gate > 0, value, np.float32(0)), VECTOR, VECTOR, VECTOR)
+@_operation(lambda value, gate: np.where(gate > 0, value, np.float32(0)), VECTOR, VECTOR, VECTOR)  # type: ignore[untyped-decorator]
 def gated(builder: Any, value: Any, gate: Any) -> Any:
     """(vector, vector) -> the first, with 0 where the second is not positive."""
     zero = FLOATS([0.0] * SIMD_WIDTH)
     return builder.select(builder.fcmp_ordered(">", gate, zero), value, zero)
 
 
-@_operation(lambda value: value.reshape(-1, HEAD).sum(1).repeat(HEAD), VECTOR, VECTOR)
+@_operation(lambda value: value.reshape(-1, HEAD).sum(1).repeat(HEAD), VECTOR, VECTOR)  # type: ignore[untyped-decorator]
 def head_sums(builder: Any, value: Any) -> Any:
     """(vector) -> the sum of each half of it, in all places of that half."""
     for distance in (4, 2, 1):
@@ -107,7 +108,7 @@ def head_sums(builder: Any, value: Any) -> Any:
     return value
 
 
-@_operation(lambda value: np.exp(np.maximum(value, np.float32(LEAST))), VECTOR, VECTOR)
+@_operation(lambda value: np.exp(np.maximum(value, np.float32(LEAST))), VECTOR, VECTOR)  # type: ignore[untyped-decorator]
 def exponential(builder: Any, value: Any) -> Any:
     """(vector) -> the exponential of numbers of at most 0, with an error of about 1e-7 of it."""
 
@@ -129,7 +130,7 @@ def exponential(builder: Any, value: Any) -> Any:
 def _matrix(address: int, row: int, step: int, shape: tuple[int, int]) -> Any:
     """A matrix at an address, float32, with bytes between its rows and between its columns."""
     size = FLOAT + row * (shape[0] - 1) + step * (shape[1] - 1)
-    memory = np.frombuffer((ctypes.c_char * size).from_address(address), np.uint8)
+    memory: Any = (ctypes.c_char * size).from_address(address)
     return np.ndarray(shape, np.float32, memory, strides=(row, step))
 
 

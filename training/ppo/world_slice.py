@@ -1,6 +1,6 @@
 """A lane of a rollout: some of the worlds, who plays in them, and the resulting samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from outlast.ecs import Clock
 from outlast.envs.core.agents import alive, counts_vary, side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.core.visible_rows import VisibleRows
 from outlast.envs.rollout.lineup import draw, key_of, own_side
 from outlast.envs.rollout.outcome import Standings, shares_beaten
 
@@ -112,6 +113,7 @@ class Lane:
         self.env, self.packer, self.team, self.pool, self.dead = env, packer, team, opponents, dead
         self.masked, self._noop = masked, torch.from_numpy(np.array(env.noop, np.int64))
         self.teacher: Plain | None = None
+        self._lists = VisibleRows(env._reader.views)
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
@@ -149,7 +151,7 @@ class Lane:
         t: The number of the step in the rollout. step: The number of the step in the run. policies: The policies of the
         learners. Returns int64 (worlds, agents, actions).
         """
-        env, samples, observations = self.env, self.samples, self.env.observe()
+        env, samples, observations = self.env, self.samples, self.observations
         seen, uniform = self._seen(observations), self.noise(step)
         numbers = torch.from_numpy(uniform)
         samples.seen.append(seen)
@@ -165,13 +167,10 @@ class Lane:
             one = self.pool.all[index]
             if one.plain is not None:
                 where = group.where
-                samples.actions[t, where] = one.plain(self._batch(observations, where), uniform[where])
+                samples.actions[t, where] = one.plain(self._batch(where), uniform[where])
                 continue
             policy = one.policies[number] if index else policies[number]
-            if one.packer is not None:
-                part = one.packer(self._batch(observations, group.where))
-            else:
-                part = self._part(seen, group)
+            part = self._part(seen, group) if one.packer is None else one.packer(self._batch(group.where))
             memory, begins = self._remembered(policy, group)
             if index or policy.apart:
                 logs, memory = policy.logs(part, memory, begins)
@@ -190,7 +189,7 @@ class Lane:
         found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
         if self.teacher is not None:
             found = found.copy()
-            samples.actions[t] = self.teacher(self._batch(observations, slice(None)), uniform)
+            samples.actions[t] = self.teacher(self._batch(slice(None)), uniform)
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[Networks]) -> None:
@@ -287,9 +286,14 @@ class Lane:
 
     def observe(self) -> Observed:
         """Return what all agents observe now, as networks take it."""
-        return self._seen(self.env.observe())
+        return self._seen(self.observations)
 
-    def _seen(self, observations: dict[str, Array]) -> Observed:
+    @property
+    def observations(self) -> Mapping[str, Array]:
+        """Return what all agents observe now, with lists of rows unless networks take padded ones."""
+        return self.env._reader.views if self.packer.leaky else self._lists()
+
+    def _seen(self, observations: Mapping[str, Array]) -> Observed:
         """Return what all agents observe, with the state of their worlds if critics learn from it."""
         seen = self.packer(observations)
         if self.overview is not None:
@@ -301,9 +305,10 @@ class Lane:
         """Return what some of the agents observe."""
         return seen if len(group.members) == self.agents else seen.select(group.members)
 
-    def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
-        """The observations of some agents, (some, ...) by key."""
-        return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
+    def _batch(self, some: Any) -> dict[str, Array]:
+        """The observations of some agents, padded, (some, ...) by key."""
+        views = self.env._reader.views
+        return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in views.items()}
 
     def _record(self, t: int, done: Array) -> None:
         """Note who won, for worlds that are done and have an opponent and more than one side.
