@@ -14,8 +14,7 @@ from torch import Tensor
 
 from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader
-
-from .vectors import BYTES, HEAD, exponential, head_sums, larger, load, quotient, repeated, store
+from outlast.ecs.kernels.vectors import BYTES, HEAD, exponential, head_sums, larger, load, quotient, repeated, store
 
 Array = np.ndarray[Any, Any]
 read_count = loader("int64")

@@ -15,13 +15,13 @@ from torch import Tensor
 
 from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
+from outlast.ecs.kernels.vectors import BYTES, HEAD, gated, load, product, store
 
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
 from .attention import attend, differentiate
 from .rows import Rows
 from .torch_settings import FLOAT
-from .vectors import BYTES, HEAD, gated, load, product, store
 
 Array = np.ndarray[Any, Any]
 BLOCK = 64  # agents that go through all layers together

@@ -13,8 +13,8 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from outlast.ecs.kernels.jit import intrinsic, noinline_kernel
-from outlast.ecs.kernels.simd import FLOATS, SIMD_WIDTH, VECTOR
+from .jit import intrinsic, noinline_kernel
+from .simd import FLOATS, SIMD_WIDTH, VECTOR
 
 HEAD = 8  # numbers of a head of attention: half a vector
 FLOAT, BYTES = 4, 4 * SIMD_WIDTH  # bytes of a number, and of a vector
