@@ -3,7 +3,17 @@
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from outlast.ecs import WorldsView
+from outlast.ecs import Singleton, WorldsView
+
+
+class Idle(Singleton):
+    """Base of components that say which actions would do nothing: another way to say what `idle_actions` does.
+
+        class Empty(Idle):
+            grab: Array = column("u1", "agents")  # 1: nobody is in reach
+
+    Each column is called like an action. A system of phase END writes it, so a kernel can serve the rule and the mask.
+    """
 
 
 @runtime_checkable

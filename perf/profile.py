@@ -9,6 +9,7 @@ episode. The last row is the whole env.step, with its checks and autoreset.
 """
 
 from outlast.ecs import Worlds
+from outlast.ecs.compilation.tick import Segment
 from perf.measure import LIMIT, micros, stepper, ticker
 from perf.rows import playable
 from perf.table import Table, options, positive
@@ -24,7 +25,9 @@ def main() -> None:
     parser.add_argument("--steps", type=positive, default=500, help="ticks that are timed (default 500)")
     given = parser.parse_args()
     chosen = given.scenario
-    worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True, ordered=chosen.order)
+    worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, ordered=chosen.order)
+    units = [unit for segment in worlds.segments for unit in segment.units]
+    worlds.segments = [Segment((unit,), unit.compiled) for unit in units]  # before any of them is loaded
     call = ticker(worlds)
     before = worlds.times.copy()
     for k in range(given.steps):

@@ -13,13 +13,25 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.core.options import argument_of, flag_of, options_of
+from outlast.envs.core.options import WorldOptions, argument_of, flag_of, options_of
 from outlast.training.base import config
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent
 TRAINING = ROOT / "training/base/config.py", (config.RunOptions, config.TrainingConfig)
-FUNCTIONS = {(ROOT / "training/runs/train.py", "train"): TRAINING}  # and where its options are declared
+WORLDS = ROOT / "envs/core/options.py", (WorldOptions,)
+ALL: frozenset[str] = frozenset()
+# functions, where their options are declared, and what they say of them otherwise; a new option goes into the first two
+FUNCTIONS = {
+    (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
+    (ROOT / "envs/core/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
+    (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (*WORLDS, {"seed"}),
+    (ROOT / "envs/adapters/sb3.py", "make_sb3"): (*WORLDS, {"seed", "render_mode", "observations"}),
+    (ROOT / "envs/adapters/puffer.py", "make_puffer"): (*WORLDS, {"seed"}),
+    (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
+    (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
+}
+WHOLE = ("train", "make_vec")
 COMMANDS = (ROOT / "training/cli/train.py",)
 
 
@@ -64,7 +76,7 @@ def replaced(text: str, entry: str, lines: dict[str, str]) -> str:
 
 def written(path: Path, function: str) -> str:
     """The source of a file, with the signature and the docstring that a function has to have."""
-    declared, kinds = FUNCTIONS[path, function]
+    declared, kinds, own = FUNCTIONS[path, function]
     source = path.read_text().splitlines(keepends=True)
     (found,) = (each for each in ast.parse("".join(source)).body if getattr(each, "name", "") == function)
     assert isinstance(found, ast.FunctionDef)
@@ -75,19 +87,24 @@ def written(path: Path, function: str) -> str:
     for kind in kinds:
         lines |= parameters(declared, kind)
         texts |= arguments(kind)
+    given = {each.arg for each in (*found.args.args, *found.args.kwonlyargs)} - own
+    for lines_of in (lines, texts):
+        for name in lines_of.keys() - given if function not in WHOLE else own:
+            lines_of.pop(name, None)
     head = replaced(head, r"^    {}: .*\n", lines)
     docstring = replaced(docstring, r"^        {}: .*\n(?:            .*\n)*", texts)
     return before + head + docstring + after
 
 
 def places() -> dict[str, list[str]]:
-    """By option, the places where it is declared, or a flag is added by hand."""
+    """By option, with its class, the places where it is declared, or a flag is added by hand."""
     found, flags = dict[str, list[str]](), dict[str, str]()
-    for path, kinds in dict.fromkeys(FUNCTIONS.values()):
+    for path, kinds in (TRAINING, WORLDS):
         for kind in kinds:
             for name, each in fields(path, kind):
-                found.setdefault(name, []).append(f"{path.relative_to(ROOT)}:{each.lineno} ({kind.__name__})")
-                flags[flag_of(name, options_of(kind)[name])] = name
+                found[f"{kind.__name__}.{name}"] = [f"{path.relative_to(ROOT)}:{each.lineno}"]
+                if options_of(kind)[name].group:
+                    flags[flag_of(name, options_of(kind)[name])] = f"{kind.__name__}.{name}"
     for path in COMMANDS:
         for flag in re.findall(r'add_argument\(\s*"(--[\w-]+)"', path.read_text()):
             found.get(flags.get(flag, ""), []).append(f"{path.relative_to(ROOT)} ({flag})")
@@ -98,7 +115,7 @@ def main() -> int:
     """List, or write; the exit status is 1 if an option has two places, or a function is not as it has to be."""
     stale = {path: function for path, function in FUNCTIONS if written(path, function) != path.read_text()}
     for name, where in (found := places()).items():
-        print(f"{name:12} {len(where)}  {', '.join(where)}")
+        print(f"{name:28} {len(where)}  {', '.join(where)}")
     if stale and "--write" in sys.argv[1:]:
         for path, function in stale.items():
             path.write_text(written(path, function))

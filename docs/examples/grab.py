@@ -6,7 +6,22 @@ from yard import yard
 
 from outlast.components import Body, Phase, Shape, Solid, Weld
 from outlast.components.joint import hold, let_go
-from outlast.ecs import Action, Archetype, Array, Bitset, Component, Entity, Module, Read, Rows, Write, column, number
+from outlast.components.masks import Idle
+from outlast.ecs import (
+    Action,
+    Archetype,
+    Array,
+    Bitset,
+    Component,
+    Entity,
+    Module,
+    Read,
+    Rows,
+    Write,
+    column,
+    kernel,
+    number,
+)
 from outlast.queries import Bodies, nearest
 
 
@@ -18,6 +33,12 @@ class Grab(Action):
     """1: hold on to a crate, 0: let go."""
 
     grab: Array = column("i1", "agents", low=0, high=1)
+
+
+class OutOfReach(Idle):
+    """Whose hands are empty, for action masks."""
+
+    grab: Array = column("u1", "agents", high=1)
 
 
 @dataclass(frozen=True)
@@ -32,8 +53,14 @@ class Grabbing(Module):
         return [Archetype("agent", (Weld(),)), Archetype("crate", crate, 2)]
 
     def singletons(self):
-        """What agents want."""
-        return [Grab()]
+        """What agents want, and cannot."""
+        return [Grab(), OutOfReach()]
+
+
+@kernel
+def in_hand(welds, bodies, crates, e, reach) -> int:
+    """The crate that agent `e` holds, or would if it grabbed now; -1: none. The rule and the mask both ask this."""
+    return welds.other[e] if welds.other[e] >= 0 else nearest(bodies, crates, e, reach)
 
 
 @Grabbing.system(Phase.DRIVE, after=Body)
@@ -52,10 +79,24 @@ def grab(
         e = agents[i]
         if not (action.grab[i] and entities.alive[e]):
             let_go(welds, e)
-        elif welds.other[e] < 0:
-            crate = nearest(bodies, crates, e, reach)
-            if crate >= 0:
-                hold(welds, body, e, crate)
+        elif welds.other[e] < 0 and in_hand(welds, bodies, crates, e, reach) >= 0:
+            hold(welds, body, e, in_hand(welds, bodies, crates, e, reach))
+
+
+@Grabbing.system(Phase.END)
+def mask(
+    idle: Write[OutOfReach],
+    welds: Read[Weld],
+    entities: Read[Entity],
+    agents: Rows[Weld],
+    crates: Bitset[Crate],
+    bodies: Bodies,
+    reach: float,
+) -> None:
+    """Whoever has nothing in hand can neither grab nor let go."""
+    for i in range(agents.size):
+        e = agents[i]
+        idle.grab[i] = not entities.alive[e] or in_hand(welds, bodies, crates, e, reach) < 0
 
 
 GRAB = yard("grab", Grabbing(), agents=2)

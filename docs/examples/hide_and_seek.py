@@ -33,10 +33,8 @@ from outlast.ecs import (
     Component,
     Entity,
     Event,
-    Field,
     Module,
     NumberError,
-    Offset,
     Read,
     Rows,
     Singleton,
@@ -48,6 +46,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.queries import Bodies, distance, within
+from outlast.systems.observation_rows import more_fields
 
 HIDERS, SEEKERS = 0, 1
 NOBODY = -1
@@ -98,7 +97,7 @@ class Handling(Module):
 
     def fields(self):
         """Numbers in the agents' own row, and in the rows of boxes."""
-        return {"own": (Field("holds"),), "boxes": (Field("held"), Field("locked"))}
+        return {"own": HOLDS, "boxes": LOCKS}
 
     def bounds(self, layout):
         """Of locked, 1 is by the agent's own side, -1 by another one."""
@@ -181,31 +180,26 @@ def handle(
                 handled.holder[box] = e
 
 
-@Handling.system(Phase.OBSERVE)
-def see_grip(view: Write[SelfView], welds: Read[Weld], agents: Rows[Weld], own_holds: Offset) -> None:
-    """Whether an agent holds a box is in its own row, and in its copies that the others see."""
-    for i in range(agents.size):
-        view.own[i, own_holds] = 1 if welds.other[agents[i]] >= 0 else 0
+@kernel
+def holds(i, e, welds: Read[Weld]) -> int:
+    """Whether agent `e` holds a box: in its own row, and in its copies that the others see."""
+    return 1 if welds.other[e] >= 0 else 0
 
 
-@Handling.system(Phase.OBSERVE, after=BoxView)
-def see_handled(
-    view: Write[BoxView],
-    masks: Read[ObservationMasks],
-    handled: Read[Handled],
-    side: Read[Side],
-    agents: Rows[Weld],
-    boxes: Rows[Handled],
-    boxes_held: Offset,
-    boxes_locked: Offset,
-) -> None:
-    """Of the boxes that an agent sees, whether somebody holds them, and who has locked them."""
-    for i in range(agents.size):
-        for k in range(boxes.size):
-            box, filled = boxes[k], is_set(masks.filled, i, boxes[k])
-            locked = 0 if handled.locked_by[box] < 0 else 1 if handled.locked_by[box] == side.side[agents[i]] else -1
-            view.boxes[i, k, boxes_held] = filled and handled.holder[box] >= 0
-            view.boxes[i, k, boxes_locked] = locked if filled else 0
+@kernel
+def held(i, box, handled: Read[Handled]) -> int:
+    """Whether somebody holds a box."""
+    return 1 if handled.holder[box] >= 0 else 0
+
+
+@kernel
+def locked(i, box, handled: Read[Handled], side: Read[Side], agents: Rows[Side]) -> int:
+    """1: locked by the side of agent number `i`, -1: by another one."""
+    return 0 if handled.locked_by[box] < 0 else 1 if handled.locked_by[box] == side.side[agents[i]] else -1
+
+
+HOLDS = more_fields(Handling, SelfView, "own", Side, holds=holds)
+LOCKS = more_fields(Handling, BoxView, "boxes", Handled, held=held, locked=locked)
 
 
 # --- who is seen, and what that pays

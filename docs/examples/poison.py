@@ -1,31 +1,18 @@
 """Poison: an item that makes enemies near its user ill. Ill agents lose hit points in every tick, for a while."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import (
-    Bag,
-    Body,
-    DamageType,
-    Guard,
-    Health,
-    Hit,
-    Item,
-    ObservationMasks,
-    Phase,
-    Shape,
-    Side,
-    Spawned,
-)
+from outlast.components import Bag, Body, DamageType, Guard, Health, Hit, Item, Phase, Shape, Side, Spawned
 from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
 from outlast.components.inventory import held
-from outlast.components.sight import is_set
+from outlast.components.sight import ObservationMasks
 from outlast.ecs import (
     Add,
     Archetype,
     Array,
+    Bitset,
     Clock,
     Component,
     Entity,
@@ -35,13 +22,15 @@ from outlast.ecs import (
     Read,
     RowIndex,
     Rows,
-    Singleton,
     Statistic,
     Write,
     column,
+    kernel,
     number,
     ref,
 )
+from outlast.systems.geometry.bodies import Bodies, near
+from outlast.systems.observation_rows import write_rows
 
 # --- components
 
@@ -89,17 +78,16 @@ class Poison(Module):
     strength: int = number(30, low=1, unit="ticks", about="how long the illness lasts")
     damage: int = number(2, low=0, unit="hit points per tick", about="damage of the illness")
 
-    def archetypes(self) -> Iterable[Archetype]:
+    def archetypes(self):
         """A new kind of item, and one more component for every agent."""
-        body = (Body(), Shape(radius=ref("radius")), Spawned())
-        vial = (*body, Item(), Vial(strength=ref("strength")))
+        vial = Body(), Shape(radius=ref("radius")), Spawned(), Item(), Vial(strength=ref("strength"))
         return [Archetype("vial", vial, ref("count")), Archetype("agent", (Illness(),))]
 
-    def singletons(self) -> Iterable[Singleton]:
+    def singletons(self):
         """What agents observe, what is counted, and what happens."""
         return [VialView(), VialsUsed(), Hit()]
 
-    def dims(self) -> dict[str, int | str]:
+    def dims(self):
         """The dimension "vials" of the columns above, and how many more hits there can be in a tick."""
         return {"vials": ref("count"), "hits": "agents"}
 
@@ -118,10 +106,10 @@ def spill(
     item: Read[Item],
     vial: Read[Vial],
     body: Read[Body],
+    bodies: Bodies,
     side: Read[Side],
     guard: Read[Guard],
-    entities: Read[Entity],
-    agents: Rows[Illness],
+    agents: Bitset[Illness],
     vials: Rows[Vial],
     reach: float,
 ) -> None:
@@ -131,12 +119,11 @@ def spill(
         if user < 0:
             continue
         used.vials_used[0] += 1
-        for o in agents:
+        for k in range(near(bodies, agents, body.x[user], body.y[user], reach)):
+            o = bodies.rows[k]
             x, y = body.x[o] - body.x[user], body.y[o] - body.y[user]
-            spared = o == user or immune(guard, o, side.side[user])
-            if entities.alive[o] and not spared and x * x + y * y <= reach * reach:
-                illness.left[o] = vial.strength[e]
-                illness.source[o] = user
+            if x * x + y * y <= reach * reach and o != user and not immune(guard, o, side.side[user]):
+                illness.left[o], illness.source[o] = vial.strength[e], user
 
 
 @Poison.system(Phase.MELEE, after="melee.strike")
@@ -160,6 +147,13 @@ def sicken(
             hurt(health, guard, hits, e, damage, damage_type, side.side[by], clock.tick[0], by)
 
 
+@kernel
+def fill_vial(row: Array, e: int, filled: bool, tables: tuple[Array, int, int]) -> None:
+    """Fill in the position of vial `e`."""
+    body, x, y = tables
+    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
+
+
 @Poison.system(Phase.OBSERVE)
 def see_vials(
     view: Write[VialView],
@@ -169,19 +163,13 @@ def see_vials(
     illness: Read[Illness],
     entities: Read[Entity],
     agents: Rows[Illness],
-    vials: Rows[Vial],
-    kind: RowIndex[Vial],
+    vials: Bitset[Vial],
+    index: RowIndex[Vial],
     vials_x: Offset,
     vials_y: Offset,
 ) -> None:
-    """Every entry is written in every tick, so that nothing is left of the tick before."""
-    for i in range(agents.size):
-        for k in range(vials.size):
-            e = vials[k]
-            filled = is_set(masks.filled, i, e)
-            view.vials_mask[i, k] = is_set(masks.mask, i, e)
-            view.vials[i, k, vials_x] = body.x[e] if filled else 0
-            view.vials[i, k, vials_y] = body.y[e] if filled else 0
-        me, alive = agents[i], entities.alive[agents[i]] != 0
-        view.vial_slot_mask[i, 0] = 1 if alive and held(bag, me, kind) >= 0 else 0
-        view.illness[i, 0] = illness.left[me] if alive else 0
+    """Vials as the cameras see them; and what only the agent itself knows, in every tick, as it is kept until then."""
+    write_rows(view.vials, view.vials_mask, masks, vials, index, fill_vial, (body, vials_x, vials_y))
+    for i, e in enumerate(agents):
+        view.vial_slot_mask[i, 0] = entities.alive[e] and held(bag, e, index) >= 0
+        view.illness[i, 0] = illness.left[e] * entities.alive[e]

@@ -68,6 +68,8 @@ def test_a_ball_goes_on_bouncing_and_a_door_sliding():
 def test_what_is_grabbed_comes_along_until_it_is_let_go():
     env, body, span = placed(GRAB, (-1.2, 0), (0, 1.2))
     crate, welds = span("crate").start, env.worlds[Weld]
+    walk(env, 1, (*STAY, 0), (*STAY, 0))
+    assert env.action_masks()[0, :, -1].tolist() == [True, True]
     walk(env, 1, (*STAY, 1), (*STAY, 1))
     assert welds.other[0, :2].tolist() == [crate, crate]
     walk(env, 30, (*BACK, 1), (*STAY, 1))
@@ -75,7 +77,9 @@ def test_what_is_grabbed_comes_along_until_it_is_let_go():
     assert np.hypot(body.x[0, 0] - body.x[0, crate], body.y[0, 0] - body.y[0, crate]) == pytest.approx(1.2, abs=0.01)
     walk(env, 1, (*STAY, 0), (*STAY, 0))
     assert welds.other[0, :2].tolist() == [-1, -1]
+    assert env.action_masks()[0, :, -1].tolist() == [True, True]  # they are still near
     walk(env, 40, (*STAY, 0), (*AHEAD, 0))
+    assert env.action_masks()[0, :, -1].tolist() == [False, False]
     assert abs(np.hypot(body.x[0, 1] - body.x[0, crate], body.y[0, 1] - body.y[0, crate]) - 1.2) > 0.3
 
 

@@ -111,7 +111,7 @@ def _wrong_path(code: Any) -> tuple[int, str] | None:
             config.ALWAYS_WARN_UNINIT_VAR = before
     for each in (each.message for each in found if isinstance(each.message, NumbaWarning)):
         name = each.msg.partition("variable ")[2].partition(".")[0]
-        if not name.startswith("$"):
+        if each.loc and not name.startswith("$"):
             return each.loc.line, NO_VALUE.format(name)
     return None
 

@@ -18,8 +18,7 @@ import numba
 import numpy as np
 from numba.core.extending import _Intrinsic
 
-from ..compilation.arguments import ArgumentBlock, ServiceMemory
-from ..compilation.tick import segments
+from ..compilation.tick import in_python, segments
 from ..declarations.component import Clock
 from ..declarations.event import COUNT, Event, capacity_error
 from ..declarations.phase import When
@@ -99,19 +98,17 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
     tables, generator = Tables(layout, 1), np.random.default_rng(0)
     tables[Clock].seed[:] = 1
     units = [unit for segment in segments(layout, systems, python=True) for unit in segment.units]
-    memory = ServiceMemory(tables.dims)
-    blocks = [ArgumentBlock(unit.arguments, tables, memory, compiled=False) for unit in units]
-    functions = [(unit, unit.function(), block) for unit, block in zip(units, blocks, strict=True)]
+    calls = [*in_python(units, tables)]
     left = [MOST_LINES]
     for mode in MODES:
         tables.mode[:] = mode
         for actions, (component, name) in zip(tables.actions, layout.actions, strict=True):
             column = component.columns[name]
             actions[:] = generator.integers(int(column.low), int(column.high) + 1, actions.shape)
-        for unit, function, block in functions:
+        for unit, _, call in calls:
             try:
                 with interpreted(), _limited(traced[unit.label].codes if unit.label in traced else (), left):
-                    function(block, 0, 1)
+                    call()
             except _TooLong as error:
                 LOGGER.warning("%s: the trial of %s ended after %d lines of Python", error, unit.label, MOST_LINES)
                 return

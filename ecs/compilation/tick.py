@@ -15,7 +15,7 @@ import functools
 import itertools
 import linecache
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -59,7 +59,9 @@ from .arguments import (
     MAX_DIMENSIONS,
     MODE,
     STRIDE,
+    ArgumentBlock,
     ArgumentLayout,
+    ServiceMemory,
     View,
     array_view,
     number_view,
@@ -464,15 +466,14 @@ class Segment:
 def segments(
     layout: MemoryLayout,
     systems: Sequence[System],
-    split: bool = False,
     interpret: Collection[str] = (),
     specialize: bool = False,
     python: bool = False,
 ) -> list[Segment]:
     """Generate the units of a tick of these systems, in order.
 
-    split: whether each unit gets a segment of its own. interpret: labels of systems to run as Python; python: all of
-    them. specialize: whether the machine code is for this layout alone.
+    interpret: labels of systems to run as Python; python: all of them. specialize: whether the machine code is for this
+    layout alone.
     """
     modules, tables = {module.name: module for module in layout.modules}, dict[Any, tuple[Any, str]]()
 
@@ -498,8 +499,6 @@ def segments(
     if NumbersView in layout.components:
         units.append(new().show())
     units += [new().clear(*each) for each in published_rows(layout)]
-    if split:
-        return [Segment((unit,), unit.compiled) for unit in units]
     return [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
 
 
@@ -533,3 +532,16 @@ def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Compone
             for name, column in component.columns.items():
                 if column.dtype != bool and (ends := column.range(layout.dims)):
                     yield component, name, *ends
+
+
+def in_python(
+    units: Sequence[Unit], worlds: Tables, memory: ServiceMemory | None = None
+) -> Iterator[tuple[Unit, ArgumentBlock, Callable[[], None]]]:
+    """Yield units with their arguments, and a function that takes all worlds through each as Python.
+
+    memory: That of services; None: a new one.
+    """
+    memory = memory or ServiceMemory(worlds.dims)
+    for unit in units:
+        block = ArgumentBlock(unit.arguments, worlds, memory, compiled=False)
+        yield unit, block, functools.partial(unit.function(), block, 0, worlds.count)

@@ -21,7 +21,7 @@ row for every entity (zero if its archetype lacks the component), so a row numbe
 import re
 from collections import namedtuple
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -55,6 +55,12 @@ class Column:
     fields: tuple[Field, ...] | str = ()
     unit: str = ""
     below: str = ""
+    owner: Any = field(default=None, compare=False, repr=False)  # the component, and the column's name there
+    name: str = field(default="", compare=False, repr=False)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        object.__setattr__(self, "owner", owner)
+        object.__setattr__(self, "name", name)
 
     def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
         """Return the trailing shape as numbers."""

@@ -1,13 +1,12 @@
 """Distributions from which the numbers of a mechanic can be drawn, anew in every episode of every world."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..kernels.errors import NumberError, did_you_mean
+from ..kernels.errors import NumberError
 from ..kernels.integers import is_whole
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
@@ -153,26 +152,6 @@ def free(value: Any) -> Distribution:
 
 
 NAMES = ("uniform", "log_uniform", "integers", "choice", "free")
-
-
-def plain(distribution: Distribution) -> list[Any]:
-    """Return a distribution as JSON: the name of its kind, and its values."""
-    return [NAMES[distribution.kind], *(list(v) if isinstance(v, tuple) else v for v in distribution.values)]
-
-
-def from_plain(name: Any, *values: Any) -> Distribution:
-    """Return the distribution from the result of `plain`. NumberError if it is not possible."""
-    makers: dict[str, Callable[..., Distribution]] = {
-        each.__name__: each for each in (uniform, log_uniform, integers, choice, free)
-    }
-    made = makers.get(str(name))
-    if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
-        hint = did_you_mean(name, makers, after=" ", count=1, cutoff=0.75) if made is None else ""
-        raise NumberError(
-            f"{[name, *values]!r:.80} is no distribution: {hint}uniform(low, high), log_uniform(low, high), "
-            "integers(low, high), choice(value, value, ...) or free(value) is needed"
-        )
-    return made(*values)
 
 
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:

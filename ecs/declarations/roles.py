@@ -4,15 +4,13 @@ A role has a name, says which agents have it, and changes some numbers of mechan
 distributions, from which each agent draws when an episode begins. memory.numbers says where the values lie in memory.
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..kernels.errors import NumberError
 from ..kernels.integers import is_whole
 from .distributions import Distribution, in_python
-from .distributions import from_plain as distribution_of
-from .distributions import plain as plain_distribution
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
 OPTIONS = ("drawn", "observed")  # options of Scenario.roles
@@ -27,12 +25,14 @@ class Role:
         count: How many agents have it, after those of the previous role. None: all that are left.
         agents: The ids of the agents that have it, instead of a count; empty: `count` decides.
         numbers: (name, value or Distribution) of each number that the role changes, in order of names.
+        without: Names of actions and observations that it does not have. The engine only carries them.
         name: Its name in the scenario.
     """
 
     count: int | None
     agents: tuple[int, ...]
     numbers: tuple[tuple[str, Any], ...]
+    without: tuple[str, ...] = ()
     name: str = ""
 
     def values(self, corner: int) -> dict[str, Any]:
@@ -42,7 +42,7 @@ class Role:
         }
 
 
-def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any) -> Role:
+def role(count: int | None = None, *, agents: Sequence[int] = (), without: Sequence[str] = (), **numbers: Any) -> Role:
     """Make a role of agents, for `Scenario.roles`.
 
     >>> hunted = scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
@@ -51,12 +51,15 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any
         count: How many agents have it. Roles take agents in order of their ids, starting with the first role. One role
             may leave the count out, and gets the agents that are left.
         agents: The ids of its agents, instead of a count.
+        without: Actions and observations that its agents do not have, by their keys: ("attack", "boxes"). Whatever
+            they choose, such an action is that of `noop`, and masked; such an observation, with its mask, is 0.
         **numbers: By name, "module_number": the value for these agents, or a distribution, such as
             outlast.uniform(5, 20), from which each of them draws its own value when an episode begins. Numbers that a
             role does not name are those of the scenario.
 
     Raises:
-        NumberError: The count is below 1, the ids are not distinct integers from 0, or both are given.
+        NumberError: The count is below 1, the ids are not distinct integers from 0, or both are given; or `without`
+            does not hold names.
     """
     count, ids = in_python(count), in_python(agents)
     if not isinstance(ids, Iterable) or isinstance(ids, str):
@@ -68,7 +71,9 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any
         raise NumberError(f"role({count!r}): the count is a whole number from 1; leave it out for all agents left")
     if not all(is_whole(i, 0) for i in ids) or len({*ids}) != len(ids):
         raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, whole numbers from 0")
-    return Role(count, ids, tuple(sorted(numbers.items())))
+    if isinstance(without, str) or not all(isinstance(name, str) for name in without):
+        raise NumberError(f'role(without={without!r:.60}): a list of names is needed, as in without=["attack"]')
+    return Role(count, ids, tuple(sorted(numbers.items())), tuple(sorted({*without})))
 
 
 @dataclass(frozen=True)
@@ -198,50 +203,6 @@ class Roles:
         return (
             f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
         )
-
-
-def plain(roles: Roles) -> dict[str, Any]:
-    """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
-
-    A distribution becomes a list that begins with the name of its kind: ["uniform", low, high].
-    """
-    return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
-
-
-def _plain_role(role: Role) -> dict[str, Any]:
-    who: dict[str, Any] = {"agents": list(role.agents)} if role.agents else {"count": role.count}
-    numbers = {
-        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in role.numbers
-    }
-    return {"name": role.name, **who, "numbers": numbers}
-
-
-def from_plain(given: Any) -> Roles:
-    """Return the roles from the result of `plain`. NumberError for anything else."""
-    if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
-        raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
-    return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
-
-
-def _role_of(given: Any) -> Role:
-    if (
-        not isinstance(given, Mapping)
-        or given.keys() - {"count"} not in ({"name", "numbers"}, {"name", "agents", "numbers"})
-        or {"count", "agents"} <= given.keys()
-        or not isinstance(given["name"], str)
-        or not isinstance(given["numbers"], Mapping)
-        or not isinstance(given.get("agents", []), list)
-    ):
-        raise NumberError(
-            f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}; only one role '
-            "can leave out who has it, and gets the agents that are left"
-        )
-    numbers = {
-        str(name): distribution_of(*value) if isinstance(value, list) else value
-        for name, value in given["numbers"].items()
-    }
-    found = role(given.get("count"), agents=given.get("agents", ()))
-    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
 
 
 def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:

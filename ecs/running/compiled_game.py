@@ -36,7 +36,6 @@ class Wanted:
     roles: Roles | None
     without: frozenset[PhaseBase]
     ordered: tuple[tuple[str, ...], ...]
-    split: bool
     interpret: tuple[str, ...]
     specialize: bool
 
@@ -95,7 +94,7 @@ def _made(wanted: Wanted) -> CompiledGame:
         if system.outside and (interpreted or not system.compiled):  # a user's runs on stand-ins
             system = replace(system, kernel=Traced(system, layout, PYTHON_ONLY if system.compiled else None))
         run.append(system)
-    tick = segments(layout, run, wanted.split, wanted.interpret, wanted.specialize)
+    tick = segments(layout, run, wanted.interpret, wanted.specialize)
     units = [unit for segment in tick for unit in segment.units if unit.compiled]
     code = CompiledUnits(units, {WHOLE_STEP: step}, {RUN: run_units})
     return CompiledGame(layout, schedule, tick, code)

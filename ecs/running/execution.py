@@ -22,7 +22,7 @@ from ..compilation.compiled_step import (
     UNITS,
     WHOLE_STEP,
 )
-from ..compilation.tick import Segment, Unit
+from ..compilation.tick import Segment, Unit, in_python
 from ..declarations.component import Component
 from ..kernels.errors import EngineError
 from ..kernels.jit import interpreted
@@ -109,17 +109,16 @@ class PythonExecution:
     """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Tables) -> None:
-        self._count = worlds.count
-        self._units, self._functions = segment.units, [unit.function() for unit in segment.units]
         self._memory = ServiceMemory(worlds.dims)
-        self.blocks = [ArgumentBlock(unit.arguments, worlds, self._memory, compiled=False) for unit in segment.units]
+        self._calls = [*in_python(segment.units, worlds, self._memory)]
+        self.blocks = [block for _, block, _ in self._calls]
 
     def __call__(self) -> None:
         """Take all worlds through the units, one after the other."""
         with interpreted():
-            for unit, function, block in zip(self._units, self._functions, self.blocks, strict=True):
+            for unit, _, call in self._calls:
                 try:
-                    function(block, 0, self._count)
+                    call()
                 except BaseException as error:
                     self._memory.restore()
                     if unit.system or not isinstance(error, EngineError):

@@ -122,8 +122,8 @@ class Stepper:
         first, *others = self.worlds.load()
         part = self.worlds.units.function(WHOLE_STEP) if compiled() else step
         self._part = functools.partial(part, 0, 0, 0, self.worlds.count, self._address)
-        self._tick = first if isinstance(first, CompiledExecution) and not others else None
-        self._whole = self._tick and functools.partial(self._tick.step, self._address, BEGIN | TICK | FINISH)
+        self._tick = tick = first if isinstance(first, CompiledExecution) and not others else None
+        self._whole = None if tick is None else functools.partial(tick.step, self._address, BEGIN | TICK | FINISH)
 
     @property
     def done(self) -> Array:

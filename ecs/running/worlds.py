@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -36,8 +37,6 @@ class Worlds(Tables):
         modules: The mechanics, in any order.
         count: How many worlds.
         threads: How many threads `run` uses; the results do not depend on it.
-        split: Compile every system separately, and take all worlds through one system before the next, to time them
-            (see `times`); the results are the same.
         without: Phases to leave out, such as that of observations.
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, for breakpoints, say; the others remain machine code.
@@ -52,7 +51,7 @@ class Worlds(Tables):
         schedule: The systems, in order.
         segments: The tick: units, which a thread runs by one call for each segment.
         units: The machine code of these.
-        times: The seconds that `run` has spent in each segment, by its first unit (with split: by system).
+        times: The seconds that `run` has spent in each segment, by its first unit.
         threads: As given.
 
     Raises:
@@ -66,7 +65,6 @@ class Worlds(Tables):
         modules: Sequence[Module],
         count: int,
         threads: int = 1,
-        split: bool = False,
         without: Collection[PhaseBase] = (),
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
@@ -82,7 +80,6 @@ class Worlds(Tables):
             roles=roles,
             without=frozenset(without),
             ordered=tuple(map(tuple, ordered)),
-            split=split,
             interpret=(interpret,) if isinstance(interpret, str) else tuple(map(str, interpret)),
             specialize=specialize,
         )
@@ -93,7 +90,7 @@ class Worlds(Tables):
         super().__init__(game.layout, count)
         self.schedule, self.segments, self.units, self.threads = game.schedule, game.segments, game.units, threads
         self.modules = list(self.layout.modules)
-        self.times = {segment.units[0].label: 0.0 for segment in self.segments}
+        self.times = defaultdict[str, float](float)
         self._lock = threading.Lock()  # held while executions are made or changed
         self._executions = list[CompiledExecution | PythonExecution]()
         self._team = Team(threads) if shared(count, threads) else None

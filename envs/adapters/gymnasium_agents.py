@@ -80,18 +80,21 @@ def make_agents(
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
         seed: Seed of the first episodes, as in `reset`. None: an unpredictable seed.
-        threads: How many threads step the worlds.
+        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
-        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
-        copy: Whether observations are copies. False is faster: they are read-only views, and the next call overwrites
-            them (and any tensors that share their memory, such as those from jax.device_put).
-        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
-        render_mode: None, "rgb_array" or "ansi".
+        autoreset_mode: When a world that ended begins its next episode: NEXT_STEP, SAME_STEP or DISABLED of
+            gymnasium.vector.AutoresetMode, or their values, such as "NextStep".
+        copy: Whether to return observations in new arrays; if not, which is faster, they are read-only views, and the
+            next call overwrites them, and any tensors that share their memory, such as those from jax.device_put.
+        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
+            but does no harm.
+        render_mode: "rgb_array", "ansi" or None.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
         observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
-        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
-        action_masks: Whether info has "action_mask", int8 (num_envs, entries): what `action_masks` returns.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
+        action_masks: Whether to put "action_mask" into info, int8: what `action_masks` returns.
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:

@@ -349,12 +349,13 @@ def parallel_env(
         render_mode: None, "rgb_array", "ansi" or "human".
         seed: Seed of the first episode. None: an unpredictable seed.
         dead: "end": agents leave when they die. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
-        max_episode_steps: Ticks after which the world is truncated; it sets the scenario's ending_limit.
+        max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
         observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
-        scaled: Whether observations and `state` are divided by the scales of their fields; see `make_vec`.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
             "observation": its observation instead, {"observation": as without, "action_mask": the same}, where Tianshou
             and PettingZoo's classic games have it.

@@ -51,13 +51,15 @@ def make_puffer(
         seed: World w is keyed by (seed, w), so that environments with different seeds have no world in common. None: an
             unpredictable seed. PufferLib resets environment j of worker i with seed + i + j, so give every environment
             its own worker (num_workers=num_envs, the default); otherwise some environments play the same worlds.
-        threads: How many threads step the worlds.
+        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
-        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
-        render_mode: None, "rgb_array" or "ansi".
+        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
+            but does no harm.
+        render_mode: "rgb_array", "ansi" or None.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
-        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
         buf: Arrays that PufferLib passes in.
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

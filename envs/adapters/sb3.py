@@ -49,15 +49,17 @@ def make_sb3(
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
         seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: an unpredictable seed.
-        threads: How many threads step the worlds.
+        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
-        check_actions: Whether to check the range of actions. If not, actions out of range have an unspecified effect.
+        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
+            but does no harm.
         render_mode: None or "rgb_array"; render(mode="human") also needs "rgb_array".
         render_worlds: How many worlds, from the first on, render() shows.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
         observations: "dict", arrays by key, or "flat", one array that joins those of all keys ("MlpPolicy").
-        scaled: Whether observations are divided by the scales of their fields; see `make_vec`.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:

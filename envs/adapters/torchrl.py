@@ -66,12 +66,13 @@ def make_torchrl(
             "roles": a group for each role, called by its name. Or names of agents by group: {"hunters": ["agent_0"],
             ...}.
         seed: World w is keyed by (seed, w), as by `set_seed`. None: an unpredictable seed.
-        threads: How many threads step the worlds.
+        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
         actions: "joint", an integer for all actions of an agent, which TorchRL's discrete losses need; "multi"; or
             "continuous", which its losses with continuous actions need.
         observations: "flat", an array, or "dict", arrays by key.
-        scaled: Whether observations and the state are divided by the scales of their fields; see `make_vec`.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
         device: The device of tensors; the worlds are on the CPU.
         numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

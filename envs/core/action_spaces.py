@@ -8,9 +8,10 @@ from typing import Any, cast
 import numpy as np
 from gymnasium import spaces
 
-from outlast.components.masks import MasksActions
-from outlast.ecs import Action, DeclarationError, Module, Worlds
+from outlast.components.masks import Idle, MasksActions
+from outlast.ecs import Action, AgentRoles, DeclarationError, Module, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
+from outlast.systems.role_limits import without
 
 from ..errors import ActionError, UsageError
 from .spaces import published
@@ -64,6 +65,8 @@ class ActionSpace:
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
         self._readers = [_readers(worlds, component) for _, component, *_ in columns]
         self._masking = [each for each in worlds.modules if isinstance(each, MasksActions)]
+        brought = {each.name: [type(part) for part in each.singletons()] for each in worlds.modules}
+        self._idle = {name: [part for part in parts if issubclass(part, Idle)] for name, parts in brought.items()}
         self._table: Array | None = None  # the actions of each joint action, integers (joint actions, actions)
         self.mask_size = int(self.sizes.sum())
         if kind == "joint":
@@ -200,11 +203,18 @@ class ActionSpace:
 
     def idle(self) -> Array:
         """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
+        roles = self._worlds.layout.roles
         said = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
+        for name, parts in self._idle.items():
+            for part in parts:
+                said[name] = said.get(name, {}) | self._worlds[part]._asdict()
         found = np.ones((self._worlds.count, self._worlds.dims["agents"], len(self.keys)), bool)
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             for name in readers:
                 found[..., k] &= np.asarray(said.get(name, {}).get(key, False), bool)
+            if roles and any(lacking := without(roles, key)):
+                role = self._worlds[AgentRoles].role
+                found[..., k] |= (role >= 0) & np.array(lacking)[role]
         return found
 
     @cached_property

@@ -36,24 +36,26 @@ def make_vec(
     Args:
         scenario: A Scenario, or the name of one: "ffa_3", "teams_2+health_cap", "mygame.py:arena", "arena.json".
         num_worlds: How many worlds.
-        seed: Keys the random numbers of world i by (seed, first_world + i); None: a seed from the operating system.
-        threads: Number of threads among which a step divides the worlds.
-        autoreset_mode: When a world that ended begins its next episode; see gymnasium.vector.AutoresetMode.
-        copy: Whether every call returns observations in new arrays. False is faster: they are read-only views, which
-            the next call overwrites.
-        check_actions: Whether the range of actions is checked. If not, an action out of range has an unspecified
-            effect, but does no harm.
+        seed: What keys the random numbers of world i, by (seed, first_world + i); None: a seed from the operating
+            system.
+        threads: Threads among which a step divides the worlds, with the same results.
+        autoreset_mode: When a world that ended begins its next episode: NEXT_STEP, SAME_STEP or DISABLED of
+            gymnasium.vector.AutoresetMode, or their values, such as "NextStep".
+        copy: Whether to return observations in new arrays; if not, which is faster, they are read-only views, and the
+            next call overwrites them, and any tensors that share their memory, such as those from jax.device_put.
+        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
+            but does no harm.
         first_world: Number of the first world, for batches that each hold a part of the worlds of one seed.
         render_mode: "rgb_array", "ansi" or None.
         actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
             paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
         observations: "dict", arrays by key; "flat", one array that joins those of all keys; or, from make_vec only,
             "rows", by key, with lists of the rows that agents see and who sees them, instead of padded rows and masks.
-        scaled: Whether observations, and `state`, are divided by the scales of their fields to about -1 to 1, with
-            angles wrapped; columns without bounds are clipped to -10 to 10.
-        action_masks: Whether info has "action_mask", int8: what `action_masks` returns.
+        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
+            wrapped; columns without bounds are clipped to -10 to 10.
+        action_masks: Whether to put "action_mask" into info, int8: what `action_masks` returns.
         specialize: Whether to compile for this scenario alone: steps then take 15 to 25 % less time, but new mechanics
-            or sizes take some ten seconds to compile, once. Otherwise, scenarios share their compiled code.
+            or sizes take some ten seconds to compile, once; otherwise, scenarios share their compiled code.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

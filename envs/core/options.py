@@ -3,11 +3,14 @@
 `python -m tests.options --write` writes signatures and docstrings of functions from the same fields.
 """
 
-from collections.abc import Callable
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
-from outlast.ecs.kernels.integers import as_whole, is_whole
+from gymnasium.vector import AutoresetMode
+
+from ..rendering.modes import RENDER_MODES
+from .validation import MAX_WORLDS, check_choice, check_count, check_flags
 
 MILLION = 10**6
 
@@ -24,7 +27,7 @@ class Option:
         metavar: What help calls its value.
         least: The lowest integer that is allowed; None if it is not an integer.
         most: The highest integer.
-        choices: The texts that are allowed; () if others are.
+        choices: What is allowed, texts or None; () if it is something else.
         many: Whether the flag can be repeated, with a text each time.
         takes: Type and default in the signatures of functions, if these are not those of the field.
     """
@@ -36,7 +39,7 @@ class Option:
     metavar: str | None = None
     least: int | None = None
     most: int = 2**62 - 1
-    choices: tuple[str, ...] = ()
+    choices: tuple[str | None, ...] = ()
     many: bool = False
     takes: str = ""
 
@@ -63,17 +66,16 @@ def default_of(kind: Any, name: str) -> Any:
     return found.default_factory() if found.default_factory is not MISSING else found.default
 
 
-def check_options(given: Any, error: Callable[[str], Exception]) -> None:
-    """Check the options of an object that are integers or choices; whole floats become integers. Raises `error`."""
-    for name, each in options_of(given).items():
-        value = getattr(given, name)
-        if each.choices and value not in each.choices:
-            raise error(f"{name} = {value!r}: allowed are {', '.join(map(repr, each.choices))}")
-        if each.least is not None:
-            if not is_whole(value := as_whole(value), each.least, each.most):
-                up_to = f" to {each.most}" if each.most < Option.most else ""
-                raise error(f"{name} = {value!r}: a whole number from {each.least}{up_to} is needed")
-            object.__setattr__(given, name, int(value))
+def check_options(kind: Any, given: Mapping[str, Any]) -> None:
+    """Check the values of options that are flags, integers or choices. Raises ValueError."""
+    for name, each in options_of(kind).items():
+        value, usual = given[name], default_of(kind, name)
+        if isinstance(usual, bool):
+            check_flags(**{name: value})
+        elif each.least is not None and not (value is usual is None):
+            check_count(name, value, each.least, each.most)
+        elif each.choices:
+            check_choice(name, value, each.choices)
 
 
 def help_of(kind: Any, name: str) -> str:
@@ -92,3 +94,66 @@ def argument_of(kind: Any, name: str) -> str:
     own = options_of(kind)[name]
     text = f"whether to {own.text}" if isinstance(default_of(kind, name), bool) else own.text
     return f"{text[:1].upper()}{text[1:]}. {own.python}".strip()
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """The options of environments: of `outlast.make_vec`, and some of each adapter."""
+
+    seed: int | None = option(
+        None,
+        "",
+        "what keys the random numbers of world i, by (seed, first_world + i); None: a seed from the operating system",
+    )
+    threads: int = option(1, "", "threads among which a step divides the worlds, with the same results", least=1)
+    max_episode_steps: int | None = option(
+        None, "", "ticks after which a world is truncated; it sets the scenario's ending_limit", least=1
+    )
+    autoreset_mode: AutoresetMode | str = option(  # noqa: RUF009, a field
+        AutoresetMode.NEXT_STEP,
+        "",
+        "when a world that ended begins its next episode: NEXT_STEP, SAME_STEP or DISABLED of "
+        'gymnasium.vector.AutoresetMode, or their values, such as "NextStep"',
+    )
+    copy: bool = option(
+        True,
+        "",
+        "return observations in new arrays; if not, which is faster, they are read-only views, and the next call "
+        "overwrites them, and any tensors that share their memory, such as those from jax.device_put",
+    )
+    check_actions: bool = option(
+        True,
+        "",
+        "check the range of actions; if not, an action out of range has an unspecified effect, but does no harm",
+    )
+    first_world: int = option(
+        0,
+        "",
+        "number of the first world, for batches that each hold a part of the worlds of one seed",
+        least=0,
+        most=MAX_WORLDS,
+    )
+    render_mode: str | None = option(None, "", '"rgb_array", "ansi" or None', choices=(None, *RENDER_MODES))
+    actions: str = option(
+        "multi",
+        "",
+        '"multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the '
+        'paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally',
+    )
+    observations: str = option("dict", "", '"dict", arrays by key, or "flat", one array that joins those of all keys')
+    scaled: bool = option(
+        False,
+        "",
+        "divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles wrapped; "
+        "columns without bounds are clipped to -10 to 10",
+    )
+    action_masks: bool = option(False, "", 'put "action_mask" into info, int8: what `action_masks` returns')
+    specialize: bool = option(
+        False,
+        "",
+        "compile for this scenario alone: steps then take 15 to 25 % less time, but new mechanics or sizes take some "
+        "ten seconds to compile, once; otherwise, scenarios share their compiled code",
+    )
+    interpret: Collection[str] = option(
+        (), "", 'labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow'
+    )

@@ -22,13 +22,14 @@ from .env_properties import Actions, Arrays, EnvProperties
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .numbers import change_levels, change_numbers
 from .observations import Observations
+from .options import WorldOptions, check_options
 from .places import place
 from .query import Query
 from .slow_call import announce_compilation
 from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
-from .validation import MAX_WORLDS, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
+from .validation import MAX_WORLDS, Seeds, as_array, check_count, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 
 Stops = Callable[[], tuple[Actions, Actions]]
@@ -102,11 +103,7 @@ class SurvivalVectorEnv(EnvProperties):
         interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
-        check_count("threads", threads, 1)
-        check_count("first_world", first_world, 0, MAX_WORLDS)
-        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-        check_flags(copy=copy, check_actions=check_actions, scaled=scaled)
-        check_flags(action_masks=action_masks, specialize=specialize)
+        check_options(WorldOptions, {**locals(), "max_episode_steps": None})
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset_mode, self.render_mode = checked_autoreset_mode(autoreset_mode), render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}

@@ -6,12 +6,11 @@ from typing import Any
 
 from outlast.ecs import NumberError
 from outlast.ecs.checks.code_hash import PYTHON, code_digest, full_name
-from outlast.ecs.declarations import roles
 from outlast.ecs.declarations.distributions import MOST, NAMES
 from outlast.ecs.kernels.frozen_values import is_outside
 
 from .scenario import Scenario
-from .varying_json import plain
+from .varying_json import plain, roles_of
 
 LONGEST = 200  # characters of a name, and entries of an order, at most
 MORE = {  # optional entries of a fingerprint, and what they say
@@ -27,7 +26,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     For a derived scenario it is the name of its root, and the "label" is its own. If there is any, the fingerprint also
     has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not outlast's own: by
     name, the full name of the class, the version of Python and the hash of its code (see code_hash); and the entries of
-    `differing.plain`.
+    `varying_json.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (_line(each.name) for each in (scenario.root, scenario))
@@ -75,7 +74,7 @@ def _is_distribution(given: Any) -> bool:
 
 def _are_roles(given: Any) -> bool:
     try:
-        found = roles.from_plain(given)
+        found = roles_of(given)
     except (NumberError, TypeError):
         return False
     return all(is_word(name) and len(each.numbers) <= LONGEST for each in found.roles for name, _ in each.numbers)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from outlast.ecs import Distribution, Module, NumberError
-from outlast.ecs.declarations.distributions import from_plain
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import KeywordError, ScenarioError
@@ -21,6 +20,7 @@ from .imports import mechanic_in, scenario_in
 from .mechanics import imported
 from .scenario import Number, Scenario
 from .variants import ALIASES, VARIANTS, variant
+from .varying_json import distribution_of
 
 Params = ParamSpec("Params")
 Result = TypeVar("Result")
@@ -159,7 +159,7 @@ def distribution(text: str) -> Distribution:
             f"{text:.80}: a distribution of literals is needed, as in 'uniform(5, 20)', 'integers(2, 8)' or "
             "'choice(1, 2, 3)'"
         ) from None
-    return from_plain(name, *values)
+    return distribution_of(name, *values)
 
 
 def _literal(value: ast.expr) -> Any:

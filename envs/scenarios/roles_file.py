@@ -4,18 +4,18 @@ import os
 from typing import Any
 
 from outlast.ecs import NumberError
-from outlast.ecs.declarations.roles import from_plain
 
 from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.limited_read import read_text
 from .scenario import Scenario
+from .varying_json import roles_of
 
 FORM = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
 
 
 def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
-    """Return the scenario with the roles in a file, which has the form FORM; see ecs.roles.plain.
+    """Return the scenario with the roles in a file, which has the form FORM; see varying_json.plain_roles.
 
     Raises:
         ScenarioError: The file cannot be read, or is something else.
@@ -24,7 +24,7 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     name = os.fspath(path)
     try:
         given = strict_json.parse(read_text(path))
-        found = from_plain(given)
+        found = roles_of(given)
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
     except strict_json.BROKEN as error:

@@ -15,6 +15,7 @@ from outlast.ecs.declarations.roles import NEVER
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.memory.numbers import checked_roles, place
 from outlast.systems import ObserveRoles
+from outlast.systems.role_limits import limits
 
 from ..errors import ScenarioError
 from ..storage import strict_json
@@ -288,7 +289,7 @@ class Scenario:
         """
         options |= {"ordered": self.order, "varied": dict(self.varied)}
         options |= {"observed": self.observed, "roles": self.by_role}
-        return Worlds(self.modules, count, threads, **options)
+        return Worlds((*self.modules, *limits(self.modules, self.by_role)), count, threads, **options)
 
     def known_as(self, name: str) -> "Scenario":
         """Return the scenario, which gets this name unless it has one of its own; derived names then begin with it."""

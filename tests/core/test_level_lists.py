@@ -13,12 +13,12 @@ import outlast
 from outlast import FloorPlan, Level, ScenarioError, choice, free, integers, levels, log_uniform, role, uniform
 from outlast.components import Body
 from outlast.ecs import NumberError
-from outlast.ecs.declarations.roles import plain
 from outlast.ecs.memory.numbers import AgentRoles, Given
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import NotResetError, RecordingError, StateError
 from outlast.envs.levels import check
 from outlast.envs.scenarios.roles_file import with_roles
+from outlast.envs.scenarios.varying_json import plain_roles
 from outlast.systems import Maze
 from tests.conftest import digest, draw_actions, scaled
 
@@ -559,7 +559,7 @@ def files(tmp_path: Path) -> dict[str, tuple[dict[str, Any], Callable[[Path], An
         "levels": (contents["levels"], lambda path: levels.load(path, GAME)),
         "plan": (contents["plan"], FloorPlan.load),
         "scenario": (json.loads(GAME.to_json()), outlast.Scenario.load),
-        "roles": (plain(GAME.by_role), lambda path: with_roles(GAME, path)),
+        "roles": (plain_roles(GAME.by_role), lambda path: with_roles(GAME, path)),
     }
 
 

@@ -12,14 +12,14 @@ import pytest
 import outlast
 from outlast import Recording, Replay, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
-from outlast.ecs import NumberError, Rows, Write
-from outlast.ecs.declarations.roles import plain
+from outlast.ecs import AgentRoles, NumberError, Rows, Write
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.varying_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled
 from tests.helpers.mechanics import kind
@@ -301,9 +301,48 @@ def test_recordings_replay_with_roles(tmp_path: Path) -> None:
     assert (replay.worlds.block == env.worlds.block).all()
 
 
+def test_roles_are_data() -> None:
+    melee = outlast.choice(1, 5)
+    game = outlast.variant("ffa_2").roles(
+        a=outlast.role(1, melee_damage=melee), b=outlast.role(agents=(1,)), drawn="anyone"
+    )
+    given = game.by_role
+    assert given
+    assert roles_of(json.loads(json.dumps(plain_roles(given)))) == given
+
+
+def drawn(**role: Any) -> dict[str, Any]:
+    return {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {}} | role]}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        None,
+        [],
+        {"drawn": "never"},
+        {"drawn": "never", "roles": {}},
+        {"drawn": "never", "roles": []},
+        drawn() | {"drawn": []},
+        drawn(name="a b"),
+        drawn(name=1),
+        drawn(count=1.5),
+        drawn(agents=[1]),
+        {"drawn": "never", "roles": [{"name": "a", "agents": [-1], "numbers": {}}]},
+        {"drawn": "never", "roles": [{"name": "a", "agents": [1, 1], "numbers": {}}]},
+        drawn(numbers={"x": ["normal", 1, 2]}),
+        drawn(numbers={"x": []}),
+        drawn(numbers={"x": ["uniform", 1, 2, 3]}),
+    ],
+)
+def test_broken_data_is_refused(data: Any) -> None:
+    with pytest.raises((NumberError, TypeError)):
+        roles_of(data)
+
+
 def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "hunt.json"
-    file.write_text(json.dumps(plain(HUNT.by_role)))
+    file.write_text(json.dumps(plain_roles(HUNT.by_role)))
     game = ("teams_3", "--set", "teams_sizes=1,3", "--roles")
     assert with_roles(variant("teams_3"), file).by_role == HUNT.by_role
     status, out, _ = run(capsys, "schedule", *game, file)
@@ -349,3 +388,46 @@ def test_no_number_is_called_self() -> None:
     for change in changes:
         with pytest.raises(NumberError, match="self"):
             change(self=outlast.uniform(1, 2) if change == ONE_THREE.vary else 1)
+
+
+LIMITS: dict[str, Any] = {"hunter": ("boxes", "use"), "prey": ("attack", "others")}
+
+
+@pytest.mark.parametrize("drawn", ["never", "anyone"])
+def test_what_a_role_is_without_is_nothing(drawn: str) -> None:
+    """The game is the one in which these actions are noop; observations and masks are the same, but for what is 0."""
+    game = outlast.variant("teams_3").with_(Teams(sizes=(1, 3)))
+    free = game.roles(hunter=outlast.role(1), prey=outlast.role(3), drawn=drawn)
+    limited = game.roles(
+        drawn=drawn, **{n: outlast.role(k, without=LIMITS[n]) for n, k in (("hunter", 1), ("prey", 3))}
+    )
+    envs = [outlast.make_vec(each, 8, seed=0) for each in (free, limited)]
+    rng, names = np.random.default_rng(0), [name for name, _ in envs[0].action_columns]
+    for env in envs:
+        env.reset()
+    for _ in range(60):
+        lacks = [{"use"} if role == 0 else {"attack"} for role in envs[0].worlds[AgentRoles].role.ravel()]
+        lacking = np.array([[name in lack for name in names] for lack in lacks]).reshape(8, 4, -1)
+        plain, masks = (env.action_masks() for env in envs)
+        values = np.repeat(lacking, envs[0].action_sizes, axis=2)
+        idle = np.concatenate([np.arange(n) == z for n, z in zip(envs[0].action_sizes, envs[0].noop, strict=True)])
+        assert (masks == np.where(values, idle, plain)).all()
+        actions = rng.integers(0, envs[0].action_sizes, (8, 4, len(names)))
+        wanted, *_ = envs[0].step(np.where(lacking, envs[0].noop, actions))
+        found, *_ = envs[1].step(actions)
+        role = envs[0].worlds[AgentRoles].role
+        for key, value in wanted.items():
+            hidden = role == 0 if key.startswith("boxes") else role == 1 if key.startswith("others") else role < 0
+            assert (found[key] == np.where(hidden.reshape(8, 4, *[1] * (value.ndim - 2)), 0, value)).all()
+    assert outlast.check(limited) == []
+
+
+def test_limits_are_kept_in_files_and_slips_are_refused(tmp_path: Path) -> None:
+    game = outlast.variant("teams_3").roles(**{name: outlast.role(2, without=names) for name, names in LIMITS.items()})
+    game.save(tmp_path / "limited.json")
+    assert outlast.Scenario.load(tmp_path / "limited.json").by_role == game.by_role
+    for name, words in (("atack", "did you mean attack"), ("own", "others see it, too")):
+        with pytest.raises(NumberError, match=f"role a is without '{name}': .*{words}"):
+            outlast.make_vec(game.roles(a=outlast.role(without=[name])), 1)
+    with pytest.raises(NumberError, match="a list of names is needed"):
+        outlast.role(without="attack")

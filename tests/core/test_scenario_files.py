@@ -240,7 +240,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--set n_heals=0", "for none, leave it out: --without heals"),
+        ("--with Teams --set teams_count=0", "for none, leave it out: --without teams"),
         ("--set room_walls=3", "room.walls = '3': True or False is needed"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
         ("--vary melee_damage", "--vary melee_damage: NUMBER=DRAWN is needed, as in --vary 'melee_damage=integers"),

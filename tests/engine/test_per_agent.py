@@ -1,7 +1,6 @@
 """Roles: who has which, what numbers agents then have, and what is refused."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +29,6 @@ from outlast.ecs import (
     of,
 )
 from outlast.ecs.declarations.archetype import Archetype
-from outlast.ecs.declarations.roles import from_plain, plain
 from outlast.systems import Agents, Ending, FreeForAll, Rewards, Room, SpawnGrid, Teams
 from tests.conftest import scaled
 
@@ -147,8 +145,7 @@ def test_a_world_with_other_numbers_varied_has_roles_too() -> None:
     assert ((worlds[Health].points[:, :5] == 7) == (worlds[AgentRoles].role == 1)).all()
 
 
-def test_roles_are_data() -> None:
-    """Without numbers, they are names."""
+def test_roles_without_numbers_are_names() -> None:
     worlds = made(roles(a=outlast.role(2), b=outlast.role()))
     assert worlds[AgentRoles].role.tolist() == [[0, 0, 1, 1, 1]] * 3
     assert not worlds.agent_numbers()
@@ -158,37 +155,7 @@ def test_roles_are_data() -> None:
         b=outlast.role(agents=(4, 0)),
         c=outlast.role(walk_step=outlast.log_uniform(0.1, 2)),
     )
-    assert from_plain(json.loads(json.dumps(plain(given)))) == given
     assert str(given) == "2 a and 2 b and other c drawn by side"
-
-
-def drawn(**role: Any) -> dict[str, Any]:
-    return {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {}} | role]}
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        None,
-        [],
-        {"drawn": "never"},
-        {"drawn": "never", "roles": {}},
-        {"drawn": "never", "roles": []},
-        drawn() | {"drawn": []},
-        drawn(name="a b"),
-        drawn(name=1),
-        drawn(count=1.5),
-        drawn(agents=[1]),
-        {"drawn": "never", "roles": [{"name": "a", "agents": [-1], "numbers": {}}]},
-        {"drawn": "never", "roles": [{"name": "a", "agents": [1, 1], "numbers": {}}]},
-        drawn(numbers={"x": ["normal", 1, 2]}),
-        drawn(numbers={"x": []}),
-        drawn(numbers={"x": ["uniform", 1, 2, 3]}),
-    ],
-)
-def test_broken_data_is_refused(data: Any) -> None:
-    with pytest.raises((NumberError, TypeError)):
-        from_plain(data)
 
 
 role = outlast.role

@@ -29,9 +29,7 @@ def test_batches_of_a_game_share_its_layout_and_machine_code() -> None:
     assert one.source() == other.source()
 
 
-@pytest.mark.parametrize(
-    "options", [{"specialize": True}, {"split": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}]
-)
+@pytest.mark.parametrize("options", [{"specialize": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}])
 def test_what_is_made_otherwise_has_a_plan_of_its_own(options: dict[str, Any]) -> None:
     scenario = outlast.variant("ffa_1")
     assert scenario.worlds(1).layout is scenario.worlds(1).layout

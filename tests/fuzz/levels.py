@@ -12,10 +12,10 @@ import numpy as np
 import outlast
 from outlast import FloorPlan, Scenario, ScenarioError, choice, integers, levels, log_uniform, uniform
 from outlast.ecs import DeclarationError, NumberError
-from outlast.ecs.declarations.roles import plain
 from outlast.envs.errors import FaultError
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import planned
+from outlast.envs.scenarios.varying_json import plain_roles
 from tests.fuzz.mutations import mutated, mutated_json, to_json
 from tests.fuzz.worlds import folder_of
 
@@ -124,7 +124,7 @@ class RoleFiles(_Files):
 
     def __init__(self) -> None:
         assert GAME.by_role
-        self.valid = json.dumps(plain(GAME.by_role)).encode()
+        self.valid = json.dumps(plain_roles(GAME.by_role)).encode()
 
     def use(self, path: Path) -> None:
         """Load them, and lay out a world with them."""

@@ -11,8 +11,7 @@ from outlast.components import Body
 from outlast.ecs import RESET, STEP, Entity
 from outlast.ecs.checks import trial
 from outlast.ecs.checks.traced import Traced
-from outlast.ecs.compilation.arguments import ArgumentBlock, ServiceMemory
-from outlast.ecs.compilation.tick import segments
+from outlast.ecs.compilation.tick import in_python, segments
 from outlast.ecs.kernels.jit import interpreted
 from outlast.ecs.memory.tables import Tables
 from outlast.envs.errors import FaultError
@@ -208,7 +207,7 @@ def first_difference(batch: ExecutionMode, mode: ExecutionMode) -> str:
     return "some byte between the columns differs"
 
 
-def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
+def python_digests(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
     """Digests of a world after each tick as Python, on plain arrays or with all compiled systems on stand-ins.
 
     What only machine code can do is left out.
@@ -219,15 +218,14 @@ def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
     if stand_ins:
         chosen = [dataclasses.replace(s, kernel=Traced(s, worlds.layout, names)) if s.compiled else s for s in chosen]
     units = [unit for each in segments(worlds.layout, chosen, python=True) for unit in each.units]
-    memory = ServiceMemory(tables.dims)
-    runs = [(unit.function(), ArgumentBlock(unit.arguments, tables, memory, compiled=False)) for unit in units]
+    calls = [call for *_, call in in_python(units, tables)]
     rng, found = np.random.default_rng(SEED), list[str]()
     for tick in range(ticks):
         tables.mode[:] = STEP if tick else RESET
         tables.actions[:] = rng.integers(0, 2, tables.actions.shape)
         with interpreted():
-            for function, block in runs:
-                function(block, 0, 1)
+            for call in calls:
+                call()
         found.append(digest(tables))
     return found
 
@@ -235,4 +233,4 @@ def as_python(scenario: Scenario, ticks: int, stand_ins: bool) -> list[str]:
 def assert_stand_ins_change_nothing(scenario: Scenario, ticks: int) -> None:
     """And nothing is refused."""
     portable = scenario.replace(physics_backend="portable")
-    assert as_python(portable, ticks, stand_ins=True) == as_python(portable, ticks, stand_ins=False)
+    assert python_digests(portable, ticks, stand_ins=True) == python_digests(portable, ticks, stand_ins=False)

@@ -473,7 +473,7 @@ def test_a_plan_that_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch)
     [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1.0}}, {"rollout": -64}, {"seed": 1.5}],
 )
 def test_numbers_that_cannot_be_are_named(given: dict[str, Any]) -> None:
-    with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: a whole number from [01] is needed"):
+    with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: an integer >= [01] is needed"):
         config(**({"steps": EACH} | given))
     numpy = config(np.int64(EACH), seed=np.int64(1))  # type: ignore[arg-type]
     assert json.loads(json.dumps(numpy.header()))["plan"]["seed"] == 1

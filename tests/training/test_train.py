@@ -79,7 +79,7 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) 
         ({"opponents": {max: 1, "self": 1}}, "opponents: <built-in function max> is no opponent of training: names or"),
         ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: names .* {'self': 1, 'runs/a': 1}"),
         ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
-        ({"processes": 1.5}, "processes = 1.5: a whole number from 1 is needed"),
+        ({"processes": 1.5}, "processes = 1.5: an integer >= 1 is needed"),
         ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
     ],
 )

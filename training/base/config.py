@@ -8,7 +8,8 @@ from typing import Any
 
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
-from outlast.envs.core.options import check_options, default_of, option
+from outlast.ecs.kernels.integers import as_whole
+from outlast.envs.core.options import check_options, default_of, option, options_of
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
@@ -215,7 +216,15 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
         preset(self.preset)
-        check_options(self, TrainingError)
+        whole = {
+            name: as_whole(getattr(self, name)) for name, each in options_of(self).items() if each.least is not None
+        }
+        try:
+            check_options(self, vars(self) | whole)
+        except ValueError as error:
+            raise TrainingError(str(error)) from None
+        for name, value in whole.items():
+            object.__setattr__(self, name, int(value))
         if self.dead == "drop" and self._comes_back():
             raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
         if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
