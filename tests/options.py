@@ -24,6 +24,7 @@ ALL: frozenset[str] = frozenset()
 # functions, where their options are declared, and what they say of them otherwise; a new option goes into the first two
 FUNCTIONS = {
     (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
+    (ROOT / "training/arena/evaluation.py", "evaluate"): (TRAINING[0], (config.EvaluationOptions,), ALL),
     (ROOT / "envs/core/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
     (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (*WORLDS, {"seed"}),
     (ROOT / "envs/adapters/sb3.py", "make_sb3"): (*WORLDS, {"seed", "render_mode", "observations"}),
@@ -31,7 +32,7 @@ FUNCTIONS = {
     (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
     (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
 }
-WHOLE = ("train", "make_vec")
+WHOLE = ("train", "evaluate", "make_vec")
 COMMANDS = (ROOT / "training/cli/train.py",)
 
 
@@ -99,7 +100,7 @@ def written(path: Path, function: str) -> str:
 def places() -> dict[str, list[str]]:
     """By option, with its class, the places where it is declared, or a flag is added by hand."""
     found, flags = dict[str, list[str]](), dict[str, str]()
-    for path, kinds in (TRAINING, WORLDS):
+    for path, kinds in (TRAINING, WORLDS, (TRAINING[0], (config.EvaluationOptions,))):
         for kind in kinds:
             for name, each in fields(path, kind):
                 found[f"{kind.__name__}.{name}"] = [f"{path.relative_to(ROOT)}:{each.lineno}"]

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from outlast.ecs import NumberError
 
-from ..core.options import default_of, flag_of, help_of, options_of
+from ..core.options import Option, default_of, flag_of, help_of, options_of
 from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.lineup import OWN_AS, checked_entries, parse_lineup
@@ -219,7 +219,8 @@ def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
         elif isinstance(usual, bool):
             how = {"action": "store_true"}
         elif own.least is not None:
-            how = {"type": functools.partial(count, least=own.least, most=min(own.most, MAX_COUNT))}
+            most = MAX_COUNT if own.most == Option.most else own.most
+            how = {"type": functools.partial(count, least=own.least, most=most)}
         how |= {"choices": own.choices} if own.choices else {}
         how |= {"metavar": own.metavar} if own.metavar else {}
         how |= {"default": usual, "help": help_of(kind, name), **more.get(name, {})}

@@ -67,8 +67,10 @@ def default_of(kind: Any, name: str) -> Any:
 
 
 def check_options(kind: Any, given: Mapping[str, Any]) -> None:
-    """Check the values of options that are flags, integers or choices. Raises ValueError."""
+    """Check those options that are given and are flags, integers or choices. Raises ValueError."""
     for name, each in options_of(kind).items():
+        if name not in given:
+            continue
         value, usual = given[name], default_of(kind, name)
         if isinstance(usual, bool):
             check_flags(**{name: value})
@@ -83,7 +85,7 @@ def help_of(kind: Any, name: str) -> str:
     own, usual = options_of(kind)[name], default_of(kind, name)
     if own.many:
         return f"{own.text} (can be repeated)"
-    if usual in (None, False, "") or "default" in own.text:
+    if usual is False or usual in (None, "") or "default" in own.text:
         return own.text
     short = f"{usual // MILLION}e6" if isinstance(usual, int) and usual and not usual % MILLION else usual
     return f"{own.text} (default {short})"

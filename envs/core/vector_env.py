@@ -103,7 +103,7 @@ class SurvivalVectorEnv(EnvProperties):
         interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
-        check_options(WorldOptions, {**locals(), "max_episode_steps": None})
+        check_options(WorldOptions, locals())
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset_mode, self.render_mode = checked_autoreset_mode(autoreset_mode), render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}

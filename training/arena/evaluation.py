@@ -12,7 +12,7 @@ import numpy as np
 
 from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.make import make_vec
-from outlast.envs.core.validation import check_count
+from outlast.envs.core.options import check_options
 from outlast.envs.progress import Progress
 from outlast.envs.recording import record
 from outlast.envs.rollout.lineup import ROLES
@@ -23,6 +23,7 @@ from outlast.envs.scenarios.scenario import Number, Scenario
 from outlast.envs.storage import strict_json
 from outlast.envs.text_table import text_table
 
+from ..base.config import EvaluationOptions
 from ..base.errors import TrainingError
 from ..base.files import check_out, check_results, read_text, write_files
 from ..base.metrics import check_statistics
@@ -71,8 +72,7 @@ class Evaluation:
         seed: int = 0,
         threads: int = 1,
     ) -> None:
-        check_count("episodes", episodes, 1)
-        check_count("worlds", worlds, 1)
+        check_options(EvaluationOptions, locals())
         players = [contender.player for contender in chosen if contender.player is not None]
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.worlds, self.each = worlds, -(-episodes // worlds)
@@ -194,12 +194,12 @@ def evaluate(
         policies: Names, such as "scripted"; paths of checkpoints; folders with one or more runs, for the newest
             checkpoint of each run; functions (observations) -> actions for all agents of all worlds. Optionally a dict
             of these by label.
-        episodes: How many episodes each pairing plays, at least.
-        worlds: Worlds at once; all play the same number of episodes.
+        episodes: Episodes of each pairing, rounded up so that all worlds play the same number.
+        worlds: Worlds that play at once.
         seed: The same seed gives the same numbers.
-        threads: How many threads share the worlds; the numbers stay the same.
-        out: Folder for the tables as CSV and JSON, which are updated after each pairing.
-        film: Whether to make a film and a page of a typical episode of each pairing in `out`.
+        threads: Threads that share the worlds, with the same results.
+        out: Write the tables to this folder, as CSV and JSON, after each pairing.
+        film: Whether to write a film and a page of a typical episode of each pairing beside the tables, too.
         quiet: Whether to show no progress bar.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
@@ -213,7 +213,7 @@ def evaluate(
         NumberError: The scenario has no such number (perhaps one of the arguments was meant).
         TrainingError: There is no such policy, it cannot play there, or `out` cannot be written or holds another
             evaluation.
-        ValueError: `episodes` or `worlds` is not an integer of at least 1.
+        ValueError: `episodes`, `worlds`, `seed` or `threads` is not an integer in its range.
         ActionError: A function returned actions that are not valid.
     """
     game = resolve(scenario, numbers, options_of(evaluate))

@@ -26,6 +26,7 @@ from .run_header import Header
 
 HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
 LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
+PLAYED = "what is played"
 FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 OPPONENTS = (SELF, PAST, *NAMED)
@@ -347,6 +348,25 @@ class RunOptions:
     callbacks: Sequence[Any] = option(
         (), "", "objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on"
     )
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """The options of `outlast.evaluate`."""
+
+    episodes: int = option(
+        1000, PLAYED, "episodes of each pairing, rounded up so that all worlds play the same number", least=1
+    )
+    worlds: int = option(64, PLAYED, "worlds that play at once", least=1)
+    seed: int = option(0, PLAYED, "the same seed gives the same numbers", least=0, most=2**64 - 1)
+    threads: int = option(1, MACHINE, "threads that share the worlds, with the same results", least=1)
+    out: str | Path | None = option(
+        None, OUTPUT, "write the tables to this folder, as CSV and JSON, after each pairing", metavar="FOLDER"
+    )
+    film: bool = option(
+        False, OUTPUT, "write a film and a page of a typical episode of each pairing beside the tables, too"
+    )
+    quiet: bool = option(False, OUTPUT, "show no progress bar")
 
 
 @dataclass(frozen=True)

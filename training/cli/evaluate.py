@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import STOPPED, add_scenario, output, positive, scenario, seed
+from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, scenario
 from outlast.envs.rollout.lineup import OWN_AS
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.text_table import terminal_width
 
+from ..base.config import PLAYED, EvaluationOptions
 from ..base.errors import needed
 from ..base.files import check_out
 from ..base.quantities import explained
@@ -42,27 +43,10 @@ def add(commands: Any) -> None:
     command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
     add_scenario(command)
     text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}), {OWN_AS} of your own, or a folder of "
-    command.add_argument(
+    command.group(PLAYED).add_argument(
         "policies", nargs="+", metavar="POLICY", help=f"{text}several runs, whose newest checkpoints play"
     )
-    text = "episodes of each pairing, rounded up so that all worlds play the same number (default 1000)"
-    command.add_argument("--episodes", type=positive, default=1000, help=text)
-    command.add_argument("--worlds", type=positive, default=64, help="worlds that play at once (default 64)")
-    command.add_argument("--seed", type=seed, default=0, help="the same seed gives the same numbers (default 0)")
-    text = "threads that share the worlds, with the same results (default 1)"
-    command.add_argument("--threads", type=positive, default=1, help=text)
-    text = "write the tables to this folder, as CSV and JSON"
-    command.add_argument("--out", type=output(check_out), metavar="FOLDER", help=text)
-    text = "with --out: also write a film and a page of a typical episode of each pairing"
-    command.add_argument("--film", action="store_true", help=text)
-    command.add_argument("--quiet", action="store_true", help="show no progress bar")
-    command.arrange(
-        {
-            "what is played": ("policies", "--episodes", "--worlds", "--seed"),
-            "output": ("--out", "--film", "--quiet"),
-            "machine": ("--threads",),
-        }
-    )
+    add_options(command, EvaluationOptions, out={"type": output(check_out)})
     command.set_defaults(run=run)
 
 
@@ -71,7 +55,8 @@ def run(options: argparse.Namespace) -> int:
     with needed("train", "evaluating needs"):
         from ..arena import evaluation as arena
         from ..arena.films import films
-    numbers, status = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}, 0
+    given, status = given_options(options, EvaluationOptions), 0
+    numbers = {name: given[name] for name in ("episodes", "worlds", "seed", "threads")}
     game = scenario(options)
     with arena.opened(game, options.policies, options.out, options.film, **numbers) as (evaluation, folder, hidden):
         start = time.perf_counter()
