@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
 from outlast.components.limits import FAR
 from outlast.ecs import (
+    Array,
     Bitset,
     Entity,
     Module,
@@ -17,11 +19,14 @@ from outlast.ecs import (
     Singleton,
     Write,
     emit,
+    kernel,
     number,
     of,
 )
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.bodies import Bodies, discs_near
+from .geometry.blocks import alive_bits
+from .geometry.bodies import FEW, Bodies, discs_near
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,8 @@ def pick_up(
     touch: bool,
 ) -> None:
     """Pick up items, in order of agents, then of items; those that do not fit stay where they are."""
+    if items.size <= FEW and not some_near(body, shape, entities, agents, items, reach, touch):
+        return
     for e in agents:
         if not entities.alive[e]:
             continue
@@ -74,3 +81,18 @@ def pick_up(
                 entities.alive[row] = 0
                 k = emit(picks)
                 picks.agent[k], picks.item[k] = e, row
+
+
+@kernel
+def some_near(body: Array, shape: Array, entities: Array, agents: Array, items: Array, reach: Any, touch: bool) -> bool:
+    """Return whether any item is within reach of any agent, which is seldom so."""
+    near = 0
+    for b in range(items.size):
+        there = alive_bits(entities, items, b)
+        if there:
+            row = SIMD_WIDTH * b
+            x, y, radius = load(body.x, row), load(body.y, row), load(shape.radius, row) * np.float32(touch)
+            for e in agents:
+                dx, dy, most = x - body.x[e], y - body.y[e], radius + of(reach, e)
+                near |= (there if entities.alive[e] else 0) & to_bits(dx * dx + dy * dy <= most * most)
+    return near != 0
