@@ -10,6 +10,7 @@ from .health import DamageType, Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
 from .joint import Rope, RopeBroken, Weld, WeldBroken
 from .lidar import LidarView, Rays
+from .look import Look
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
 from .phase import Phase, Seconds
@@ -62,6 +63,7 @@ __all__ = [
     "ItemPicked",
     "ItemUsed",
     "LidarView",
+    "Look",
     "Material",
     "ObservationMasks",
     "OthersView",

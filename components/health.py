@@ -67,6 +67,11 @@ def full_health(layout: Layout) -> float:
     return points
 
 
+def can_hurt(layout: Layout) -> bool:
+    """Return whether some mechanic does damage, so that hit points mean something."""
+    return bool(layout.labels["damage_type"])
+
+
 @kernel
 def immune(guard: Any, e: int, source: int) -> bool:
     """Return whether entity `e` takes no damage from `source` (a side, or -1 for damage that no side causes)."""

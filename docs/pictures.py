@@ -164,21 +164,18 @@ def hide_and_seek() -> Image:
     """Hiders behind boxes that they have locked in the doors, a box on its way there, and seekers outside."""
     sys.path.insert(0, str(DOCS / "examples"))
     from hide_and_seek import HIDE_AND_SEEK
-    from hide_and_seek_view import HandledLayer
 
     env = played(HIDE_AND_SEEK, 0, 0)
-    body, agent, box = env.worlds[Body], env.worlds.span("agent").start, env.worlds.span("box").start
     idle, grab, lock = (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (3, 3, 3, 0, 2)
     agents = [(-0.6, 2.0, 0), (-3.2, 0.2, -math.pi / 2), (3.0, 3.0, 0), (5.5, -3.0, 0)]
     boxes = [(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]
-    for first, places in ((agent, agents), (box, boxes)):
-        for row, (x, y, angle) in enumerate(places, first):
-            body.x[0, row], body.y[0, row], body.angle[0, row] = x, y, angle
-            body.cosine[0, row], body.sine[0, row] = math.cos(angle), math.sin(angle)
+    for kind, places in (("agent", agents), ("box", boxes)):
+        for number, (x, y, angle) in enumerate(places):
+            env.place(kind, number, x=x, y=y, angle=angle)
     # first an idle tick, as agents can only handle what they have seen
     for actions in ([idle] * 4, [lock, grab, idle, idle]):
         env.step(np.array([actions]))
-    return draw(env.worlds, 0, 400, [*LAYERS, HandledLayer()])
+    return draw(env.worlds, 0, 400)
 
 
 def levels() -> Image:

@@ -11,6 +11,7 @@ from outlast import FloorPlan, Scenario, systems
 from outlast.components import (
     Body,
     BoxView,
+    Look,
     ObservationMasks,
     Phase,
     Reward,
@@ -102,6 +103,10 @@ class Handling(Module):
     def bounds(self, layout):
         """Of locked, 1 is by the agent's own side, -1 by another one."""
         return {"own": {"holds": (0, 1)}, "boxes": {"held": (0, 1), "locked": (-1, 1)}}
+
+    def looks(self):
+        """Locked boxes have the colour of the side that locked them, and lines show who holds what."""
+        return {"agent": Look(line_to=Weld.other), "box": Look(tint=Handled.locked_by)}
 
     def idle_actions(self, worlds):
         """For action masks: the dead do nothing."""

@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 from hide_and_seek import HIDE_AND_SEEK, PREPARATION, Handled, Handling
-from hide_and_seek_view import HandledLayer
 
 import outlast
 from outlast.components import Body, Health, Solid, Weld
-from outlast.drawing import LAYERS
 from outlast.ecs import NumberError, columns_of
 
 AHEAD, IDLE, GRAB, DRAG, LOCK, UNLOCK = (
@@ -214,9 +212,9 @@ def test_nobody_is_paid_before_seekers_may_look():
 
 def test_locked_and_held_boxes_are_drawn():
     env, *_ = placed((0, 0), *ASIDE, boxes=[(1.8, 0)])
-    pictures = [outlast.draw(env.worlds, 0, 240, layers=[*LAYERS, HandledLayer()])]
+    pictures = [outlast.draw(env.worlds, 0, 240)]
     for action in (GRAB, LOCK):
         step(env, action)
-        pictures.append(outlast.draw(env.worlds, 0, 240, layers=[*LAYERS, HandledLayer()]))
+        pictures.append(outlast.draw(env.worlds, 0, 240))
     assert (pictures[0] != pictures[1]).any()
     assert (pictures[1] != pictures[2]).any()

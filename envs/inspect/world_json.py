@@ -33,6 +33,7 @@ from outlast.components import (
     Strike,
     Zone,
 )
+from outlast.components.health import can_hurt
 from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Action, AgentRoles, Clock, Component, MemoryLayout, Worlds
 
@@ -40,6 +41,7 @@ from ..core.spaces import published
 from ..rendering.layers.cameras import blind_until, cone_corners, is_see_through, seen_rows
 from ..rendering.layers.lidar import directions, distances
 from ..rendering.layers.others import POINT, has_size, of_kind
+from ..rendering.layers.room import walls
 from ..rendering.scene import Scene
 from ..rendering.style import css, ink_on, of_box, of_side
 
@@ -92,11 +94,11 @@ def describe(worlds: Worlds, w: int) -> Json:
 
     half: metres from the middle to the edge of what is shown. room: the floor's side (of a rectangle the longer one),
     metres, 0: no floor. floor: [width, height], or []. seconds: length of a tick. teams: whether sides are teams.
-    health: hit points at the start. slots: the size of a bag. reach: that of the melee, metres, 0: none. zone: whether
-    there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras,
-    or agents observe everything. rays: how many the lidar of an agent has. damage_types: names by number. actions:
-    [{name, low, high}], what an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box,
-    name}], colours as CSS.
+    health: hit points at the start, 0: nothing does damage. slots: the size of a bag. reach: that of the melee,
+    metres, 0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the
+    left; None if there are no cameras, or agents observe everything. rays: how many the lidar of an agent has.
+    damage_types: names by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards, looks:
+    whether there are any. sides: [{color, ink, box, name}], colours as CSS.
 
     agents: [{side, role, radius, hides, health, reach, cone, blind, rays}]: health, reach and cone as above, but of
     this agent; side -1: absent; role: its name, "" without roles; blind: the tick before which it sees nothing; rays:
@@ -110,7 +112,8 @@ def describe(worlds: Worlds, w: int) -> Json:
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
-    points = scene.prefab(Health).points if Health in scene else [0] * worlds.dims["rows"]
+    hurts = Health in scene and can_hurt(worlds.layout)
+    points = scene.prefab(Health).points if hurts else [0] * worlds.dims["rows"]
     count = max([worlds.dims.get("sides", 0), *(sides[e] + 1 for e in bodies.agents)])
     return {
         "half": _number(scene.half),
@@ -130,6 +133,7 @@ def describe(worlds: Worlds, w: int) -> Json:
             for key, _, _, column in published(worlds, Action)
         ],
         "rewards": Reward in scene,
+        "looks": bool(scene.looks),
         "sides": [
             {
                 "color": css(of_side(s)),
@@ -168,8 +172,11 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     rays: metres, as its lidar reads them; action: its action in this tick, without a meaning in tick 0 of an episode;
     reward: that of this tick, None: not finite.
 
+    rings, lines: by number of the body, if some kind has a look (components.look): whether it has a ring, and the body
+    to which a line goes, -1: none. Else both are empty.
+
     objects: [{x, y, angle, here, owner, wound}]: here: whether it is in the world, so neither in a bag nor broken;
-    owner: a side, -1: none; wound: hit points that it has lost.
+    owner: a side, or that of its tint, -1: none; wound: hit points that it has lost.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
@@ -187,6 +194,8 @@ def snapshot(worlds: Worlds, w: int) -> Json:
             for i, e in enumerate(bodies.agents)
         ],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
+        "rings": [scene.looked_up(e, "ring") > 0 for e in (*bodies.agents, *bodies.objects) if scene.looks],
+        "lines": [_line(scene, bodies, e) for e in (*bodies.agents, *bodies.objects) if scene.looks],
     }
 
 
@@ -199,7 +208,7 @@ def _role(scene: Scene, i: int) -> str:
 
 def _object(scene: Scene, e: int, kind: str) -> Json:
     role = next((role for component, role in ROLES if e in scene.rows(component)), "other")
-    role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # a wall cannot be pushed
+    role = "other" if role == "wall" and e not in walls(scene, living=False) else role
     bodies, shape, own = bodies_of(scene.worlds.layout), scene.shape, role in ("item", "other")
     return {
         "kind": kind,
@@ -238,8 +247,16 @@ def _has_health(scene: Scene, e: int) -> bool:
     return Health in scene and e in scene.rows(Health) and bool(scene.prefab(Health).has_health[e])
 
 
+def _line(scene: Scene, bodies: Bodies, e: int) -> int:
+    """Return the number of the body to which a line goes from the one in row `e`, -1: none."""
+    row = int(scene.looked_up(e, "line_to"))
+    return bodies.numbers[row] if row >= 0 else -1
+
+
 def _owner(scene: Scene, e: int) -> int:
     """Return the side that owns a box, or the item that a box became; -1: none."""
+    if (tint := int(scene.looked_up(e, "tint"))) >= 0:
+        return tint
     if e in scene.rows(BoxItem):
         e = scene.rows(Box)[scene[BoxItem].index[e]]
     return int(scene[Guard].vulnerable_only_to[e]) if e in scene.rows(Box, Guard) else -1

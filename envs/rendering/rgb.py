@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
+from outlast.components.health import can_hurt
 from outlast.ecs import Component, Entity, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
 
@@ -155,7 +156,7 @@ def _agents(scene: Scene) -> Iterator[str]:
         words = [f"{_sign(i)} side {scene[Side].side[e]}"]
         if e not in alive:
             words.append("dead")
-        elif Health in scene:
+        elif Health in scene and can_hurt(scene.worlds.layout):
             words.append(f"health {scene[Health].points[e]}")
         if e in alive and Bag in scene:
             words += [_kind(scene, item) for item in scene[Bag].items[e] if item >= 0]

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape, Side, Sides
 from outlast.components.agent import side_names
+from outlast.components.look import NOTHING, HasLooks, Look
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
 from outlast.ecs.memory.numbers import Number, Varied
 
@@ -61,6 +62,20 @@ class Scene:
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
         """Return the rows of all entities with all of these components, in the world or not; agents in order of id."""
         return _rows(self.worlds.layout, components)
+
+    @functools.cached_property
+    def looks(self) -> dict[int, Look]:
+        """The looks that mechanics declare, by row."""
+        declared = [module.looks() for module in self.worlds.layout.modules if isinstance(module, HasLooks)]
+        spans = self.worlds.layout.spans
+        return {e: look for each in declared for kind, look in each.items() for e in spans.get(kind, ())}
+
+    def looked_up(self, e: int, what: str) -> float:
+        """Return the number in the column that the look of row `e` names, as "tint"; -1 without one."""
+        column = getattr(self.looks.get(e), what, None)
+        if column is None or e not in self.rows(column.owner):
+            return NOTHING
+        return float(getattr(self[column.owner], column.name)[e])
 
     def side_name(self, side: int) -> str:
         """Return a side's name (see side_names), or its number if a mechanic of the user's makes the teams."""

@@ -13,7 +13,7 @@ const Bodies = (() => {
   function solid(scene, kind, object) {
     const { context, colors, pixel } = scene;
     const wall = kind.role === "wall", rim = Math.max(SIZES.outline, pixel);
-    const color = wall ? colors.wall : kind.color || boxColor(scene, object.owner);
+    const color = wall ? colors.wall : object.owner < 0 && kind.color || boxColor(scene, object.owner);
     if (kind.radius > 0) {
       circle(scene, object.x, object.y, kind.radius, wall ? color : colors.outline);
       if (!wall) circle(scene, object.x, object.y, kind.radius - rim, color);

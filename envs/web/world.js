@@ -31,6 +31,7 @@ const World = (() => {
     if (scene.show.attention && options.attends) attention(scene);
     objects(scene, ITEMS, Bodies.item);
     objects(scene, SOLIDS, Bodies.solid);
+    looks(scene);
     agents(scene, Bodies.strike);
     agents(scene, Bodies.agent);
     agents(scene, Bodies.hit);
@@ -238,6 +239,20 @@ const World = (() => {
     context.globalAlpha = watcher && watcher.alive && watcher.sees && !watcher.sees.includes(k) ? 0.2 : 1;
     paint();
     context.globalAlpha = 1;
+  }
+
+  // Rings around bodies, and lines between them, as the looks of their kinds say.
+  function looks(scene) {
+    const { context, description, snapshot, colors, pixel } = scene;
+    const bodies = [...snapshot.agents, ...snapshot.objects], shapes = [...description.agents, ...description.objects];
+    context.strokeStyle = colors.ink;
+    context.lineWidth = Math.max(2 * SIZES.sight_line, pixel);
+    bodies.forEach((body, k) => {
+      if (!(body.alive || body.here)) return;
+      const { radius, width, height } = shapes[k], other = bodies[snapshot.lines[k]];
+      if (snapshot.rings[k]) ring(scene, body.x, body.y, (radius || Math.hypot(width, height) / 2) + 3 * SIZES.sight_line);
+      if (other && (other.alive || other.here)) line(scene, body.x, body.y, other.x, other.y);
+    });
   }
 
   // ---- who is in the world

@@ -29,7 +29,7 @@ from .inventory import InventoryLayer
 from .layer import Layer, Strip, ZOrder
 from .lidar import LidarLayer
 from .melee import HitsLayer, MeleeLayer
-from .others import LegendLayer, OthersLayer
+from .others import LegendLayer, LooksLayer, OthersLayer
 from .room import RoomLayer, WallsLayer
 from .scores import ScoresStrip
 from .title import TitleStrip
@@ -57,6 +57,7 @@ __all__ = [
     "Layer",
     "LegendLayer",
     "LidarLayer",
+    "LooksLayer",
     "MeleeLayer",
     "OthersLayer",
     "RoomLayer",
@@ -82,6 +83,7 @@ LAYERS_BY_NAME: dict[str, Layer] = {
     "others": OthersLayer(),
     "boxes": BoxesLayer(),
     "walls": WallsLayer(),
+    "looks": LooksLayer(),
     "melee": MeleeLayer(),
     "agents": AgentsLayer(),
     "ids": IdsLayer(),

@@ -8,6 +8,7 @@ from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, SIZES, mix, of_box
 from .layer import Layer, ZOrder
+from .others import tinted
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class BoxesLayer(Layer):
         """Draw their shapes with a rim; very thin ones consist of the rim alone."""
         owner = scene[Guard].vulnerable_only_to
         for e in scene.living(Body, Shape, Box):
-            color = of_box(owner[e])
+            color = tinted(scene, e, of_box(owner[e]))
             canvas.body(scene, e, mix(color, INK, 0.5))
             if min(scene.shape.half_width[e], scene.shape.half_height[e]) > 2 * self.rim:
                 canvas.body(scene, e, color, -self.rim)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from outlast.components import Body, Health, Shape, Side
+from outlast.components.health import can_hurt
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -21,6 +22,10 @@ class HealthBarsLayer(Layer):
     needs = (Health,)
     length: float = SIZES.bar_length
     height: float = SIZES.bar_height
+
+    def fits(self, scene: Scene) -> bool:
+        """Return whether the layer fits: only where something does damage."""
+        return super().fits(scene) and can_hurt(scene.worlds.layout)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Draw bars of all agents, and of other bodies that are damaged; none in very small pictures."""

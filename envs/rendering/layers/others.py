@@ -8,7 +8,7 @@ from outlast.ecs import Component, MemoryLayout
 
 from ..canvas import Canvas
 from ..scene import Scene
-from ..style import INK, KINDS, PAPER, SIZES, Color, mix
+from ..style import FLOOR, INK, KINDS, PAPER, SIZES, Color, mix, of_box
 from .captions import margin_line
 from .layer import Layer, ZOrder
 from .room import walls
@@ -37,7 +37,7 @@ class OthersLayer(Layer):
             self._draw(canvas, scene, e)
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
-        body, shape, color = scene.body, scene.shape, of_kind(scene, e)
+        body, shape, color = scene.body, scene.shape, tinted(scene, e, of_kind(scene, e))
         if not has_size(scene, e):
             canvas.circle(body.x[e], body.y[e], POINT, mix(color, INK, 0.6))
             canvas.circle(body.x[e], body.y[e], POINT - self.rim, color)
@@ -45,6 +45,30 @@ class OthersLayer(Layer):
         canvas.body(scene, e, mix(color, INK, 0.6))
         if (shape.radius[e] or min(shape.half_width[e], shape.half_height[e])) > 2 * self.rim:
             canvas.body(scene, e, color, -self.rim)
+
+
+def tinted(scene: Scene, e: int, color: Color) -> Color:
+    """Return the colour of an entity: that of the side that its look names, or else `color`."""
+    side = scene.looked_up(e, "tint")
+    return color if side < 0 else of_box(int(side))
+
+
+@dataclass(frozen=True)
+class LooksLayer(Layer):
+    """The rings and lines that looks name."""
+
+    zorder = ZOrder.STRIKES
+    width: float = 2 * SIZES.sight_line
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Draw them below agents."""
+        body, living = scene.body, {*scene.living(Body)}
+        for e in sorted(scene.looks.keys() & living):
+            if scene.looked_up(e, "ring") > 0:
+                canvas.circle(body.x[e], body.y[e], scene.shape.bound[e] + 2 * self.width, INK)
+                canvas.circle(body.x[e], body.y[e], scene.shape.bound[e] + self.width, FLOOR)
+            if (o := int(scene.looked_up(e, "line_to"))) in living:
+                canvas.segment(body.x[e], body.y[e], body.x[o], body.y[o], INK, self.width)
 
 
 @dataclass(frozen=True)
@@ -94,8 +118,10 @@ def has_size(scene: Scene, e: int) -> bool:
 
 
 def of_kind(scene: Scene, e: int) -> Color:
-    """Return the colour of the kind of entity in this row; kinds get colours in the order of their rows."""
+    """Return the colour of the kind of this row: that of its look, or else one by the order of kinds."""
     layout = scene.worlds.layout
+    if e in scene.looks and (color := scene.looks[e].color):
+        return color
     return KINDS[own_kinds(layout).index(kinds(layout)[e]) % len(KINDS)]
 
 

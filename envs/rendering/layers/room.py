@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from outlast.components import Body, Box, Floor, Shape, Side, Solid
+from outlast.components import Body, Box, Filter, Floor, Shape, Side, Solid
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -25,7 +25,7 @@ class RoomLayer(Layer):
 
 @dataclass(frozen=True)
 class WallsLayer(Layer):
-    """Walls, and all other immovable obstacles that are neither agents nor boxes."""
+    """Walls: what has been static from the start, unless it has a look or a layer of its own."""
 
     zorder = ZOrder.BODIES
     needs = (Solid,)
@@ -43,7 +43,12 @@ class WallsLayer(Layer):
 
 
 def walls(scene: Scene, living: bool = True) -> list[int]:
-    """Return the rows of immovable obstacles that are neither agents nor boxes, in the world or, not `living`, all."""
-    others, dynamic = {*scene.rows(Side), *scene.rows(Box)}, scene[Solid].dynamic
+    """Return the rows of walls, in the world or, not `living`, all.
+
+    They are solids that were static when the episode began, without agents, boxes, sensors, and what has a look or a
+    layer of its own: what is locked later stays what it was.
+    """
+    others = {e for part in (Side, Box, *scene.shown) for e in scene.rows(part)} | scene.looks.keys()
+    dynamic, sensors = scene.prefab(Solid).dynamic, scene.prefab(Filter).sensor if Filter in scene else None
     rows = scene.living(Body, Shape, Solid) if living else scene.rows(Body, Shape, Solid)
-    return [e for e in rows if not dynamic[e] and e not in others]
+    return [e for e in rows if not (dynamic[e] or e in others or (sensors and sensors[e]))]

@@ -68,6 +68,8 @@ def columns(description: Json) -> list[tuple[str, int]]:
     table += [("agent.rays", agents * description["rays"])]
     table += [("agent.action", agents * len(actions)), ("agent.reward", agents if description["rewards"] else 0)]
     table += [(f"object.{name}", objects) for name in ("x", "y", "angle", "here", "owner", "wound")]
+    if description["looks"]:
+        table += [("body.ring", agents + objects), ("body.line", agents + objects)]
     if entities is not None:
         values = sum(action["high"] - action["low"] + 1 for action in actions)
         rows = sum(kind["rows"] for kind in entities)
@@ -96,6 +98,7 @@ def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Ar
     numbers += _bits([agent["reward"] for agent in agents] if description["rewards"] else [])
     numbers += _places(objects)
     numbers += [int(body[name]) for name in ("here", "owner", "wound") for body in objects]
+    numbers += [int(each) for name in ("rings", "lines") for each in snapshot[name]]
     if thoughts is not None:
         numbers += _bits(thoughts["value"])
         numbers += _percent(thoughts["probabilities"]) + _percent(thoughts["attention"])

@@ -106,12 +106,14 @@ const Recording = (() => {
     }
 
     snapshot(k) {
-      const { agents, objects, slots, zone, rays } = this.description;
+      const { agents, objects, slots, zone, rays, looks } = this.description;
       const get = Object.fromEntries(STATE.map((name) => [name, this.row(name, k)]));
       const words = get["agent.sees"].length / (agents.length || 1);
       return {
         episode: this.number,
         tick: this.start + k,
+        rings: looks ? this.row("body.ring", k).map((on) => on === 1) : [],
+        lines: looks ? this.row("body.line", k) : [],
         zone: zone ? get.zone.map((length) => length / METRE) : null,
         agents: agents.map((_, i) => ({
           ...this.place("agent", i, k),
