@@ -15,7 +15,7 @@ from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
 from .phase import Phase, Seconds
 from .respawn import Respawned, Respawns, Return
-from .score import End, Episode, Outcome, Reward, Score
+from .score import End, Episode, Kills, Outcome, Reward, Score
 from .sight import ObservationMasks, Sight
 from .wall import Before, StartAreas, Unplaced, Wall
 from .zone import Zone, ZoneView
@@ -62,6 +62,7 @@ __all__ = [
     "ItemGiven",
     "ItemPicked",
     "ItemUsed",
+    "Kills",
     "LidarView",
     "Look",
     "Material",

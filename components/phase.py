@@ -34,6 +34,17 @@ class Phase(ecs.PhaseBase):
     END = When.ALWAYS, "terminated and truncated are known"
     RECORD = When.STEP, "the statistics of the episode are up to date"
 
+    # the same phases by names that say nothing of hit points, items and zones
+    RETURN = RESPAWN
+    CHOOSE = USE
+    ACT = EFFECT
+    EXCHANGE = GIVE
+    INTERACT = MELEE
+    AFTER_MOVE = BREAK
+    REMOVE = DIE
+    COLLECT = PICKUP
+    SURROUND = ZONE
+
 
 def tick_length(physics_rate: float, physics_substeps: int) -> Real:
     """Return the length of a tick, float32 seconds."""

@@ -38,6 +38,11 @@ class Episode(Statistic):
 
     length: Array = column("i4")  # ticks
     returns: Array = column("f8", "agents", key="return")  # sums of rewards
+
+
+class Kills(Statistic):
+    """The deaths of an episode, in games in which agents can die. Brought and written by mortality."""
+
     kills: Array = column("i4", "sides")
     deaths: Array = column("i4", "damage_types")
     first_death: Array = column("i4")  # tick, 0: nobody died

@@ -5,9 +5,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import Death, Died, Health, Hit, Phase
+from outlast.components import Death, Died, Health, Hit, Kills, Phase, Score, Side
 from outlast.components.health import MOST, fatal_agent
-from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, Rows, Singleton, Write, emit, number, of
+from outlast.ecs import (
+    Clock,
+    Entity,
+    Layout,
+    Module,
+    NumberError,
+    Read,
+    RowIndex,
+    Rows,
+    Singleton,
+    Write,
+    emit,
+    number,
+    of,
+)
 
 
 @dataclass(frozen=True)
@@ -23,7 +37,7 @@ class Mortality(Module):
     )
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Death(), Hit()]
+        return [Death(), Hit(), Kills()]
 
     def check(self, layout: Layout) -> None:
         prefab = layout.prefab_values(Health, "points").get("agent", 0)
@@ -66,3 +80,24 @@ def die(
             k = emit(deaths)
             deaths.agent[k], deaths.by[k] = e, fatal_agent(health, hits, e, clock.tick[0])
             deaths.damage_type[k], deaths.side[k] = health.damage_type[e], health.source[e]
+
+
+@Mortality.system(Phase.RECORD)
+def count(
+    kills: Write[Kills],
+    score: Read[Score] | None,
+    deaths: Read[Death],
+    clock: Read[Clock],
+    agents: RowIndex[Side],
+) -> None:
+    """Add kills by side, deaths by cause, and the tick of the first death to the statistics of the episode."""
+    if score is not None:
+        for s in range(score.kills.size):
+            kills.kills[s] += score.kills[s]
+    for k in range(deaths.count[0]):
+        if agents[deaths.agent[k]] < 0:
+            continue
+        if deaths.damage_type[k] >= 0:
+            kills.deaths[deaths.damage_type[k]] += 1
+        if kills.first_death[0] == 0:
+            kills.first_death[0] = clock.tick[0]

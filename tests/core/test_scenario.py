@@ -218,7 +218,7 @@ NEEDED = {  # the error without each of them
     ("rewards",): (ScheduleError, "record.note needs Reward .*add .*Rewards.*, or leave record out"),
     ("inventory",): (ScheduleError, "needs Bag .*add .*Inventory, or leave (give_last|pickup|death_drop) out"),
     ("room",): (ScheduleError, "needs Floor .*add .*Room, or leave (spawn_grid|safe_zone) out"),
-    ("teams",): (DeclarationError, "the dimension 'sides'.* Episode.kills needs it: add FreeForAll or Teams"),
+    ("teams",): (DeclarationError, "the dimension 'sides'.* Kills.kills needs it: add FreeForAll or Teams"),
 }
 
 

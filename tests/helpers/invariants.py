@@ -17,6 +17,7 @@ from outlast.components import (
     HealsUsed,
     Health,
     Item,
+    Kills,
     Reward,
     Side,
     Zone,
@@ -186,12 +187,12 @@ class InvariantChecker:
         np.testing.assert_allclose(self.env.worlds[Episode].returns, self.returns, rtol=1e-6, atol=1e-6)
 
     def _statistics_fit(self, alive: Array) -> None:
-        worlds, episode = self.env.worlds, self.env.worlds[Episode]
+        worlds, episode, kills = self.env.worlds, self.env.worlds[Episode], self.env.worlds[Kills]
         assert (episode.length == worlds[Clock].tick).all()
-        assert (episode.deaths.sum(1) == (~alive).sum(1)).all()
-        assert (episode.kills.sum(1) <= episode.deaths[:, worlds.layout.labels["damage_type"].index("melee")]).all()
-        assert ((episode.first_death[:, 0] > 0) == (~alive).any(1)).all()
-        assert (episode.first_death <= episode.length).all()
+        assert (kills.deaths.sum(1) == (~alive).sum(1)).all()
+        assert (kills.kills.sum(1) <= kills.deaths[:, worlds.layout.labels["damage_type"].index("melee")]).all()
+        assert ((kills.first_death[:, 0] > 0) == (~alive).any(1)).all()
+        assert (kills.first_death <= episode.length).all()
         if BoxesPlaced in worlds:
             assert (worlds[BoxesPlaced].boxes_placed >= 0).all()
 

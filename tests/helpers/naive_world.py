@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from outlast.components import (  # isort: skip
-    Bag, Body, Box, BoxesPlaced, Died, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
+    Bag, Body, Box, BoxesPlaced, Died, Episode, Guard, HealsUsed, Health, Item, Kills, Shape, Side, Weapon, Zone,
 )  # fmt: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -167,7 +167,7 @@ def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:
 
 
 def _statistics(env: SurvivalVectorEnv, w: int) -> dict[str, Any]:
-    found = _rows(env.worlds[Episode], w) | _rows(env.worlds[HealsUsed], w)
+    found = _rows(env.worlds[Episode], w) | _rows(env.worlds[Kills], w) | _rows(env.worlds[HealsUsed], w)
     if BoxesPlaced in env.worlds:
         found |= _rows(env.worlds[BoxesPlaced], w)
     single = ("length", "first_death", "heals_used", "boxes_placed")

@@ -9,7 +9,22 @@ import numpy as np
 
 import outlast
 from outlast import systems
-from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Wall, Weapon, Zone
+from outlast.components import (
+    Bag,
+    Body,
+    Box,
+    Episode,
+    Guard,
+    Health,
+    Item,
+    Kills,
+    Reward,
+    Shape,
+    Solid,
+    Wall,
+    Weapon,
+    Zone,
+)
 from outlast.components.inventory import CLOSED
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
@@ -166,7 +181,7 @@ def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
     health.fatal_tick[w, list(agents)] = np.where(points <= 0, time, -1)
     tables[Weapon].cooldown[w, list(agents)] = rng.integers(0, 3, len(agents))
     tables[Episode].returns[w] = rng.normal(0, 100, len(agents))
-    tables[Episode].first_death[w] = rng.choice([0, min(time, 7)])
+    tables[Kills].first_death[w] = rng.choice([0, min(time, 7)])
     _scatter_items(env, w, rng)
     zone = tables[Zone]
     for column, value in zip(zone[:6], naive_mechanics.zone_at(read(env, w), int(time)), strict=True):

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from outlast import film, make_vec, record, variant
-from outlast.components import Body, End, Episode, Health, Score, Shape
+from outlast.components import Body, End, Episode, Health, Kills, Score, Shape
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
@@ -143,7 +143,7 @@ def test_the_scoreboard_has_hit_points_kills_and_deaths() -> None:
     assert said(game.env.worlds, ScoresStrip(), 160)[:2] == ["1 kill", "0 kills"]  # of both, if there is room for both
     duel = killed(ScenarioBuilder("ffa_4"), 1, 0)
     assert said(duel.env.worlds, ScoresStrip()) == ["0", "100", "1 kill", "1", "dead", "0 kills"]
-    duel.column(Episode).kills[0] = 0, 3
+    duel.column(Kills).kills[0] = 0, 3
     assert said(duel.env.worlds, ScoresStrip())[-1] == "3 kills"
 
 
@@ -155,7 +155,7 @@ def test_long_numbers_are_shortened_and_returns_are_shown_where_nobody_fights() 
     peaceful = variant("ffa_1").without("melee", "safe_zone", "heals", "cameras")
     worlds = Worlds(peaceful.modules, 1)
     worlds[Episode].returns[0] = -12345.678, 0.25
-    assert said(worlds, ScoresStrip()) == ["0", "100", "return -1e+04", "1", "100", "return 0.25"]
+    assert said(worlds, ScoresStrip()) == ["0", "return -1e+04", "1", "return 0.25"]
 
 
 def test_carried_items_are_on_the_scoreboard() -> None:
@@ -299,7 +299,7 @@ def test_the_line_of_teams_stays_as_it_is_when_somebody_kills(size: int) -> None
     game = ScenarioBuilder("teams_3")
     seen = []
     for kills in ((0, 0), (1, 0), (1, 1), (2, 0)):
-        game.column(Episode).kills[0] = kills
+        game.column(Kills).kills[0] = kills
         line = strip_words(game.env.worlds, ScoresStrip(), size)[:2]
         seen.append([(re.sub(r"\d kills?", "", words), left) for words, left, *_ in line])
     assert all(each == seen[0] for each in seen)

@@ -164,7 +164,7 @@ class Evaluation:
 
     def _check(self) -> None:
         self.env.reset()
-        check_statistics(self.env, "length", "return", "kills")
+        check_statistics(self.env, "length", "return")
         if fewest_sides(self.env.worlds) < ROLES:
             raise TrainingError(f"{self.scenario.name} has worlds of one side: there is no opponent to play against")
         for contender in self.chosen:
@@ -265,7 +265,7 @@ def text(evaluation: Evaluation, width: int | None = None) -> str:
     parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation, width), _sides(evaluation)]
     parts += _groups(evaluation, width)
     names = list(evaluation.pairings[0].results.figures)
-    results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
+    results = [name for name in RESULTS if name in names] + [name for name in names if name.startswith("deaths_")]
     others = [name for name in names if name not in results]
     parts += [_figures(evaluation, some, width) for some in (results, others)]
     return "\n\n".join(filter(None, parts))

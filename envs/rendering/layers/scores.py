@@ -3,7 +3,8 @@
 import functools
 from dataclasses import dataclass
 
-from outlast.components import Bag, Episode, Health, Side, Sides
+from outlast.components import Bag, Episode, Health, Kills, Side, Sides
+from outlast.components.health import can_hurt
 from outlast.ecs import Entity, MemoryLayout
 
 from ..canvas import Canvas
@@ -68,14 +69,14 @@ class ScoresStrip(Strip):
 
 def _teams(scene: Scene) -> bool:
     """Return whether there is a line of teams, each with the kills of all its agents."""
-    return bool(Sides in scene and scene[Sides].teams[0]) and Episode in scene
+    return bool(Sides in scene and scene[Sides].teams[0]) and Kills in scene
 
 
 def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
     """Write the kills of all teams, with their names if there is room, or nothing if not even the kills fit."""
-    sides = range(len(scene[Episode].kills))
+    sides = range(len(scene[Kills].kills))
     # the longest number, so that nothing moves when kills grow
-    most = "0" * len(str(max(*scene[Episode].kills, len(scene.rows(Side))))) + " kills"
+    most = "0" * len(str(max(*scene[Kills].kills, len(scene.rows(Side))))) + " kills"
     for names in ([f"{printable(scene.side_name(side))}: " for side in sides], [""] * len(sides)):
         wide = [(DISC + 2) * unit + canvas.length(name + most, unit) for name in names]
         if x + sum(wide) - 2 * unit > canvas.half:
@@ -144,7 +145,7 @@ def _short(number: float) -> str:
 
 
 def _kills(scene: Scene, side: int) -> str:
-    kills = scene[Episode].kills[side]
+    kills = scene[Kills].kills[side]
     return f"{kills} kill{'' if kills == 1 else 's'}"
 
 
@@ -170,8 +171,9 @@ def _parts(layout: MemoryLayout, teams: bool, units: float) -> tuple[dict[str, f
     def has(component: type) -> bool:
         return component in layout.components
 
-    fights = has(Episode) and bool(layout.labels["damage_type"])
-    wanted = [("disc", DISC, True), ("points", POINTS, has(Health)), ("bar", BAR, has(Health))]
+    hurts = has(Health) and can_hurt(layout)
+    fights = has(Kills) and can_hurt(layout)
+    wanted = [("disc", DISC, True), ("points", POINTS, hurts), ("bar", BAR, hurts)]
     wanted += [("kills", KILLS, fights and not teams), ("return", RETURN, has(Episode) and not fights)]
     wanted += [("bag", min(MOST, layout.dims.get("slots", 0)) * ITEM, has(Bag))]
     parts, at = dict[str, float](), 0.0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Respawned
-from outlast.components.score import End, Episode, Outcome
+from outlast.components.score import End, Episode, Kills, Outcome
 from outlast.ecs import Action, Clock
 from outlast.systems.ending import outliving_wins
 
@@ -176,7 +176,7 @@ class Game:
 
         verdict: "won" if this side came farther than all others, by living longer or as components.Outcome says,
         "drawn" if as far as the best other one, else "lost"; "over" if there is no other side, or nothing says who won.
-        return: None if it is not finite.
+        kills: None if nobody can die. return: None if it is not finite.
         """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
         come: dict[int, float] = {**self._last}
@@ -188,7 +188,7 @@ class Game:
         return {
             "verdict": "over" if not contested else "won" if own > best else "drawn" if own == best else "lost",
             "truncated": bool(self.worlds[End].truncated[0, 0]),
-            "kills": int(episode.kills[0, mine]),
+            "kills": int(self.worlds[Kills].kills[0, mine]) if Kills in self.worlds else None,
             "length": int(episode.length[0, 0]),
             "return": round(paid, 2) if math.isfinite(paid) else None,
         }

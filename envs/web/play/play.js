@@ -77,7 +77,7 @@
     if (state.phase === "paused") return ["Paused", !state.steers ? [] : [touched ? "Go on with the button below." : "P goes on, R begins the next episode."]];
     if (state.phase !== "over") return null;
     const { verdict, kills, length, truncated, return: sum } = state.result;
-    const lines = [`${length} ticks (${Dom.seconds(length, world)}), ${kills} ${kills === 1 ? "kill" : "kills"}` +
+    const lines = [`${length} ticks (${Dom.seconds(length, world)})${kills === null ? "" : `, ${kills} ${kills === 1 ? "kill" : "kills"}`}` +
       `${world.teams ? " of your team" : ""}, return ${sum ?? "not a finite number"}`];
     if (truncated) lines.unshift("Time is up.");
     if (state.death) lines.push(death());
