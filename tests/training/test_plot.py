@@ -236,7 +236,7 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
     refused(
         [one, folder(tmp_path / "c", {"safe_zone_damage": 2}, seed=1)],
-        "safe_zone_damage is as usual in .*one and 2 in .*c",
+        "safe_zone_damage is 1 in .*one and 2 in .*c",
     )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
     assert len(load_runs([one, tmp_path / "one"])) == 1  # a place that is named twice

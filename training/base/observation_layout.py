@@ -9,6 +9,8 @@ import numpy as np
 
 from outlast.ecs import Fields
 
+from .errors import TrainingError
+
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
 OWN = "own"  # what an agent observes of itself
@@ -103,7 +105,7 @@ def field_table(fields: Fields) -> FieldTable:
 def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
     """Return factors that scale every number to about -1 to 1: float32 (own,), and (numbers of all kinds,).
 
-    Numbers of keys without fields stay as they are. Raises ValueError if the table does not fit the layout.
+    Numbers of keys without fields stay as they are. Raises TrainingError if the table does not fit the layout.
     """
 
     def factors(key: str, width: int) -> Array:
@@ -112,7 +114,8 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
         fields = table[key].values()
         row = np.repeat([1 / scale for _, scale in fields], [int(size) for size, _ in fields])
         if len(row) != layout.shapes[key][-1]:
-            raise ValueError(f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}")
+            wrong = f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}"
+            raise TrainingError(f"run.json has observations that no scenario has: {wrong}")
         return np.tile(row, width // len(row))
 
     own = [factors(key, width) for key, width in layout.alone.items()]

@@ -20,7 +20,7 @@ from outlast.envs.storage.atomic_write import atomic_write
 
 from ..base import policy_file, run_header, tensor_file
 from ..base.errors import TrainingError
-from ..base.observation_layout import Array, ObservationLayout, scales
+from ..base.observation_layout import Array
 from ..base.run_header import WEIGHTS
 from .policy import Networks
 
@@ -54,14 +54,6 @@ def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
             raise TrainingError(
                 f"the policy was trained on rows '{key}' of {known}; here they are {here or 'not there'}"
             )
-
-
-def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tuple[Array, Array]:
-    """Return the scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
-    try:
-        return scales(layout, header["fields"])
-    except ValueError as error:
-        raise TrainingError(f"run.json has observations that no scenario has: {error}") from None
 
 
 def policies_in(files: dict[str, bytes]) -> list[dict[str, Tensor]]:

@@ -25,7 +25,7 @@ except ModuleNotFoundError as error:
 
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise
-from ..base.observation_layout import OWN, ObservationLayout
+from ..base.observation_layout import OWN, ObservationLayout, scales
 from ..base.presets import preset
 from .explainer import Answer, PolicyExplainer, Question
 from .packer import Packer
@@ -100,7 +100,7 @@ class Player:
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
         if kind is ActorCritic and least * len(weights) > sum(each.numel() for own in weights for each in own.values()):
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
-        sizes, policies = checkpoint.recorded_scales(self.header, layout), list[Networks]()
+        sizes, policies = scales(layout, self.header["fields"]), list[Networks]()
         for own in weights:
             policy = kind(
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state

@@ -15,14 +15,12 @@ from ..base import policy_file
 from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
-from ..base.presets import ROLLOUT, preset
+from ..base.presets import ROLLOUT
 from ..plots.groups import check_seeds
 from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
 
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
-FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
-USUAL = "as usual"
 
 
 def behaviour(name: str) -> Quantity:
@@ -67,13 +65,6 @@ class PaperRun(Run):
     def done(self) -> bool:
         """Return whether it is as long as the paper's."""
         return self.steps >= PAPER_STEPS
-
-    @cached_property
-    def settings(self) -> dict[str, Any]:
-        """Everything that runs of a group have in common."""
-        common = {key: value for key, value in self.plan.items() if key not in (*FREE, "settings")}
-        numbers = asdict(preset(self.plan["preset"]).numbers)
-        return {"variant": self.variant, **common, **numbers, **self.plan.get("settings", {}), **self.changed}
 
     @property
     def unlike(self) -> dict[str, Any]:
@@ -180,7 +171,7 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
 def _difference(one: PaperRun, other: PaperRun) -> str:
     """Say which setting is the first that differs; empty if none does."""
     for key in sorted(one.settings.keys() | other.settings.keys()):
-        mine, its = (run.settings.get(key, USUAL) for run in (one, other))
+        mine, its = (run.settings.get(key, ABSENT) for run in (one, other))
         if mine != its:
             return f"{key} is {mine} in {one.origin} and {its} in {other.origin}"
     return ""

@@ -11,6 +11,7 @@ from outlast.envs.snapshots import state
 from outlast.envs.snapshots.state import State
 
 from ..base.errors import TrainingError
+from ..base.observation_layout import scales
 from ..base.run_header import is_count
 from ..policies import checkpoint
 from ..policies.checkpoint import REST, WORLDS, check_like, check_state
@@ -51,7 +52,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         checkpoint.policies_in(files),
     )
     checkpoint.check_fields(header, trainer.env)
-    factors = checkpoint.recorded_scales(header, trainer.layout)
+    factors = scales(trainer.layout, header["fields"])
     names = {"learners", "updates", "rewards", "lane", "opponents"} | (
         set() if trainer.curriculum is None else {"levels"}
     )
