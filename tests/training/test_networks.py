@@ -304,6 +304,24 @@ def test_networks_in_compiled_code_are_those_of_pytorch(agents: int, monkeypatch
         torch.testing.assert_close(one, other, rtol=2e-5, atol=2e-5)
 
 
+def test_actions_that_compiled_code_chooses_are_those_of_pytorch() -> None:
+    """Some are not drawn: these are `noop`, and count for nothing in the log-probabilities."""
+    layout, observations, own = seen("teams_3", "fast")
+    rows, rng = Packer(layout, leaky=False, egocentric=False)(observations), np.random.default_rng(0)
+    policy, noop = make("fast", layout, own).float(), torch.tensor([1, 1, 1, 0, 0, 0])
+    uniform, idle = rng.random((128, 6), np.float32), rng.random((128, 6)) < 0.3
+    logs, values, _ = policy(rows)
+    drawn = policy.choices.draw(logs, torch.from_numpy(uniform))
+    for masked in (False, True):
+        free = torch.from_numpy(~idle) if masked else None
+        expected = torch.where(free, drawn, noop) if masked else drawn
+        found = compiled_networks.Acting(policy)(rows, uniform, idle if masked else None, noop.numpy())
+        assert np.array_equal(found[0], expected)
+        assert len(np.unique(found[0][:, 0])) == 3
+        torch.testing.assert_close(found[1], policy.choices.of(expected, logs, free), rtol=1e-5, atol=1e-6)
+        assert torch.equal(found[2], values)
+
+
 def turned(row: Any, fields: Any, me: Any, own: bool) -> Any:
     """One row in the frame of an agent that is at (x, y), moves by (vx, vy) and looks along angle."""
     x, y, vx, vy, angle = me

@@ -6,6 +6,7 @@ agents goes through all layers while its numbers are in the cache, and other thr
 """
 
 import functools
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
@@ -15,13 +16,13 @@ from torch import Tensor
 
 from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
-from outlast.ecs.kernels.vectors import BYTES, HEAD, gated, load, product, store
+from outlast.ecs.kernels.vectors import BYTES, HEAD, exponential, gated, load, product, store
 
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
 from .attention import attend, differentiate
 from .rows import Rows
-from .torch_settings import FLOAT
+from .torch_settings import FLOAT, INDEX
 
 Array = np.ndarray[Any, Any]
 BLOCK = 64  # agents that go through all layers together
@@ -38,8 +39,10 @@ X, X_OFFSET, X_STRIDE, Y, Y_OFFSET, Y_STRIDE, INPUTS, OUTPUTS, RELU, ADDS, BY_OU
 # What a call is given, int64, most of it addresses: the bases, those of slopes, weights and biases of the layers, ...
 SLOPES, WEIGHTS, BIASES = 6, 12, 12 + LAYERS
 ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # in place of slopes that nothing needs: zeros, and a number 1
+EXPONENTIALS = SLOPES + LOGITS  # in place of slopes: room for those of an agent
 LAYER, COUNT, AGENT_COUNT, WIDTH, WEIGHT_MEMORY, LIKELY, FOUND, GRADIENTS = range(BIASES + LAYERS, BIASES + LAYERS + 8)
-word, read, write = loader("int64"), loader("float32"), storer("float32")
+word, read, read_flag = loader("int64"), loader("float32"), loader("uint8")
+write, write_word = storer("float32"), storer("int64")
 
 
 @kernel
@@ -167,8 +170,7 @@ def _attention(call: int, agent: int, row: int) -> tuple[int, int, int, int, int
 
 @kernel
 def evaluate(call: int) -> int:
-    """Compute logits and values of all agents, and keep what is in between."""
-    _pack(call)
+    """Compute logits and values of all agents, by packed weights, and keep what is in between."""
     row, likely, width = 0, _given(call, LIKELY), _given(call, WIDTH)
     for agent in range(0, _given(call, AGENT_COUNT), BLOCK):
         agents, count = min(BLOCK, _given(call, AGENT_COUNT) - agent), _given(call, COUNT) + 8 * agent
@@ -209,12 +211,81 @@ def backward(call: int) -> int:
     return 0
 
 
+@kernel
+def choose(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int, actions: int, logs: int) -> int:
+    """Draw actions by logits, which are overwritten. Most arguments are addresses.
+
+    Args:
+        call: What `evaluate` was given.
+        sizes: int64 (count,), how many values each action has.
+        count: How many actions an agent has.
+        uniform: float32 (agents, count), from 0 to below 1.
+        idle: bool (agents, count), which actions are not drawn; 0: all are.
+        noop: int64 (count,), these actions.
+        actions: int64 (agents, count), written.
+        logs: float32 (agents,), written: log-probabilities of what was drawn.
+    """
+    row, stride = _given(call, LOGITS), 4 * _filled(_field(call, SEEING + 3, OUTPUTS))
+    for i in range(_given(call, AGENT_COUNT)):
+        at, joint = row, np.float32(0)
+        for k in range(count):
+            highest, end = LOWEST, at + 4 * word(sizes + 8 * k)
+            for place in range(at, end, 4):
+                highest = max(highest, read(place))
+            for place in range(at, end, 4):
+                write(place, read(place) - highest)
+            at = end
+        for place in range(at, row + stride, 4):
+            write(place, np.float32(0))
+        likely, at = _given(call, EXPONENTIALS), row
+        for shift in range(0, stride, BYTES):
+            store(likely + shift, exponential(load(row + shift)))
+        for k in range(count):
+            size, total, below, chosen = word(sizes + 8 * k), np.float32(0), np.float32(0), 0
+            for place in range(likely, likely + 4 * size, 4):
+                total += read(place)
+            for place in range(likely, likely + 4 * (size - 1), 4):
+                below += read(place)
+                chosen += int(below <= read(uniform + 4 * k) * total)
+            if idle != 0 and read_flag(idle + k) != 0:
+                chosen = word(noop + 8 * k)
+            else:
+                joint += read(at + 4 * chosen) - np.float32(math.log(total))
+            write_word(actions + 8 * k, chosen)
+            likely, at = likely + 4 * size, at + 4 * size
+        write(logs + 4 * i, joint)
+        row, uniform, actions = row + stride, uniform + 4 * count, actions + 8 * count
+        idle += count if idle != 0 else 0
+    return 0
+
+
+@kernel
+def pack(call: int) -> int:
+    """Copy the weights for `evaluate`."""
+    _pack(call)
+    return 0
+
+
+@kernel
+def act(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int, actions: int, logs: int) -> int:
+    """Evaluate and choose."""
+    evaluate(call)
+    return choose(call, sizes, count, uniform, idle, noop, actions, logs)
+
+
+@kernel
+def forward(call: int) -> int:
+    """Pack and evaluate."""
+    _pack(call)
+    return evaluate(call)
+
+
 @functools.cache
-def functions() -> tuple[Any, Any]:
-    """Both kernels, for Python to call; compiled once, and then loaded from the disk."""
-    units = CompiledUnits([], {"evaluate": evaluate, "backward": backward}, {})
+def functions() -> dict[str, Any]:
+    """The kernels, for Python to call; compiled once, and then loaded from the disk."""
+    units = CompiledUnits([], {"forward": forward, "backward": backward, "pack": pack, "act": act}, {})
     units.load()
-    return units.function("evaluate"), units.function("backward")
+    return {name: units.function(name) for name in ("forward", "backward", "pack", "act")}
 
 
 class Plan:
@@ -256,11 +327,17 @@ class Plan:
         self.zeros = torch.zeros(max(2 * width, hidden, self.logits) + 1, **FLOAT)
         self.zeros[-1] = 1
 
-    def call(self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None]) -> "Call":
-        """Make room for what layers compute of a batch. known: int64, `seen.known` without gaps."""
+    def call(
+        self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None], packed: Any = None
+    ) -> "Call":
+        """Make room for what layers compute of a batch.
+
+        known: int64, `seen.known` without gaps. packed: Weights that `pack` has copied; None: room for them.
+        """
         count, rows, pairs = len(seen), len(seen.entities), int(known @ known)
-        sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, self.size, pairs * self.width
-        agents, entities, logits, values, packed, likely = (torch.empty(size, **FLOAT) for size in sizes)
+        sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, pairs * self.width
+        agents, entities, logits, values, likely = (torch.empty(size, **FLOAT) for size in sizes)
+        packed = torch.empty(self.size, **FLOAT) if packed is None else packed
         kept = seen.own.contiguous(), seen.entities.contiguous(), agents, entities, logits, values
         given = [each.data_ptr() for each in kept] + [self.zeros.data_ptr(), self.zeros[-1].data_ptr(), 0, 0, 0, 0]
         given += [each.data_ptr() for each in weights] + [0 if each is None else each.data_ptr() for each in biases]
@@ -282,11 +359,11 @@ class Evaluation(torch.autograd.Function):
     @staticmethod
     def forward(context: Any, plan: Plan, seen: Rows, *parameters: Tensor | None) -> tuple[Tensor, Tensor]:
         """Compute both."""
-        weights, biases = parameters[:LAYERS], parameters[LAYERS:]
-        call = plan.call(seen, np.ascontiguousarray(seen.known), cast(Sequence[Tensor], weights), biases)
-        functions()[0](call.given.ctypes.data)
+        weights = cast(Sequence[Tensor], parameters[:LAYERS])
+        call = plan.call(seen, np.ascontiguousarray(seen.known), weights, parameters[LAYERS:])
+        functions()["forward"](call.given.ctypes.data)
         context.plan, context.call, context.parameters = plan, call, parameters
-        count, outputs = len(seen), len(cast(Tensor, weights[6]))
+        count, outputs = len(seen), len(weights[6])
         return call.kept[LOGITS].view(count, plan.logits)[:, :outputs], call.kept[VALUES].view(count, VECTOR)[:, 0]
 
     @staticmethod
@@ -305,21 +382,58 @@ class Evaluation(torch.autograd.Function):
         found, gradients = torch.zeros(plan.size, **FLOAT), torch.empty(sum(sizes), **FLOAT)
         call.given[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
         call.given[FOUND:] = found.data_ptr(), gradients.data_ptr()
-        functions()[1](call.given.ctypes.data)
+        functions()["backward"](call.given.ctypes.data)
         each = dict(zip(order, torch.split(gradients, [sizes[k] for k in order]), strict=True))
         return None, None, *(None if given is None else each[k].view(given.shape) for k, given in enumerate(parameters))
 
 
+class Acting:
+    """Chooses the actions of agents, as long as the weights stay as they are."""
+
+    def __init__(self, networks: Any) -> None:
+        """networks: An ActorCritic for which this is `possible`."""
+        self.plan: Plan = networks.plan
+        self.parameters = _parameters(networks)
+        self.sizes, self.packed = np.array(networks.sizes, np.int64), torch.empty(self.plan.size, **FLOAT)
+        self.room = torch.empty(self.plan.logits, **FLOAT)
+        none = torch.empty((0, 1), **FLOAT)
+        functions()["pack"](self._call(Rows(none, none, torch.zeros(0, **INDEX))).given.ctypes.data)
+
+    def _call(self, seen: Rows) -> "Call":
+        weights, biases = self.parameters[:LAYERS], self.parameters[LAYERS:]
+        return self.plan.call(seen, np.ascontiguousarray(seen.known), weights, biases, self.packed)
+
+    def __call__(self, seen: Rows, uniform: Array, idle: Array | None, noop: Array) -> tuple[Array, Tensor, Tensor]:
+        """Return the actions, int64 (agents, actions), their log-probabilities and the values, float32 (agents,).
+
+        uniform: float32 (agents, actions), from 0 to below 1, by which they are drawn. idle: bool (agents, actions),
+        which are not drawn, but those of `noop`, int64 (actions,); None: all are drawn.
+        """
+        count, call, uniform = len(seen), self._call(seen), np.ascontiguousarray(uniform)
+        idle = None if idle is None else np.ascontiguousarray(idle)
+        call.given[EXPONENTIALS] = self.room.data_ptr()
+        actions, logs = np.empty((count, len(self.sizes)), np.int64), np.empty(count, np.float32)
+        given = uniform.ctypes.data, 0 if idle is None else idle.ctypes.data, noop.ctypes.data
+        written = actions.ctypes.data, logs.ctypes.data
+        functions()["act"](call.given.ctypes.data, self.sizes.ctypes.data, len(self.sizes), *given, *written)
+        return actions, torch.from_numpy(logs), call.kept[VALUES].view(count, VECTOR)[:, 0]
+
+
 def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:
     """Return logits (agents, outputs) and values (agents,) of an ActorCritic for which they are `possible`."""
+    found = Evaluation.apply(networks.plan, seen, *_parameters(networks))  # type: ignore[no-untyped-call]
+    return cast(tuple[Tensor, Tensor], found)
+
+
+def _parameters(networks: Any) -> list[Any]:
+    """The weights of all layers, and their biases."""
     extractor, actor, critic = networks.extractors[0], networks.actor, networks.critic
     entities = torch.cat([extractor.weight * extractor.scale, extractor.bias])
     own, attention = extractor.own.weight * extractor.own_scale, extractor.attention
     layers = [attention.out_proj, *(getattr(tower, name) for tower in (actor, critic) for name in TOWER)]
     weights = [own, entities, attention.in_proj_weight, *(layer.weight for layer in layers)]
     biases = [extractor.own.bias, None, attention.in_proj_bias, *(layer.bias for layer in layers)]
-    found = Evaluation.apply(networks.plan, seen, *weights, *biases)  # type: ignore[no-untyped-call]
-    return cast(tuple[Tensor, Tensor], found)
+    return [*weights, *biases]
 
 
 def plan(networks: Any) -> Plan | None:
@@ -330,10 +444,12 @@ def plan(networks: Any) -> Plan | None:
     return Plan(networks.layout, preset, sum(networks.sizes)) if simple and whole and compiled() else None
 
 
+def able(networks: Any) -> bool:
+    """Return whether the kernels can take the weights of networks."""
+    like = networks.plan and networks.actor.last.weight
+    return like is not None and like.device.type == "cpu" and like.dtype == torch.float32
+
+
 def possible(networks: Any, seen: Any) -> bool:
-    """Return whether the kernels can compute what an ActorCritic makes of this."""
-    like = networks.actor.last.weight
-    return (
-        networks.plan is not None and isinstance(seen, Rows) and seen.room is None
-        and like.device.type == "cpu" and like.dtype == torch.float32
-    )  # fmt: skip
+    """Return whether the kernels can compute what networks make of this."""
+    return able(networks) and isinstance(seen, Rows) and seen.room is None

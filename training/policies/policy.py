@@ -102,6 +102,7 @@ class Networks(nn.Module):
     """
 
     apart = False
+    plan: Any = None  # how compiled code computes them, if it can
 
     def __init__(
         self,

@@ -50,7 +50,7 @@ class Collector:
         world has played before.
         """
         for lane in self.lanes:
-            lane.open(steps, max(policy.memory for policy in policies))
+            lane.open(steps, policies)
         if len(self.lanes) == 1:
             (lane,) = self.lanes
             for t in range(steps):

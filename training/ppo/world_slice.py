@@ -21,10 +21,11 @@ from ..base.config import CHUNK
 from ..base.errors import TrainingError
 from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from ..base.noise import ActionNoise
+from ..policies import compiled_networks
 from ..policies.checkpoint import REST
 from ..policies.packer import Packer
 from ..policies.policy import Networks
-from ..policies.rows import Observed
+from ..policies.rows import Observed, Rows
 from ..policies.torch_settings import FLOAT, playing
 from .curriculum import Curriculum, Ended, just_ended
 
@@ -124,9 +125,11 @@ class Lane:
         self.assign()
         self._draw(np.ones(env.num_worlds, bool))
 
-    def open(self, steps: int, memory: int) -> None:
-        """Make room for the samples of `steps` steps. memory: Width of the memory of the learners' policies."""
+    def open(self, steps: int, policies: Sequence[Networks]) -> None:
+        """Make room for the samples of `steps` steps, which the policies of the learners play as they are."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
+        memory, able = max(policy.memory for policy in policies), compiled_networks.able
+        self.acting = {k: compiled_networks.Acting(policy) for k, policy in enumerate(policies) if able(policy)}
         actions = (*shape, len(self.env.action_sizes))
         floats: dict[str, Any] = {name: torch.zeros(shape, **FLOAT) for name in ("log_probs", "values", "later")}
         truths: dict[str, Any] = {name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")}
@@ -171,6 +174,11 @@ class Lane:
                 continue
             policy = one.policies[number] if index else policies[number]
             part = self._part(seen, group) if one.packer is None else one.packer(self._batch(group.where))
+            if not index and number in self.acting and isinstance(part, Rows):
+                here, idle = (t, group.where), None if samples.idle is None else samples.idle[t, group.where]
+                own = self.acting[number](part, uniform[group.where], idle, self._noop.numpy())
+                samples.actions[here], samples.log_probs[here], samples.values[here] = own
+                continue
             memory, begins = self._remembered(policy, group)
             if index or policy.apart:
                 logs, memory = policy.logs(part, memory, begins)
