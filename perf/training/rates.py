@@ -22,6 +22,7 @@ import torch
 
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.presets import PRESETS
+from outlast.training.policies import compiled_networks
 from outlast.training.ppo import learner, minibatches
 from outlast.training.ppo.rollout import Rollout
 from outlast.training.ppo.trainer import Trainer
@@ -118,6 +119,7 @@ def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tup
 def watched_functions(device: torch.device) -> Stopwatch:
     """A clock on the functions that all trainers share."""
     clock = Stopwatch(device)
+    clock.wrap("networks", compiled_networks.Acting, "__call__")
     clock.wrap("minibatches", minibatches.Samples, "select")
     clock.wrap("loss", learner, "evaluated")
     clock.wrap("backward", torch.autograd, "grad")
@@ -127,13 +129,12 @@ def watched_functions(device: torch.device) -> Stopwatch:
 
 def watch(trainer: Trainer, clock: Stopwatch) -> None:
     """Put a clock on the parts of a trainer."""
-    for lane in trainer.collector.lanes:
-        clock.wrap("worlds", lane.env, "step", "recv", "reset")
-        clock.wrap("observations", lane.env, "observe")
-        clock.wrap("observations", lane, "_seen")
-        clock.wrap("networks", lane, "noise")
-        clock.wrap("statistics", lane.behaviour, "after_step")
-        clock.wrap("statistics", lane.episodes, "add")
+    lane = trainer.lane
+    clock.wrap("worlds", lane.env, "step", "reset")
+    clock.wrap("observations", lane, "_seen", "_lists")
+    clock.wrap("networks", lane, "noise")
+    clock.wrap("statistics", lane.behaviour, "after_step")
+    clock.wrap("statistics", lane.episodes, "add")
     for one in trainer.learners:
         one.graphs = None  # the parts of CUDA graphs cannot be timed
         for policy in {one.policy, one.trained}:

@@ -1,8 +1,8 @@
-"""Measure what processes, threads, a GPU and halves of the worlds give to training.
+"""Measure what processes, threads and a GPU give to training.
 
     python -m perf.training.scale [--variants ffa_2 teams_3] [--preset fast]
         [--processes 1 2] [--devices cpu cuda] [--worlds 256 2048] [--batch N]
-        [--threads 1 2] [--rounds 5] [--halves] [--save MACHINE]
+        [--threads 1 2] [--rounds 5] [--save MACHINE]
 
 All combinations of devices, numbers of worlds, processes and threads are
 measured in turn. Rates are agent-steps per second of wall time, for collecting,
@@ -46,7 +46,6 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=0, help=text)
     parser.add_argument("--threads", nargs="+", type=int, default=[1], help="threads of each process (default 1)")
     parser.add_argument("--rounds", type=int, default=5, help="rounds of measuring (default 5)")
-    parser.add_argument("--halves", action="store_true", help="train with --halves, as in `outlast train`")
     given = parser.parse_args()
     measured = "collected/s", "updated/s", "together/s", "times", "CPU s", "load"
     measuring = given.devices, given.worlds, given.processes, given.threads
@@ -55,7 +54,7 @@ def main() -> None:
         with contextlib.ExitStack() as opened:
             runs = []
             for device, worlds, count, threads in itertools.product(*measuring):
-                config = configured(name, given.preset, worlds, given.batch, count, device, given.halves)
+                config = configured(name, given.preset, worlds, given.batch, count, device)
                 crew = opened.enter_context(contextlib.closing(recruit(count, follow, config, given.rounds, threads)))
                 runs.append(Timed(crew, config, threads))
             rows = [[timed.round() for timed in runs] for _ in range(given.rounds)]
@@ -70,12 +69,10 @@ def main() -> None:
     table.finish(given.save, "" if "cuda" not in given.devices else torch.cuda.get_device_name())
 
 
-def configured(
-    name: str, preset: str, worlds: int, batch: int, processes: int, device: str, halves: bool
-) -> TrainingConfig:
+def configured(name: str, preset: str, worlds: int, batch: int, processes: int, device: str) -> TrainingConfig:
     """Return what is trained; minibatches of `batch` samples or, with 0, of the usual share of a rollout."""
     usual = TrainingConfig(resolve(name), preset)
-    config = replace(usual, worlds=worlds, processes=processes, device=device, halves=halves)
+    config = replace(usual, worlds=worlds, processes=processes, device=device)
     batch = batch or usual.numbers.batch_size * config.size[1] // usual.size[1]
     return replace(config, settings={"batch_size": batch})
 

@@ -114,7 +114,7 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
         {"settings": {"target_kl": 0.001}},
         {"memory": 16},
         {"critic": "state"},
-        {"warm_start": f"scripted:{EACH}", "halves": True},
+        {"warm_start": f"scripted:{EACH}"},
     ],
 )
 def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) -> None:
@@ -136,27 +136,13 @@ def test_more_processes_than_worlds_are_refused() -> None:
         config(1, processes=8)
 
 
-@pytest.mark.parametrize("how", [{"processes": 2}, {"halves": True}], ids=str)
-def test_imitation_of_a_saved_policy_is_that_of_one_process(how: dict[str, Any]) -> None:
-    with pytest.raises(TrainingError, match=r"a.zip draws numbers in turn: imitate it with one process and without"):
-        config(1, **how, warm_start="a.zip:1000").check_teacher()
-
-
-def test_a_run_that_has_imitated_goes_on_in_halves(alone: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
+def test_a_saved_policy_is_imitated_by_one_process(alone: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
+    """Several can go on with the run."""
     teacher = {"warm_start": f"{newest(alone[0])}:{EACH}"}
     trained(tmp_path, 1, **teacher)
-    with pytest.raises(TrainingError, match="imitate it with one process and without halves, then resume"):
-        trained(tmp_path / "new", 1, halves=True, **teacher)
-    trained(tmp_path, 2, resume=True, halves=True, **teacher)
-
-
-def test_halves_of_the_worlds_give_the_same_numbers(tmp_path: Path) -> None:
-    """Bit for bit where batches have sizes that the products of matrices treat alike."""
-    even = {"worlds": 16, "rollout": 16 * STEPS, "opponents": {"self": 1.0}, "snapshots": 10}
-    whole = trained(tmp_path / "whole", 2, **even)
-    same(trained(tmp_path / "halves", 2, halves=True, **even), whole, 0.0)
-    odd = trained(tmp_path / "odd", 2)
-    same(trained(tmp_path / "odd halves", 2, halves=True), odd)
+    with pytest.raises(TrainingError, match="draws numbers in turn: imitate it with one process, then resume"):
+        trained(tmp_path / "new", 1, processes=2, **teacher)
+    trained(tmp_path, 2, resume=True, processes=2, **teacher)
 
 
 # ---- how they end

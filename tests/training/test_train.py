@@ -204,7 +204,7 @@ def test_every_option_reaches_every_run() -> None:
         --import=a.py --roles=r.json --save-scenario=s.json --preset=paper --steps=7 --ppo=gamma=0.5 --anneal=a=1:2
         --policies=side --memory=3 --critic=state --dead=drop --warm-start=scripted --opponents=self:2,past
         --prioritised --snapshots=4 --worlds=8 --rollout=512 --every=9 --film --quiet --out=o --resume --seed 3
-        --device=cuda --threads=2 --processes=2 --jobs=2 --halves --ray
+        --device=cuda --threads=2 --processes=2 --jobs=2 --ray
     """
     options = command.parse_args(["ffa_1", *given.split()])
     usual = command.parse_args(["ffa_1"])

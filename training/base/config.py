@@ -24,7 +24,7 @@ from .hyperparameters import KINDS, Hyperparameters
 from .presets import DEAD, PRESETS, preset
 from .run_header import Header
 
-HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
+HOW = ("processes",)  # what decides how a run is computed, not which numbers come out
 LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
 PLAYED = "what is played"
 FAST = "fast"  # the preset unless another one is asked for
@@ -83,7 +83,7 @@ def check_importable(name: str, code: Any) -> None:
 class TrainingConfig:
     """What to train, and how: arguments of `outlast.train` by their names, checked, and parsed if they are texts there.
 
-    Equal configs give equal numbers, whatever `processes`, `halves` and `every` are. What is declared here is all that
+    Equal configs give equal numbers, whatever `processes` and `every` are. What is declared here is all that
     is said of an option anywhere; `python -m tests.options --write` brings it into the signature of `outlast.train`.
     """
 
@@ -159,12 +159,6 @@ class TrainingConfig:
         "processes that share the worlds of a run, with the same results up to rounding",
         metavar="N",
         least=1,
-    )
-    halves: bool = option(
-        False,
-        MACHINE,
-        "step one half of the worlds while the networks choose actions for the other half, with the same results up to "
-        "rounding",
     )
     memory: int = option(
         0,
@@ -257,10 +251,8 @@ class TrainingConfig:
     def check_teacher(self) -> None:
         """Raise TrainingError if a run cannot begin by imitating the teacher; it can still go on from a checkpoint."""
         name, imitated = self.teacher
-        if imitated and is_saved(name) and (self.processes > 1 or self.halves):
-            raise TrainingError(
-                f"{name} draws numbers in turn: imitate it with one process and without halves, then resume with them"
-            )
+        if imitated and is_saved(name) and self.processes > 1:
+            raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with several")
 
     def _comes_back(self) -> bool:
         """Return whether dead agents return to the world."""

@@ -1,4 +1,4 @@
-"""Collecting a rollout from all lanes."""
+"""Collecting a rollout."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,33 +13,29 @@ from ..policies.rows import concatenated
 from .crew import Crew
 from .loss import advantages
 from .rollout import DEAREST, RewardScale, Rollout
-from .world_slice import Lane
+from .world_slice import CollectedSamples, Lane
 
 Array = np.ndarray[Any, Any]
 BATCH = 4096  # samples of a rollout that are valued at once
 
 
 class Collector:
-    """Plays in all lanes and joins their samples.
+    """Plays in the lane of this process, and completes its samples by what other processes have.
 
-    With one lane, networks and worlds take turns. With two, the worlds of one are stepped in the background while the
-    networks are busy with the other. Networks run on one thread: others would compete with those of the worlds, and
-    wait for each other in every small product.
+    Networks and worlds take turns. Halves of the worlds on two threads, and worlds that are stepped while networks are
+    busy with others, were tried, and are slower: half of a step's time is Python's, which two threads cannot share.
 
-    lanes: The lanes of this process, in order of their worlds. scale: The scale of rewards, computed from those of all
-    processes.
+    lane: The worlds of this process. scale: The scale of rewards, computed from those of all processes.
     """
 
-    def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:
-        self.lanes, self.numbers, self.crew = lanes, numbers, crew
-        own = sum(lane.agents for lane in lanes)
-        each = crew.gather_values(own)
+    def __init__(self, lane: Lane, numbers: Hyperparameters, crew: Crew) -> None:
+        self.lane, self.numbers, self.crew = lane, numbers, crew
+        each = crew.gather_values(lane.agents)
         self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
 
     def restart(self) -> None:
         """Restart the episodes of all worlds, in the levels that were chosen."""
-        for lane in self.lanes:
-            lane.restart()
+        self.lane.restart()
         self.scale.sums[:] = 0
 
     @torch.inference_mode()
@@ -49,28 +45,18 @@ class Collector:
         policies: The policies of the learners. steps: How many steps to play in each world. begun: How many steps each
         world has played before.
         """
-        for lane in self.lanes:
-            lane.open(steps, policies)
-        if len(self.lanes) == 1:
-            (lane,) = self.lanes
-            for t in range(steps):
-                lane.take(t, lane.env.step(lane.act(t, begun + t, policies)), policies)
-        else:
-            for t in range(steps + 1):
-                for lane in self.lanes:
-                    if t:
-                        lane.take(t - 1, lane.env.recv(), policies)
-                    if t < steps:
-                        lane.env.send(lane.act(t, begun + t, policies))
-        return self._joined([lane.close(policies) for lane in self.lanes], policies)
+        lane = self.lane
+        lane.open(steps, policies)
+        for t in range(steps):
+            lane.take(t, lane.env.step(lane.act(t, begun + t, policies)), policies)
+        return self._completed(lane.close(policies), policies)
 
-    def _joined(self, parts: Sequence[Any], policies: Sequence[Networks]) -> Rollout:
-        def joined(name: str, axis: int = 1) -> Array:
-            each = [np.asarray(getattr(part, name)) for part in parts]
-            return each[0] if len(each) == 1 else np.concatenate(each, axis)
+    def _completed(self, samples: CollectedSamples, policies: Sequence[Networks]) -> Rollout:
+        def own(name: str) -> Array:
+            return np.asarray(getattr(samples, name))
 
         def everyones(name: str, axis: int = 1) -> Array:
-            return self.crew.gather(joined(name, axis), axis)
+            return self.crew.gather(own(name), axis)
 
         numbers, rewards, ends = self.numbers, everyones("rewards"), everyones("ends")
         if not np.isfinite(rewards).all():
@@ -84,16 +70,15 @@ class Collector:
                 f"rewards, or their discounted sums, are beyond {DEAREST:g}, and no run goes on with those: pay less"
             )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
-        seen = concatenated([each for step in zip(*(part.seen for part in parts), strict=True) for each in step])
-        values, learner = joined("values"), joined("learner")
+        seen, values, learner = concatenated(samples.seen), own("values"), own("learner")
         for number, policy in enumerate(policies):
             if policy.apart:
-                own = np.flatnonzero(learner == number)
-                for start in range(0, len(own), BATCH):  # a step of few agents costs about as much as a large batch
-                    some = own[start : start + BATCH]
+                its = np.flatnonzero(learner == number)
+                for start in range(0, len(its), BATCH):  # a step of few agents costs about as much as a large batch
+                    some = its[start : start + BATCH]
                     values.reshape(-1)[some] = policy.values(seen.select(torch.from_numpy(some))).numpy()
         values, learner = self.crew.gather(values, 1), self.crew.gather(learner, 1)
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
-        kept = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
-        idle = None if parts[0].idle is None else joined("idle")
-        return Rollout(seen=seen, values=values, advantages=found, learner=learner, idle=idle, first=self.first, **kept)
+        more: dict[str, Any] = {name: own(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
+        more |= {"advantages": found, "learner": learner, "idle": samples.idle, "first": self.first}
+        return Rollout(seen=seen, values=values, **more)

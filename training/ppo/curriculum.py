@@ -111,7 +111,7 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Levels and statistics of episodes, in the order in which they ended, whichever lanes they were played in.
+    """Levels and statistics of episodes, in the order in which they ended, whichever process played them.
 
     ended: The episodes, in any order. env: Worlds like theirs; they tell which statistics there are, even if no episode
     ended.

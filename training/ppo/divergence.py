@@ -30,12 +30,11 @@ def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: 
     wrong += [f"{tag} is {tags[tag]}" for tag in LOSSES if not math.isfinite(tags.get(tag, 0.0))]
     if not wrong:
         return
-    for lane in trainer.collector.lanes:
-        for name in strange_observations(lane):
-            raise TrainingError(
-                f"observations have numbers that are none (NaN or infinity) or beyond {LARGEST:g}: {name}. A mechanic "
-                "computes them, as by 0 / 0 or the root of a negative number; outlast check looks for them"
-            )
+    for name in strange_observations(trainer.lane):
+        raise TrainingError(
+            f"observations have numbers that are none (NaN or infinity) or beyond {LARGEST:g}: {name}. A mechanic "
+            "computes them, as by 0 / 0 or the root of a negative number; outlast check looks for them"
+        )
     raise TrainingError(f"{what} {wrong[0]}; begin again {cure}")
 
 

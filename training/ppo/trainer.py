@@ -1,7 +1,7 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -76,11 +76,8 @@ class Trainer:
         self.teacher = Player(name, config.seed) if imitated and is_saved(name) else None
         seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
         scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
-        own, halves = self.crew.share(self.worlds), 2 if config.halves else 1
-        parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
         with self.crew.first_ahead():
-            self.envs = [self._env(scenario, part) for part in parts if part]
-        self.env = self.envs[0]
+            self.env = self._env(scenario, self.crew.share(self.worlds))
         check_statistics(self.env, "length")
         if not len(self.env.action_sizes):
             raise TrainingError("agents have no actions here: add a mechanic with some, such as Motors")
@@ -109,8 +106,8 @@ class Trainer:
         packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": self.preset.masked}
         options |= {"state": self.state > 0, "curriculum": self.curriculum}
-        lanes = [Lane(env, packer, self.team, self.opponents, **options) for env in self.envs]
-        self.collector = Collector(lanes, numbers, self.crew)
+        self.lane = Lane(self.env, packer, self.team, self.opponents, **options)
+        self.collector = Collector(self.lane, numbers, self.crew)
         if config.networks is not None:
             check_outputs(self.policies[0], self.lane.observe())
 
@@ -118,11 +115,6 @@ class Trainer:
     def policies(self) -> list[Networks]:
         """The policies of the learners."""
         return [learner.policy for learner in self.learners]
-
-    @property
-    def lane(self) -> Lane:
-        """The first lane; with one process and without halves, it has all worlds."""
-        return self.collector.lanes[0]
 
     def collect(self) -> Rollout:
         """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
@@ -144,7 +136,7 @@ class Trainer:
         """Let the function choose the levels of which episodes are drawn from now on."""
         seeds = self.config.seed, self.steps
         own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
-        played, statistics = joined((each for lane in self.collector.lanes for each in lane.played), self.env)
+        played, statistics = joined(self.lane.played, self.env)
         progress = TrainingProgress(
             scenario=self.env.scenario,
             steps=self.steps,
@@ -247,8 +239,7 @@ class Trainer:
             for own in self.learners
         ]
         tags = dict[str, float]()
-        for k, lane in enumerate(self.collector.lanes):
-            lane.teacher = self._teacher(k, lane.env)
+        self.lane.teacher = self._teacher()
         each = self.rollout_steps * self.worlds * self.env.num_agents
         for done in range(0, steps, each):
             rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
@@ -256,51 +247,46 @@ class Trainer:
             found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
             tags = {f"imitation/{name}": found[f"train/{name}"] for name in IMITATION_FIGURES if found}
             on_rollout(done + each, tags | self.report())
-        for lane in self.collector.lanes:
-            lane.teacher, lane.played = None, []  # as a resumed run would not know these episodes
+        self.lane.teacher, self.lane.played = None, []  # as a resumed run would not know these episodes
         return tags | {"imitation/agent_steps": float(done + each)}
 
-    def _teacher(self, k: int, env: SurvivalVectorEnv) -> Plain:
-        """Who is imitated in lane number k, as a function of what its agents observe and of uniform numbers."""
-        name, _ = self.config.teacher
+    def _teacher(self) -> Plain:
+        """Who is imitated, as a function of what agents observe and of uniform numbers."""
+        (name, _), env = self.config.teacher, self.env
         if self.teacher is None:
             return plain(name, env)
-        play = told(Player(name, self.config.seed + k), env)  # it plays all agents at once, as it may have a memory
+        play = told(Player(name, self.config.seed), env)  # it plays all agents at once, as it may have a memory
         return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
 
     def _set_numbers(self, done: int) -> None:
         """Give annealed numbers their values after so many agent-steps."""
         if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
-            for env in self.envs:
-                env.set_numbers(**numbers)
+            self.env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
         """The worlds of all processes, and the states of their lanes."""
-        states = [env.get_state() for env in self.envs]
-        return State(states[0].scenario, self._joined([state.arrays for state in states])), self.captured_lanes()
+        state = self.env.get_state()
+        return State(state.scenario, self._joined(state.arrays)), self.captured_lanes()
 
     def captured_lanes(self) -> dict[str, Array]:
         """The states of the lanes of all processes, (worlds, ...) by name."""
-        return self._joined([lane.state() for lane in self.collector.lanes])
+        return self._joined(self.lane.state())
 
     def restore_worlds(self, worlds: State) -> None:
         """Go on from the worlds that `captured` returned. Raises StateError."""
-        for lane in self.collector.lanes:
-            lane.env.set_state(worlds[lane.rows] if len(worlds) == self.worlds else worlds)
+        self.env.set_state(worlds[self.lane.rows] if len(worlds) == self.worlds else worlds)
 
     def restore_lanes(self, lanes: dict[str, Array]) -> None:
         """Go on from the lanes that `captured` returned. Raises TrainingError."""
-        for lane in self.collector.lanes:
-            lane.restore({name: values[lane.rows] for name, values in lanes.items()})
+        self.lane.restore({name: values[self.lane.rows] for name, values in lanes.items()})
 
-    def _joined(self, parts: Sequence[dict[str, Array]]) -> dict[str, Array]:
-        """Arrays of all lanes of all processes, by name, in order of the worlds."""
-        return {name: self.crew.gather(np.concatenate([part[name] for part in parts])) for name in parts[0]}
+    def _joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
+        """Arrays of all processes, by name, in order of the worlds."""
+        return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
-        """Return what `get` finds in each lane of all processes, in one list."""
-        own = [each for lane in self.collector.lanes for each in get(lane)]
-        return [each for part in self.crew.gather_values(own) for each in part]
+        """Return what `get` finds in the lanes of all processes, in one list."""
+        return [each for part in self.crew.gather_values(get(self.lane)) for each in part]
 
     def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
         env = outlast.make_vec(

@@ -103,7 +103,7 @@ class Lane:
     ) -> None:
         """Make a lane, in worlds that have been reset, in which the present selves play everywhere.
 
-        packer: That of the learners' networks. team: int (agents of a world,). opponents: Shared by all lanes.
+        packer: That of the learners' networks. team: int (agents of a world,). opponents: Who may play.
         dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Whether
         learners take `noop` in place of actions that can change nothing. state: Whether critics learn from the state of
         the worlds. curriculum: What levels are drawn from; None: worlds draw their own.
@@ -253,7 +253,7 @@ class Lane:
 
     @property
     def rows(self) -> slice:
-        """The positions of its worlds among those of all lanes of all processes."""
+        """The positions of its worlds among those of all processes."""
         return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
 
     def state(self) -> dict[str, Array]:

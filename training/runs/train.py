@@ -66,7 +66,6 @@ def train(
     prioritised: bool = False,
     snapshots: int = 10,
     processes: int = 1,
-    halves: bool = False,
     memory: int = 0,
     critic: str = "own",
     warm_start: str | os.PathLike[str] = "",
@@ -114,8 +113,6 @@ def train(
         prioritised: Whether to draw an opponent the more often, the more games it wins.
         snapshots: With opponent past: number of updates until another earlier self is kept.
         processes: Processes that share the worlds of a run, with the same results up to rounding.
-        halves: Whether to step one half of the worlds while the networks choose actions for the other half, with the
-            same results up to rounding.
         memory: How many numbers each agent remembers from step to step (default 0: no memory).
         critic: Learn values from what the agent observes (own), or from that and the state of the whole world (state).
         warm_start: Begin by imitating scripted, camper, hunter, hoarder, healer (for STEPS agent-steps, by default
