@@ -83,6 +83,7 @@ MISTAKES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("SEE",), "sightings: Write[{name}Sighting]", "sightings.who[emit(sightings)] = e"),
     (("OBSERVE",), "view: Write[SelfView], own_{stat}: Offset", "view.own[e, own_{stat}] = rate"),
 )
+FIELDS = "# fields"  # where a mechanic declares its field
 OWNERS = {  # what has systems in these phases
     "DRIVE": "motors", "MELEE": "melee", "EFFECT": "heals", "ZONE": "safe_zone", "USE": "inventory",
     "GIVE": "give_last", "MOVE": "physics", "SEE": "cameras", "DIE": "mortality", "PICKUP": "pickup",
@@ -138,7 +139,8 @@ class {name}(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {{"hits": "agents + agents + agents", "{stat}": "agents + agents + agents"}}
-
+{FIELDS}'''
+    fields = f'''
     def fields(self) -> Any:
         return {{"own": (Field("{field}", "marks", scale=9.0, order={rng.choice((0, 0, -1))}),)}}
 '''
@@ -160,7 +162,7 @@ def act{k}({parameters}, agents: Rows[Side], rate: float, amount: int) -> None:
     for e in agents:
         {body}
 """
-    return text
+    return text.replace(FIELDS, fields if f"own_{field}" in text else "")  # a field that nobody writes is refused
 
 
 def _subclass(rng: Random, name: str, base: str) -> str:
