@@ -277,7 +277,7 @@ def test_inner_parts_of_numba_are_used_by_these_files_only() -> None:
             if module.startswith(("numba.core", "numba.np")) or (module, name) == ("llvmlite", "ir"):
                 inner.setdefault(Path(path).stem, set()).add(module)
     readers = "cache_key compile_errors source_check trial"
-    writers = "arguments array_types by_role event jit machine_code simd"
+    writers = "arguments array_types by_role event jit machine_code simd vectors"
     assert sorted(inner) == sorted([*readers.split(), *writers.split()])
     assert [path for path, modules in inner.items() if "numba.core.codegen" in modules] == ["machine_code"]
 
