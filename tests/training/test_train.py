@@ -80,6 +80,7 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) 
         ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: names .* {'self': 1, 'runs/a': 1}"),
         ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
         ({"processes": 1.5}, "processes = 1.5: an integer >= 1 is needed"),
+        ({"opponents": "self,past", "prioritised": "no"}, "prioritised = 'no': allowed are True and False"),
         ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
     ],
 )
