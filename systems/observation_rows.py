@@ -4,7 +4,7 @@ import linecache
 import math
 from collections.abc import Mapping
 from inspect import signature
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 from outlast.components import Body, ObservationMasks, Phase, Side
 from outlast.components.body import SPEED, SPIN, half_room
@@ -190,7 +190,7 @@ def _register(
     for n, (field, value) in enumerate(values.items()):
         given[f"{key}_{field}"] = "Offset"
         if isinstance(value, Column):
-            parameters, form = [Read[value.owner]], f"{{}}.{value.name}[e]"
+            parameters, form = [Annotated[value.owner, "read"]], f"{{}}.{value.name}[e]"
         else:
             inner = getattr(value, "py_func", value)
             hints = get_type_hints(inner, include_extras=True)

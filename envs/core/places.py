@@ -23,7 +23,7 @@ def place(worlds: Worlds, kind: str, number: int, where: Any, values: Mapping[st
     span = worlds.span(kind)
     if not is_whole(number, 0, span.stop - span.start - 1):
         raise ValueError(f"number = {number!r:.60}: there are {span.stop - span.start} of the kind '{kind}', from 0 on")
-    row, chosen = span.start + int(number), np.atleast_1d(np.arange(worlds.count)[where])
+    row, chosen = int(span.start + number), np.atleast_1d(np.arange(worlds.count)[where])
     parts = [type(part) for part in worlds.layout.archetypes[kind].parts]
     columns = [_column(kind, parts, name) for name in values]
     _check_coupled(columns)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from outlast.components import Body, Box, Filter, Floor, Shape, Side, Solid
+from outlast.ecs import Component
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -48,7 +49,8 @@ def walls(scene: Scene, living: bool = True) -> list[int]:
     They are solids that were static when the episode began, without agents, boxes, sensors, and what has a look or a
     layer of its own: what is locked later stays what it was.
     """
-    others = {e for part in (Side, Box, *scene.shown) for e in scene.rows(part)} | scene.looks.keys()
+    shown: set[type[Component]] = {Side, Box, *scene.shown}
+    others = {e for part in shown for e in scene.rows(part)} | scene.looks.keys()
     dynamic, sensors = scene.prefab(Solid).dynamic, scene.prefab(Filter).sensor if Filter in scene else None
     rows = scene.living(Body, Shape, Solid) if living else scene.rows(Body, Shape, Solid)
     return [e for e in rows if not (dynamic[e] or e in others or (sensors and sensors[e]))]
