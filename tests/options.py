@@ -15,6 +15,7 @@ from typing import Any
 
 from outlast.envs.core.options import WorldOptions, argument_of, flag_of, options_of
 from outlast.training.base import config
+from outlast.training.plots.plot import PlotOptions
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent
@@ -25,6 +26,7 @@ ALL: frozenset[str] = frozenset()
 FUNCTIONS = {
     (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
     (ROOT / "training/arena/evaluation.py", "evaluate"): (TRAINING[0], (config.EvaluationOptions,), ALL),
+    (ROOT / "training/plots/plot.py", "plot"): (ROOT / "training/plots/plot.py", (PlotOptions,), ALL),
     (ROOT / "envs/core/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
     (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (*WORLDS, {"seed"}),
     (ROOT / "envs/adapters/sb3.py", "make_sb3"): (*WORLDS, {"seed", "render_mode", "observations"}),
@@ -32,7 +34,7 @@ FUNCTIONS = {
     (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
     (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
 }
-WHOLE = ("train", "evaluate", "make_vec")
+WHOLE = ("train", "evaluate", "plot", "make_vec")
 COMMANDS = (ROOT / "training/cli/train.py",)
 
 
@@ -100,7 +102,7 @@ def written(path: Path, function: str) -> str:
 def places() -> dict[str, list[str]]:
     """By option, with its class, the places where it is declared, or a flag is added by hand."""
     found, flags = dict[str, list[str]](), dict[str, str]()
-    for path, kinds in (TRAINING, WORLDS, (TRAINING[0], (config.EvaluationOptions,))):
+    for path, kinds in dict.fromkeys((path, kinds) for path, kinds, _ in FUNCTIONS.values()):
         for kind in kinds:
             for name, each in fields(path, kind):
                 found[f"{kind.__name__}.{name}"] = [f"{path.relative_to(ROOT)}:{each.lineno}"]

@@ -44,6 +44,7 @@ from outlast.training.base.files import packed
 from outlast.training.base.presets import preset
 from outlast.training.cli import plot
 from outlast.training.plots.figure import STYLE
+from outlast.training.plots.plot import FORMS
 from outlast.training.plots.runs import kept_runs
 from outlast.training.research import figures
 from outlast.training.research.claims import FFA, TEAMS, claims_table, findings, over
@@ -312,8 +313,8 @@ def test_a_figure_says_what_is_unlike_the_paper(tmp_path: Path) -> None:
 
 def test_pictures_are_the_same_each_time_and_name_what_they_show(tmp_path: Path) -> None:
     shown = group(keep(tmp_path, "ffa_1"))
-    png, svg = first = [figures.picture(shown, form) for form in plot.FORMS]
-    assert [figures.picture(shown, form) for form in plot.FORMS] == first
+    png, svg = first = [figures.picture(shown, form) for form in FORMS]
+    assert [figures.picture(shown, form) for form in FORMS] == first
     image: Any = Image.open(io.BytesIO(png))
     assert image.text == {"Title": "ffa_1-original", "Source": figures.digest(shown)}
     assert image.size == (1140, 855)

@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import output
+from outlast.envs.cli.options import add_options, output
 
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
 from ..plots.comparison import AXES
-from ..plots.plot import FORMS, plot
+from ..plots.plot import DRAWN, OUTPUT, PlotOptions, plot
 from .paper import MISSING
 
 
@@ -31,28 +31,14 @@ def add(commands: Any) -> None:
     command = commands.add_parser("plot", help=text, description=description, examples=examples)
     text = "folder of a run, a folder with several of these, such as runs, or kept results: all of a folder, or one by "
     text += "its name, such as results/original/ffa_2-original-0"
-    command.add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
-    text = (
-        "settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default: "
-    )
-    text += "all but the seed)"
-    command.add_argument("--by", type=_names, default=(), metavar="NAME,...", help=text)
-    text = "what to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted "
-    text += "(default: up to six)"
-    command.add_argument("--curves", type=_names, default=(), metavar="NAME,...", help=text)
-    text = "horizontal axis: agent-steps, or hours of training (default steps)"
-    command.add_argument("--x", choices=AXES, default=AXES[0], help=text)
-    text = "folder for figures and tables (default figures)"
-    command.add_argument("--out", type=output(check_out), default="figures", help=text)
-    command.add_argument("--format", choices=FORMS, default="png", help="format of the figures (default png)")
+    command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
+    names = {"type": _names}
+    add_options(command, PlotOptions, out={"type": output(check_out)}, by=names, curves=names)
     text = "compare runs of the paper's variants with the paper: draw a figure for each variant and preset, and check "
     text += "the paper's claims"
-    command.add_argument("--paper", action="store_true", help=text)
+    command.group(DRAWN).add_argument("--paper", action="store_true", help=text)
     text = "with --paper: also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
-    command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
-    command.arrange(
-        {"what is drawn": ("runs", "--by", "--curves", "--x", "--paper"), "output": ("--out", "--format", "--keep")}
-    )
+    command.group(OUTPUT).add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.set_defaults(run=run)
 
 

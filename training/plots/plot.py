@@ -1,7 +1,10 @@
 """Runs drawn and written: `outlast plot`, and outlast.plot."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+from outlast.envs.core.options import option
 
 from ..base.errors import TrainingError, needed
 from ..base.files import write_files
@@ -13,6 +16,32 @@ from .runs import load
 
 FORMS = ("png", "svg")
 FIGURE = "curves"  # the name of its file
+DRAWN, OUTPUT = "what is drawn", "output"  # groups of options
+
+
+@dataclass(frozen=True)
+class PlotOptions:
+    """The options of `outlast.plot`."""
+
+    out: str | Path = option("figures", OUTPUT, "folder for figures and tables: curves.png, ends.md, ends.csv")
+    by: str | Sequence[str] = option(
+        (),
+        DRAWN,
+        "settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default: "
+        "all but the seed)",
+        python="In Python one name, or a list of names.",
+        metavar="NAME,...",
+    )
+    curves: str | Sequence[str] = option(
+        (),
+        DRAWN,
+        "what to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted "
+        "(default: up to six)",
+        python="In Python one name, or a list of names.",
+        metavar="NAME,...",
+    )
+    x: str = option("steps", DRAWN, "horizontal axis: agent-steps, or hours of training", choices=AXES)
+    form: str = option("png", OUTPUT, "format of the figures", flag="--format", choices=FORMS)
 
 
 def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
@@ -43,13 +72,13 @@ def plot(
     Args:
         runs: Folders of runs, folders that contain several of them, or of kept results: all, or one by its name,
             as "results/original/ffa_4-original-0".
-        out: Folder to write to: curves.png, ends.md, ends.csv.
-        by: Settings that distinguish groups, such as "melee_damage", "preset", "opponents", "seed". By default, a group
-            has runs that differ only by seeds, and groups are named by what distinguishes them.
-        curves: What to draw: statistics of episodes ("return", "length") or tags of the log ("wins/scripted"). By
-            default, up to six.
-        x: What to draw over: "steps" (agent-steps) or "time" (hours of training).
-        form: Format of the figure: "png" or "svg".
+        out: Folder for figures and tables: curves.png, ends.md, ends.csv.
+        by: Settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default:
+            all but the seed). In Python one name, or a list of names.
+        curves: What to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted
+            (default: up to six). In Python one name, or a list of names.
+        x: Horizontal axis: agent-steps, or hours of training: steps or time.
+        form: Format of the figures: png or svg.
 
     Returns:
         The comparison. `str` turns it into the table in Markdown; `files` has the paths of the files written.
