@@ -175,7 +175,7 @@ def list_near(bodies: Any, listed: Array, body: Array, me: int, depth: Real, hal
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
     count = 0
-    for k in range(in_box(bodies, bodies.members, x + low_x, x + high_x, y + low_y, y + high_y)):
+    for k in range(in_box(bodies, None, x + low_x, x + high_x, y + low_y, y + high_y)):
         e = bodies.rows[k]
         list_row(listed, bodies, count, e)
         count += e != me

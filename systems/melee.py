@@ -105,7 +105,7 @@ def aim(
         x, y, far = body.x[me], body.y[me], of(reach, me)
         dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest, target = NO_HIT, -1
-        for k in range(on_ray(bodies, bodies.members, x, y, dx, dy)):
+        for k in range(on_ray(bodies, None, x, y, dx, dy)):
             e = bodies.rows[k]
             if (
                 e == me

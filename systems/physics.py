@@ -74,7 +74,7 @@ from .box2d.connect import gather_joints, mark_joined, number_marked, read_force
 from .box2d.report import report_nothing, report_touches
 from .box2d.transfer import describe, gather, own, scatter, some_marked
 from .geometry.blocks import alive_bits, first_row, without_row
-from .geometry.bodies import FEW, Bodies, all_aabbs, near, refresh
+from .geometry.bodies import Bodies, all_aabbs, refresh
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 
@@ -142,6 +142,8 @@ class Physics(Module):
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        if name == "reach":  # metres from its centre: what a body may touch in this tick
+            return np.zeros(dims["rows"], np.float32)
         backend = native if self.native() else portable
         return backend.listen(backend.make_workspace()) if "touches" in dims else backend.make_workspace()
 
@@ -173,11 +175,12 @@ def broad_phase(
     solids: Bitset[Solid],
     driven: Rows[Driven] | None,
     bodies: Bodies,
+    reach: Scratch,
     rate: float,
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    most, last = ZERO, 0
+    last = 0  # the block behind the last one that has dynamic bodies
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
     for b in range(solids.size):
@@ -187,41 +190,14 @@ def broad_phase(
             e = first_row(b, pending)
             pending &= pending - 1
             solid.max_travel[e] = min(travel(body, push, solid, e, substeps / rate), LONGEST * substeps) + MARGIN
-            most = max(most, solid.max_travel[e])
+            reach[e] = solid.max_travel[e] + outer_radius(shape, e)
     if driven is not None:
         for e in driven:
             if entities.alive[e] and not solid.dynamic[e]:
                 solid.max_travel[e] = sweep(body, push, solid, shape, e, substeps, substeps / rate)
-                most = max(most, solid.max_travel[e])
-    if refresh(bodies) > FEW:
-        mark_queried(bodies, solids, entities, solid, body, shape, last, most)
-    else:
-        mark_tested(bodies, solids, entities, solid, body, shape, last)
-
-
-@kernel
-def mark_queried(
-    bodies: Any, solids: Array, entities: Array, solid: Array, body: Array, shape: Array, last: int, most: Real
-) -> None:
-    """Mark pairs in a crowd. last: the block behind the last one that has dynamic bodies; most: the longest travel."""
-    for b in range(last):
-        pending = dynamic(entities, solid, solids, b)
-        while pending:
-            e = first_row(b, pending)
-            pending &= pending - 1
-            far = solid.max_travel[e] + outer_radius(shape, e)
-            for k in range(near(bodies, solids, body.x[e], body.y[e], far + most)):
-                if bodies.rows[k] != e:
-                    mark_pair(solid, body, shape, e, bodies.rows[k])
-
-
-@kernel
-def mark_tested(
-    bodies: Any, solids: Array, entities: Array, solid: Array, body: Array, shape: Array, last: int
-) -> None:
-    """Mark pairs in a small room: each block of bodies is loaded once, and tested against all dynamic ones."""
+    refresh(bodies)
     x, y, wide, high = all_aabbs(bodies)
-    for b in range(solids.size):
+    for b in range(solids.size):  # each block is loaded once, and tested against all dynamic bodies
         there, row = bodies.living[b] & solids[b], SIMD_WIDTH * b
         if there:
             xs, ys, travels = load(x, row), load(y, row), load(solid.max_travel, row)
@@ -231,8 +207,7 @@ def mark_tested(
                 while pending:
                     e = first_row(c, pending)
                     pending &= pending - 1
-                    far = solid.max_travel[e] + outer_radius(shape, e)
-                    close = (abs(xs - body.x[e]) <= halves_x + far) & (abs(ys - body.y[e]) <= halves_y + far)
+                    close = (abs(xs - body.x[e]) <= halves_x + reach[e]) & (abs(ys - body.y[e]) <= halves_y + reach[e])
                     here = without_row(there & to_bits(close), b, e)
                     while here:
                         mark_pair(solid, body, shape, e, first_row(b, here))

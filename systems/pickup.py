@@ -16,6 +16,7 @@ from outlast.ecs import (
     Module,
     Read,
     Rows,
+    Scratch,
     Singleton,
     Write,
     emit,
@@ -25,8 +26,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.blocks import alive_bits
-from .geometry.bodies import FEW, Bodies, discs_near
+from .geometry.blocks import alive_bits, first_row
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,9 @@ class Pickup(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [ItemPicked()]
 
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return np.zeros(dims["agents"], np.uint8)  # near: whether each agent has an item in reach
+
 
 @Pickup.system(Phase.PICKUP)
 def pick_up(
@@ -63,36 +66,54 @@ def pick_up(
     shape: Read[Shape],
     agents: Rows[Bag],
     items: Bitset[Item],
-    bodies: Bodies,
+    near: Scratch,
     reach: float,
     touch: bool,
 ) -> None:
     """Pick up items, in order of agents, then of items; those that do not fit stay where they are."""
-    if items.size <= FEW and not some_near(body, shape, entities, agents, items, reach, touch):
+    if not find_near(near, body, shape, entities, agents, items, reach, touch):
         return
-    for e in agents:
-        if not entities.alive[e]:
-            continue
-        x, y, far = body.x[e], body.y[e], of(reach, e)
-        for n in range(discs_near(bodies, items, x, y, far)):
-            row = bodies.rows[n]
-            dx, dy, most = body.x[row] - x, body.y[row] - y, shape.radius[row] * np.float32(touch) + far
-            if entities.alive[row] and dx * dx + dy * dy <= most * most and push(bag, item, e, row):
-                entities.alive[row] = 0
-                k = emit(picks)
-                picks.agent[k], picks.item[k] = e, row
+    for i in range(agents.size):
+        e = agents[i]
+        for b in range(items.size if near[i] and entities.alive[e] else 0):
+            pending = within(body, shape, entities, items, b, e, reach, touch)
+            while pending:
+                row = first_row(b, pending)
+                pending &= pending - 1
+                if push(bag, item, e, row):
+                    entities.alive[row] = 0
+                    k = emit(picks)
+                    picks.agent[k], picks.item[k] = e, row
 
 
 @kernel
-def some_near(body: Array, shape: Array, entities: Array, agents: Array, items: Array, reach: Any, touch: bool) -> bool:
-    """Return whether any item is within reach of any agent, which is seldom so."""
-    near = 0
+def find_near(
+    near: Array, body: Array, shape: Array, entities: Array, agents: Array, items: Array, reach: Any, touch: bool
+) -> bool:
+    """Find out which agents have an item in reach, and return whether one has, which is seldom so.
+
+    Each block of items is loaded once, and tested against all agents.
+    """
+    for i in range(agents.size):
+        near[i] = 0
+    some = 0
     for b in range(items.size):
         there = alive_bits(entities, items, b)
         if there:
             row = SIMD_WIDTH * b
             x, y, radius = load(body.x, row), load(body.y, row), load(shape.radius, row) * np.float32(touch)
-            for e in agents:
+            for i in range(agents.size):
+                e = agents[i]
                 dx, dy, most = x - body.x[e], y - body.y[e], radius + of(reach, e)
-                near |= (there if entities.alive[e] else 0) & to_bits(dx * dx + dy * dy <= most * most)
-    return near != 0
+                found = there & to_bits(dx * dx + dy * dy <= most * most)
+                near[i] |= found != 0
+                some |= found if entities.alive[e] else 0
+    return some != 0
+
+
+@kernel
+def within(body: Array, shape: Array, entities: Array, items: Array, b: int, e: int, reach: Any, touch: bool) -> int:
+    """Return the bitset of the items in block `b` that agent `e` reaches."""
+    row, most = SIMD_WIDTH * b, load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + of(reach, e)
+    dx, dy = load(body.x, row) - body.x[e], load(body.y, row) - body.y[e]
+    return int(alive_bits(entities, items, b) & to_bits(dx * dx + dy * dy <= most * most))

@@ -4,14 +4,14 @@
         for k in range(near(bodies, agents, x, y, reach)):
             e = bodies.rows[k]
 
-A query lists rows in order: all that it asks for, and few others, so an exact test follows. It tests the AABBs of
+A query lists rows in order, those of `members`, a bitset by block, or of all bodies (None): all that it asks for, and
+few others, so an exact test follows. It tests the AABBs of
 sixteen rows at a time, or, if there are many bodies, 64: then the sides of all AABBs are also rounded outwards to a
 grid of 255 steps along each axis, so that each is a byte, and a rectangle is compared with 64 rows in four
 instructions.
 
 The first query of a system fills the index of a world, in memory of the thread: to fill it in each system that asks
-is faster than to keep one for every world, out of the fastest cache. A system that has nothing to ask pays almost
-nothing.
+is faster than to keep one for every world, out of the fastest cache. A system that asks nothing pays almost nothing.
 Whether a later query finds what the system itself has moved or removed since is open.
 """
 
@@ -54,7 +54,7 @@ class Index(NamedTuple):
     half_extents: Array  # float32 (2, rows): of the AABBs of all rows, along x and y; metres
     living: Array  # int32 (blocks,): bitsets of the living bodies
     lines: Array  # int32 (blocks,): numbers of the blocks in which bodies live
-    count: Array  # int32 (1,): how many there are; STALE until they are listed
+    count: Array  # int32 (2,): how many there are, STALE until they are listed; whether `sides` are filled
     sides: Array  # uint8 (4, rows), line by line as `lines` has them, not as the tables do
     scale: Array  # float32 (axes, 2): of `sides`
     words: Array  # int64 (2, words): bitsets of near rows, and where in `sides` each begins
@@ -73,7 +73,7 @@ def make_index(dims: Mapping[str, int]) -> Index:
         half_extents=np.zeros((2, SIMD_WIDTH * blocks), np.float32),
         living=np.zeros(blocks, np.int32),
         lines=np.zeros(blocks, np.int32),
-        count=np.full(1, STALE, np.int32),
+        count=np.full(2, STALE, np.int32),
         sides=np.zeros((4, BYTES * many), np.uint8),
         scale=np.ones((2, 2), np.float32),
         words=np.zeros((2, many + 1), np.int64),
@@ -96,7 +96,7 @@ Bodies: TypeAlias = Annotated[Any, Service(expire, make_index, behind=True)]
 
 @kernel
 def refresh(index: Index) -> int:
-    """Fill the index of a world unless that is done; return in how many blocks bodies live."""
+    """Fill the index of a world, but for `sides`, unless that is done; return in how many blocks bodies live."""
     if index.count[0] == STALE:
         compute_aabbs(index.half_extents, index.body, index.shape)
         count = 0
@@ -104,15 +104,13 @@ def refresh(index: Index) -> int:
             bits = alive_bits(index.entities, index.members, b)
             index.living[b], index.lines[count] = bits, b
             count += bits != 0
-        index.count[0] = count
-        if count > FEW:
-            round_sides(index)
+        index.count[0], index.count[1] = count, 0
     return int(index.count[0])
 
 
 @kernel
 def near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
-    """List the living `members`, a bitset by block, whose AABB is within `distance` of a point along both axes."""
+    """List the living `members` whose AABB is within `distance` of a point along both axes."""
     box = x - distance, x + distance, y - distance, y + distance
     return list_rows(index, members, box, aabbs_near_point, (x, y, distance))
 
@@ -137,14 +135,14 @@ def discs_near(index: Index, members: Array, x: Real, y: Real, distance: Real) -
 
 @kernel
 def in_box(index: Index, members: Array, low_x: Real, high_x: Real, low_y: Real, high_y: Real) -> int:
-    """List the living `members`, a bitset by block, whose AABB overlaps a rectangle."""
+    """List the living `members` whose AABB overlaps a rectangle."""
     box = low_x, high_x, low_y, high_y
     return list_rows(index, members, box, aabbs_in_box, box)
 
 
 @kernel
 def on_ray(index: Index, members: Array, x: Real, y: Real, dx: Real, dy: Real) -> int:
-    """List the living `members`, a bitset by block, whose AABB the ray from (x, y) to (x + dx, y + dy) may hit."""
+    """List the living `members` whose AABB the ray from (x, y) to (x + dx, y + dy) may hit."""
     box = min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy)
     return list_rows(index, members, box, aabbs_hit_by_ray, (x, y, dx, dy))
 
@@ -164,13 +162,15 @@ def list_rows(index: Index, members: Array, box: Any, test: Any, numbers: Any) -
     aabbs, found = all_aabbs(index), 0
     for k in range(count):
         b = index.lines[k]
-        found = append_rows(index.rows, found, b, index.living[b] & members[b] & test(aabbs, b, *numbers))
+        here = index.living[b] if members is None else index.living[b] & members[b]
+        found = append_rows(index.rows, found, b, here & test(aabbs, b, *numbers))
     return found
 
 
 @kernel
 def round_sides(index: Index) -> None:
     """Round the sides of the AABBs of all living bodies to bytes; others get NO_BYTE, which overlaps nothing."""
+    index.count[1] = 1
     sides, scale, count = index.sides, index.scale, index.count[0]
     xs, ys, half_x, half_y = all_aabbs(index)
     slack_x, slack_y = fit(scale[X], index, xs), fit(scale[Y], index, ys)
@@ -211,6 +211,8 @@ def step(scale: Array, at: Real) -> Any:
 @kernel
 def query(index: Index, members: Array, low_x: Real, high_x: Real, low_y: Real, high_y: Real) -> int:
     """List the members whose AABB, rounded outwards to steps, overlaps a rectangle, in order; return how many."""
+    if index.count[1] == 0:
+        round_sides(index)
     sides, scale, words = index.sides, index.scale, index.words
     first_x, last_x = step(scale[X], low_x), step(scale[X], high_x)
     first_y, last_y = step(scale[Y], low_y), step(scale[Y], high_y)
@@ -226,7 +228,7 @@ def query(index: Index, members: Array, low_x: Real, high_x: Real, low_y: Real, 
         at = words[1, k] + trailing_zeros(pending)
         b, lane = index.lines[at >> SIMD_SHIFT], at & SIMD_WIDTH - 1
         index.rows[found] = SIMD_WIDTH * b + lane
-        found += members[b] >> lane & 1
+        found += 1 if members is None else members[b] >> lane & 1
         pending &= pending - 1
         done = pending == 0
         k += done
