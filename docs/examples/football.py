@@ -53,7 +53,7 @@ def ball_y(i, e, body: Read[Body], balls: Rows[Ball]) -> float:
 BALL = more_fields(Football, SelfView, "own", Side, ball_x=ball_x, ball_y=ball_y)
 
 
-@Football.system(Phase.REWARD)
+@Football.system(Phase.SURROUND)
 def score(
     body: Write[Body],
     outcome: Write[Outcome],
