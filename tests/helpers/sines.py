@@ -1,6 +1,7 @@
 """Sines and cosines of the C library, for kernels that run as Python: numpy's own differ in the last bit."""
 
 import ctypes
+import sys
 import types
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from outlast.systems import death_drop, physics, pillars, walls
-from outlast.systems.geometry import places
+import outlast
 
-USERS = (death_drop, physics, pillars, places, walls)
+PARTS = tuple(f"{outlast.__name__}.{part}." for part in ("components", "systems"))  # where kernels are
 
 
 def _of_c(name: str) -> Callable[[Any], np.float32]:
@@ -23,10 +23,11 @@ def _of_c(name: str) -> Callable[[Any], np.float32]:
 def sines_of_c() -> Iterator[None]:
     """A context in which systems that run as Python have the sines of compiled ones. Nothing may be compiled in it."""
     numpy: Any = types.SimpleNamespace(**vars(np) | {"cos": _of_c("cosf"), "sin": _of_c("sinf")})
+    users = [module for name, module in sys.modules.items() if name.startswith(PARTS) and vars(module).get("np") is np]
     try:
-        for module in USERS:
+        for module in users:
             vars(module)["np"] = numpy
         yield
     finally:
-        for module in USERS:
+        for module in users:
             vars(module)["np"] = np
