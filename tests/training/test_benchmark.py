@@ -29,10 +29,10 @@ from outlast.training.base.errors import TrainingError
 from outlast.training.benchmark import (
     anchors,
     crossplay,
-    described,
     keeping,
     kept,
     matches,
+    policy_facts,
     result,
     scores,
     suite,
@@ -88,7 +88,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(tasks, "tasks", lambda: known)
         patch.setattr(suite, "STYLES", STYLES)
         patch.setattr(anchors, "STYLES", STYLES)
-        for module in (described, entries):
+        for module in (entries, policy_facts):
             patch.setattr(module, "response_config", small_response)
         patch.setattr(suite, "FOLDER", folder / "anchors")
         yield folder
@@ -349,11 +349,11 @@ def test_another_response_is_found(first: Result, results: Path, tmp_path: Path)
         ({}, {"steps": 256}, {}, "for 256 agent-steps, not for 512"),
     ):
         _change(kept, first.folder / "response.safetensors", plan, numbers, **steps)
-        first.content["response"] = described.described(first.folder / "response.safetensors", tasks.task_of(NAME))
+        first.content["response"] = policy_facts.described(first.folder / "response.safetensors", tasks.task_of(NAME))
         assert re.match(f"response.safetensors was trained {words}", wrong(first)[0])
     # as `--threads` says
     _change(kept, tmp_path / "response.safetensors", {"threads": 3}, {})
-    assert described.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
+    assert policy_facts.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
 
 
 @pytest.mark.parametrize(("share", "fine"), [(1, True), (0.71, True), (0.7, False), (1.01, False)])
