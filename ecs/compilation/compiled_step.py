@@ -8,12 +8,13 @@ of its worlds: more lines at once would wait for each other. Lines that no tick 
 
 from ..kernels.jit import kernel, loader, storer
 from ..kernels.machine_code import call_address, prefetch
-from ..memory.episode import SKIP, STEP
+from ..memory.episode import RESET, SKIP, STEP
 from .arguments import AHEAD, STRIDE
 
 WHOLE_STEP, RUN = "step", "run_units"  # labels
 NO_RESULT, DONE_UNIT = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, STEP_BLOCK, CHUNK, TABLE = range(7)  # words of a frame, see run_units
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, STEP_BLOCK, CHUNK, MODES, TABLE = range(8)  # words of a frame, see run_units
+ENTRY_WORDS = 3  # of each unit in the table
 NONE = -1  # the word FAILED, if no unit has failed
 BEGIN, TICK, FINISH, CUT_SHORT = (1 << k for k in range(4))  # parts of a step; the last: finish a tick that failed
 WORDS = (  # of the block of a step, int64
@@ -131,17 +132,24 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
     A frame has int64 words, see the names above: the number of units; the index of the one that raised an exception, or
     NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none; how many worlds go
-    through all units together; and for each unit the address of its function and of its arguments. Returns 1 if a unit
+    through all units together; the address of the modes; and for each unit the address of its function and of its
+    arguments, and whether it does nothing but in resets, of which there are none in most calls. Returns 1 if a unit
     raised an exception, else 0.
     """
     units, chunk, block = read(frame + 8 * UNITS), read(frame + 8 * CHUNK), read(frame + 8 * STEP_BLOCK)
+    modes = read(frame + 8 * MODES)
     write(frame + 8 * FAILED, NONE)
     if block:
         take(block, start, stop)
     for first in range(start, stop, chunk):
         last = min(first + chunk, stop)
+        resets = False
+        for w in range(first, last):
+            resets |= read_byte(modes + w) == RESET
         for k in range(units):
-            entry = frame + 8 * (TABLE + 2 * k)
+            entry = frame + 8 * (TABLE + ENTRY_WORDS * k)
+            if read(entry + 16) and not resets:
+                continue
             status = call_address(read(entry), read(entry + 8), first, last, frame + 8 * EXCEPTION)
             if status != DONE_UNIT and status != NO_RESULT:
                 write(frame + 8 * FAILED, k)

@@ -12,9 +12,11 @@ from ..compilation.cache import CompiledUnits
 from ..compilation.compile_errors import of_numba
 from ..compilation.compiled_step import (
     CHUNK,
+    ENTRY_WORDS,
     EXCEPTION,
     FAILED,
     FIRST_WORLD,
+    MODES,
     NONE,
     RUN,
     TABLE,
@@ -66,10 +68,14 @@ class CompiledExecution:
         memory = ServiceMemory(worlds.dims)
         blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
         self._memories.append(memory)
-        frame = aligned(8 * (TABLE + 2 * len(blocks))).view(np.int64)
+        frame = aligned(8 * (TABLE + ENTRY_WORDS * len(blocks))).view(np.int64)
         frame[FAILED], frame[UNITS], frame[CHUNK] = NONE, len(blocks), _together(worlds)
-        frame[TABLE::2] = [self._code.address(unit.label) for unit in self._units]
-        frame[TABLE + 1 :: 2] = [block.address for block in blocks]
+        frame[MODES] = worlds.mode.ctypes.data
+        entries = [
+            [self._code.address(unit.label), block.address, unit.only_at_reset]
+            for unit, block in zip(self._units, blocks, strict=True)
+        ]
+        frame[TABLE:] = np.array(entries, np.int64).ravel()
         self.blocks += blocks
         # The units that run in every tick prefetch the worlds of the next chunk, in equal parts, if that pays
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
