@@ -53,7 +53,7 @@ class Pickup(Module):
         return [ItemPicked()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return np.zeros(dims["agents"], np.uint8)  # near: whether each agent has an item in reach
+        return np.zeros(dims["rows"], np.uint8)  # near: whether each holder of a bag has an item in reach
 
 
 @Pickup.system(Phase.PICKUP)
