@@ -27,8 +27,11 @@ class Before(Singleton):
     y: Array = column("f4", "rows")
 
 
-class StartAreas(Singleton):
-    """The areas in which bodies that spawn start: rectangles, written at reset by the mechanic that sets up walls."""
+class StartAreas(Singleton, packed=False):
+    """The areas in which bodies that spawn start: rectangles, which the mechanic that sets up walls writes and reads.
+
+    They are of use in a reset only, and no part of the state.
+    """
 
     # x, y, width, height, angle, and the use (systems.geometry.places); width 0: none; the last one is the room
     area: Array = column("f4", "start areas", 6)
