@@ -11,18 +11,27 @@ import numpy as np
 import pytest
 
 from outlast import FloorPlan, Scenario, make_vec, systems, variant
-from outlast.components import Bag, Body, Died, Heal, Health, Strike, Zone
-from outlast.ecs import Clock, Entity, Module, Worlds
+from outlast.components import Bag, Body, Died, Heal, Health, Look, Strike, Weapon, Zone
+from outlast.ecs import RESET, Clock, Entity, Module, Worlds
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, LegendLayer, OthersLayer, Scene, ZOrder
+from outlast.envs.rendering.layers import (
+    LAYERS,
+    CamerasLayer,
+    Layer,
+    LegendLayer,
+    LooksLayer,
+    OthersLayer,
+    Scene,
+    ZOrder,
+)
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.video import footage
 from tests.conftest import digest, scaled
 from tests.helpers.scenario_builder import ScenarioBuilder
 
 EVERYTHING = (*LAYERS, CamerasLayer())
-OWN = (OthersLayer(), LegendLayer())  # layers of mechanics that no variant has
+OWN = (OthersLayer(), LegendLayer(), LooksLayer())  # layers of mechanics that no variant has
 CARRYING = (systems.Inventory, systems.Pickup, systems.GiveLast, systems.DeathDrop)
 
 
@@ -171,6 +180,27 @@ def test_a_layer_that_is_left_out_is_not_seen(left_out: str) -> None:
     layers = [layer for layer in every if type(layer).__name__ != left_out]
     assert len(layers) == len(every) - 1
     assert not np.array_equal(draw(worlds, 0, 512, layers), draw(worlds, 0, 512, every))
+
+
+@dataclass(frozen=True)
+class Marked(Module):
+    """Agents whose weapon is not ready have a ring, and a line to what they aim at."""
+
+    def looks(self) -> dict[str, Look]:
+        return {"agent": Look(ring=Weapon.cooldown, line_to=Weapon.target)}
+
+
+@pytest.mark.parametrize("column", ["cooldown", "target"])
+def test_rings_and_lines_are_drawn_where_looks_name_columns(column: str) -> None:
+    worlds = make_vec(variant("ffa_2").with_(Marked()), 1, seed=0).worlds
+    worlds.run(np.full(1, RESET, np.int8))
+    worlds[Weapon].target[0], worlds[Weapon].cooldown[0] = -1, 0
+    without = [layer for layer in EVERYTHING if not isinstance(layer, LooksLayer)]
+    plain = draw(worlds, 0, 256, EVERYTHING)
+    assert np.array_equal(plain, draw(worlds, 0, 256, without))
+    getattr(worlds[Weapon], column)[0, 1] = 2
+    assert not np.array_equal(draw(worlds, 0, 256, EVERYTHING), plain)
+    assert np.array_equal(draw(worlds, 0, 256, without), plain)
 
 
 WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {

@@ -219,7 +219,6 @@ def test_a_value_may_begin_with_a_minus() -> None:
     assert cli.parser().parse_args(["frames", "ffa_1", "--views=-ids", "--out", "f"]).views == "-ids"
 
 
-NONE = "must be >= 1 and <= 65536; for none, leave it out: --without"
 LINES = {
     "rolout ffa_1": "COMMAND: rolout: did you mean rollout?; known: variants",
     "help rolout": "COMMAND: rolout: did you mean rollout?",
@@ -243,7 +242,7 @@ LINES = {
     f"{FEW} --set room_size=1e30": "room.size = 1e+30: must be >= 1 and <= 10000",
     f"{FEW} --set n_agents=100": "115 bodies (100 agent, 15 heal) do not fit into spawn_grid.cells = 8 x 8 = 64 cells",
     "rollout ffa_1 --set mele_damage=3": "no number 'mele_damage'; did you mean melee_damage",
-    "rollout ffa_1 --set n_heals=0": f"heals.count = 0: {NONE} heals",
+    "rollout ffa_1 --set n_agents=0": "agents.count = 0: must be >= 1",
     "rollout ffa_1 --set safe_zone_radii=5,x": "safe_zone.radii[1] = 'x': a finite number",
     "rollout ffa_1 --set safe_zone_radii=13,4": "safe_zone.radii: 13 does not fit into a room of side 25",
     "rollout ffa_1 --set melee_damage=1,2": "melee.damage = '1,2': an integer",

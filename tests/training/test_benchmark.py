@@ -100,9 +100,9 @@ def results(place: Path) -> Path:
     before = EntryRun(entry(place / "before", seed=9))
     before._enter()
     anchors.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
-    (place / "mine.py").write_text(MINE)
+    (place / "bench_player.py").write_text(MINE)
     out = place / "results"
-    for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'mine.py'}:make", 1)):
+    for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'bench_player.py'}:make", 1)):
         EntryRun(entry(out, agent, seed)).run()
     assert main(["benchmark", "score", str(out), "--quiet", "--jobs=2"]) == 0
     return out
@@ -539,11 +539,11 @@ def test_neither_seeds_nor_numbers_of_games_are_mixed(results: Path, tmp_path: P
 
 def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="returned 7: a function"):
-        EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:nothing")).run()
+        EntryRun(entry(tmp_path, f"mine={place / 'bench_player.py'}:nothing")).run()
     with pytest.raises(ScenarioError, match="absent"):
-        EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:absent", 1)).run()
+        EntryRun(entry(tmp_path, f"mine={place / 'bench_player.py'}:absent", 1)).run()
     with pytest.raises(TrainingError, match="is of source 'fast', not "):
-        EntryRun(entry(results, f"fast={place / 'mine.py'}:make"))
+        EntryRun(entry(results, f"fast={place / 'bench_player.py'}:make"))
 
 
 def entered(out: Path, source: Path, seed: int = 0) -> Content:
