@@ -141,6 +141,10 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
                 values = list(environments[value.name].consts)
                 value.name = f"{symbol}.{len(constants)}"
                 constants[value.name] = values
+        # What is not inlined may have lost arguments. Numba's own copy of it must have another name: the loader takes a
+        # symbol that it knows, even an internal one, for each later copy.
+        for k, function in enumerate(each for each in _defined(self._final_module) if each.name != symbol):
+            function.name = f"{symbol}:{k}"
         self._final_module.verify()
         declared = [function.name for function in self._final_module.functions if function.is_declaration]
         externals = [name for name in declared if not name.startswith("llvm.")]

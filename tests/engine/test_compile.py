@@ -34,6 +34,8 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.compilation import cache
+from outlast.ecs.kernels.jit import OPTIONS, called_kernel
+from outlast.ecs.kernels.machine_code import compile_function
 from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
@@ -424,3 +426,21 @@ def test_an_error_in_a_fork_is_raised_here(cold: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     with pytest.raises(DeclarationError, match=r"^local\.act \(.*cannot be compiled"):
         make(Walkers(), system_of(writing("'nothing'")))
+
+
+@called_kernel
+def seldom_needed(address: int, unused: int) -> int:
+    return address + 1
+
+
+@pytest.mark.skipif(not COMPILED, reason="it is about machine code")
+def test_functions_inside_machine_code_have_names_of_their_own() -> None:
+    """LLVM takes arguments from them that nothing needs, and the loader would take them for numba's own copies."""
+
+    def unit(address: int) -> None:
+        if seldom_needed(address, 1) == 0:
+            raise ValueError("an address is needed")
+
+    code = compile_function(unit, OPTIONS)
+    assert code.symbol.encode() in code.image
+    assert b"seldom_needed" not in code.image
