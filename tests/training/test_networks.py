@@ -382,3 +382,15 @@ def test_a_policy_without_the_fields_that_turn_is_refused(tmp_path: Path) -> Non
     write_checkpoint(tmp_path / "broken.zip", files | {NAME: json.dumps(header).encode()})
     with pytest.raises(TrainingError, match="preset fast needs the fields x, y, vx, vy, angle of 'own'"):
         Player(tmp_path / "broken.zip")
+
+
+def test_lists_of_rows_may_have_another_type_and_lie_apart() -> None:
+    """What is copied for the kernel must be there until it has been read."""
+    env = make_vec("teams_3", 64, seed=0, observations="rows")
+    lists, _ = env.reset()
+    pack = Packer(layout_of(make_vec("teams_3", 1)), leaky=False, egocentric=True)
+    apart = {
+        key: np.repeat(value.astype(np.float64), 2, 1)[:, ::2] if value.ndim == 2 else value
+        for key, value in lists.items()
+    }
+    assert_same(pack(apart), pack(lists))

@@ -112,9 +112,11 @@ class Packer:
         if any(kind.key + START not in observations for kind in self.layout.kinds):
             batch = {key: observations[key].reshape(1, len(own), *shape) for key, shape in self.layout.shapes.items()}
             observations = VisibleRows(batch)()
-        lists, first, size = [], 0, 0
+        lists, kept, first, size = [], list[Array](), 0, 0  # kept: what lies at the addresses in `lists`
         for kind, turned in zip(self.layout.kinds, self._turns[1:], strict=True):
-            rows, start = np.ascontiguousarray(observations[kind.key], np.float32), observations[kind.key + START]
+            rows = np.ascontiguousarray(observations[kind.key], np.float32)
+            start = np.ascontiguousarray(observations[kind.key + START], np.int64)
+            kept += [rows, start]
             places = rows.ctypes.data, start.ctypes.data, turned.ctypes.data
             lists.append((*places, kind.features, first, len(turned)))
             first, size = first + kind.features, size + len(rows)
