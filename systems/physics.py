@@ -331,7 +331,7 @@ def solve_marked(
 ) -> None:
     """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything.
 
-    It takes what `collide` takes, which calls it in a few worlds of a hundred.
+    The parameters are those of `collide`, which calls it only where a body is marked.
     """
     result = SOLVED
     for everything in (False, True):

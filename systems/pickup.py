@@ -76,7 +76,7 @@ def pick_up(
     for i in range(agents.size):
         e = agents[i]
         for b in range(items.size if near[i] and entities.alive[e] else 0):
-            pending = within(body, shape, entities, items, b, e, reach, touch)
+            pending = alive_bits(entities, items, b) & in_reach(load_discs(body, shape, b, touch), body, e, reach)
             while pending:
                 row = first_row(b, pending)
                 pending &= pending - 1
@@ -100,20 +100,25 @@ def find_near(
     for b in range(items.size):
         there = alive_bits(entities, items, b)
         if there:
-            row = SIMD_WIDTH * b
-            x, y, radius = load(body.x, row), load(body.y, row), load(shape.radius, row) * np.float32(touch)
+            discs = load_discs(body, shape, b, touch)
             for i in range(agents.size):
                 e = agents[i]
-                dx, dy, most = x - body.x[e], y - body.y[e], radius + of(reach, e)
-                found = there & to_bits(dx * dx + dy * dy <= most * most)
+                found = there & in_reach(discs, body, e, reach)
                 near[i] |= found != 0
                 some |= found if entities.alive[e] else 0
     return some != 0
 
 
 @kernel
-def within(body: Array, shape: Array, entities: Array, items: Array, b: int, e: int, reach: Any, touch: bool) -> int:
-    """Return the bitset of the items in block `b` that agent `e` reaches."""
-    row, most = SIMD_WIDTH * b, load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + of(reach, e)
-    dx, dy = load(body.x, row) - body.x[e], load(body.y, row) - body.y[e]
-    return int(alive_bits(entities, items, b) & to_bits(dx * dx + dy * dy <= most * most))
+def load_discs(body: Array, shape: Array, b: int, touch: bool) -> Any:
+    """Return places and radii of block `b`, three vectors; radii are 0 where the centre counts, not the touch."""
+    row = SIMD_WIDTH * b
+    return load(body.x, row), load(body.y, row), load(shape.radius, row) * np.float32(touch)
+
+
+@kernel
+def in_reach(discs: Any, body: Array, e: int, reach: Any) -> int:
+    """Return the bitset of the discs of a block that agent `e` reaches."""
+    x, y, radius = discs
+    dx, dy, most = x - body.x[e], y - body.y[e], radius + of(reach, e)
+    return int(to_bits(dx * dx + dy * dy <= most * most))
