@@ -21,7 +21,6 @@ from outlast.ecs import (
 from outlast.ecs.declarations.roles import NEVER
 
 from .body import PLACE, SPEED, SPIN
-from .health import full_health
 
 index_unit("side", "sides")
 
@@ -54,8 +53,7 @@ class SelfView(Observation):
         "f4",
         "agents",
         fields=(
-            Field("id", order=-1),
-            Field("health", "hit points", scale=full_health),
+            Field("id", order=-3),
             *PLACE,
             Field("angle", "rad", scale=math.pi),
             Field("vx", "m/s", scale=SPEED),

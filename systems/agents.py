@@ -1,6 +1,5 @@
 """Agents: round bodies controlled by a policy, and what they observe of themselves and each other."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +32,6 @@ from outlast.ecs import (
     Entity,
     Layout,
     Module,
-    Offset,
     Read,
     RowIndex,
     Rows,
@@ -47,7 +45,7 @@ from outlast.ecs import (
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
 
 from .geometry.bounds import check_fits, ends, farthest_body
-from .observation_rows import write_rows
+from .observation_rows import observe, write_rows
 
 
 @dataclass(frozen=True)
@@ -90,9 +88,7 @@ class Agents(Module):
         check_fits(layout, "agents.radius", self.radius, 2 * self.radius)
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        """Return bounds in which health has no lower end: damage may exceed it, and is observed before deaths are."""
-        place, most = ends(farthest_body(layout)), layout.numbers("mortality").get("limit") or math.inf
-        return {"own": {"id": (0, layout.dims["agents"] - 1), "health": (-math.inf, most), **place}}
+        return {"own": {"id": (0, layout.dims["agents"] - 1), **ends(farthest_body(layout))}}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return np.zeros(dims["blocks"], np.int32)
@@ -132,37 +128,18 @@ def update_masks(
             masks.mask[i, b] = mask
 
 
-@Agents.system(Phase.OBSERVE)
-def see_self(
-    body: Read[Body],
-    health: Read[Health],
-    entities: Read[Entity],
-    agents: Rows[Side],
-    view: Write[SelfView],
-    own_id: Offset,
-    own_health: Offset,
-    own_x: Offset,
-    own_y: Offset,
-    own_angle: Offset,
-    own_vx: Offset,
-    own_vy: Offset,
-    own_omega: Offset,
-) -> None:
-    """Write each agent's own row. Once it is dead, only its id is not 0."""
-    me = view.own
-    for i in range(agents.size):
-        e = agents[i]
-        alive = entities.alive[e] != 0
-        me[i, own_id] = i
-        me[i, own_health] = health.points[e] if alive else 0
-        me[i, own_x], me[i, own_y] = body.x[e] if alive else 0, body.y[e] if alive else 0
-        me[i, own_angle] = body.angle[e] if alive else 0
-        me[i, own_vx], me[i, own_vy] = body.vx[e] if alive else 0, body.vy[e] if alive else 0
-        me[i, own_omega] = body.omega[e] if alive else 0
+@kernel
+def number_of(i: int, e: int) -> int:
+    """Return the number of an agent, its id, dead or alive."""
+    return i
+
+
+MOTION = {name: getattr(Body, name) for name in ("x", "y", "angle", "vx", "vy", "omega")}
+observe(Agents, SelfView, "own", Side, id=number_of, **MOTION)
 
 
 @kernel
-def fill_other(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
+def fill_other(row: Array, i: int, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
     """Copy the row of agent `e` as it observes itself."""
     own, index = tables
     for f in range(own.shape[1]):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from outlast.components import (
-    Bag,
     Body,
     Box,
     BoxBroken,
@@ -20,27 +19,23 @@ from outlast.components import (
     Health,
     Hit,
     Item,
-    ObservationMasks,
     Phase,
     Shape,
-    Side,
     Solid,
     Spawned,
 )
 from outlast.components.health import MOST, fatal_agent
-from outlast.components.inventory import held, place
+from outlast.components.inventory import place
 from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
 from outlast.ecs import (
     INDEX,
     Add,
     Archetype,
     Array,
-    Bitset,
     Clock,
     Entity,
     Layout,
     Module,
-    Offset,
     Random,
     Read,
     RowIndex,
@@ -56,7 +51,7 @@ from outlast.ecs import (
 from outlast.ecs.kernels.random import NORMAL, normal
 
 from .geometry.bounds import ROUNDING, check_fits, ends, farthest_body, farthest_item
-from .observation_rows import write_rows
+from .observation_rows import observe
 
 HALF = np.float32(0.5)
 ROLLED = 1  # index into the choices of Boxes.corners
@@ -232,98 +227,35 @@ def break_boxes(
 
 
 @kernel
-def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
-    """Fill 8 numbers: the vertices of box `e` in its own frame, counter-clockwise.
+def outline(into: Array, shape: Array, e: int, rolled: bool) -> None:
+    """Write the vertices of box `e` in its own frame, counter-clockwise; zeros for -1.
 
     They begin at the lower left, or, if `rolled`, at the lower right.
     """
+    if e < 0:
+        into[:8] = 0
+        return
     x, y = shape.half_width[e], shape.half_height[e]
     k = 6 if rolled else 0
-    row[k], row[k + 1] = -x, -y
+    into[k], into[k + 1] = -x, -y
     k = 0 if rolled else 2
-    row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5] = x, -y, x, y, -x, y
+    into[k], into[k + 1], into[k + 2], into[k + 3], into[k + 4], into[k + 5] = x, -y, x, y, -x, y
 
 
 @kernel
-def fill_box(row: Array, e: int, filled: bool, tables: Any) -> None:
-    """Fill in vertices, position and angle of the standing box `e`."""
-    body, shape, box, rolled, vertices, x, y, angle = tables
-    if filled:
-        outline(row[vertices : vertices + 8], shape, e, rolled and box.placed[e] != 0)
-    else:
-        row[vertices : vertices + 8] = 0
-    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
-    row[angle] = body.angle[e] if filled else 0
-
-
-@Boxes.system(Phase.OBSERVE)
-def see_boxes(
-    view: Write[BoxView],
-    masks: Read[ObservationMasks],
-    body: Read[Body],
-    shape: Read[Shape],
-    box: Read[Box],
-    boxes: Bitset[Box],
-    index: RowIndex[Box],
-    corners: int,
-    boxes_vertices: Offset,
-    boxes_x: Offset,
-    boxes_y: Offset,
-    boxes_angle: Offset,
-) -> None:
-    """Write the observation of standing boxes."""
-    tables = (body, shape, box, corners == ROLLED, boxes_vertices, boxes_x, boxes_y, boxes_angle)
-    write_rows(view.boxes, view.boxes_mask, masks, boxes, index, fill_box, tables)
+def box_outline(i: int, e: int, into: Array, shape: Read[Shape], box: Read[Box], corners: int) -> None:
+    """Write the vertices of a standing box."""
+    outline(into, shape, e, corners == ROLLED and box.placed[e] != 0)
 
 
 @kernel
-def fill_item(row: Array, e: int, filled: bool, tables: Any) -> None:
-    """Fill in vertices and position of the broken box `e` on the ground."""
-    body, shape, boxes, index, rolled, vertices, x, y = tables
-    if filled:
-        outline(row[vertices : vertices + 8], shape, boxes[index[e]], rolled)
-    else:
-        row[vertices : vertices + 8] = 0
-    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
-
-
-@Boxes.system(Phase.OBSERVE)
-def see_items(
-    view: Write[BoxItemView],
-    masks: Read[ObservationMasks],
-    body: Read[Body],
-    shape: Read[Shape],
-    boxes: Rows[Box],
-    items: Bitset[BoxItem],
-    index: RowIndex[BoxItem],
-    corners: int,
-    box_items_vertices: Offset,
-    box_items_x: Offset,
-    box_items_y: Offset,
+def item_outline(
+    i: int, e: int, into: Array, shape: Read[Shape], boxes: Rows[Box], index: RowIndex[BoxItem], corners: int
 ) -> None:
-    """Write the observation of broken boxes on the ground."""
-    tables = (body, shape, boxes, index, corners == ROLLED, box_items_vertices, box_items_x, box_items_y)
-    write_rows(view.box_items, view.box_items_mask, masks, items, index, fill_item, tables)
+    """Write the vertices of the box that an item is."""
+    outline(into, shape, boxes[index[e]] if e >= 0 else -1, corners == ROLLED)
 
 
-@Boxes.system(Phase.OBSERVE)
-def see_slot(
-    view: Write[BoxItemView],
-    bag: Read[Bag],
-    entities: Read[Entity],
-    shape: Read[Shape],
-    agents: Rows[Side, Bag],
-    boxes: Rows[Box],
-    index: RowIndex[BoxItem],
-    corners: int,
-    box_slot_vertices: Offset,
-) -> None:
-    """Write the observation of the bag's last slot, if it holds a box item."""
-    for i in range(agents.size):
-        e = agents[i]
-        row = held(bag, e, index) if entities.alive[e] else -1
-        view.box_slot_mask[i, 0] = 1 if row >= 0 else 0
-        vertices = view.box_slot[i, 0, box_slot_vertices : box_slot_vertices + 8]
-        vertices[:] = 0
-        if row >= 0:
-            outline(vertices, shape, boxes[index[row]], corners == ROLLED)
+observe(Boxes, BoxView, "boxes", Box, vertices=box_outline, x=Body.x, y=Body.y, angle=Body.angle)
+observe(Boxes, BoxItemView, "box_items", BoxItem, vertices=item_outline, x=Body.x, y=Body.y)
+observe(Boxes, BoxItemView, "box_slot", BoxItem, vertices=item_outline)

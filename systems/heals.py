@@ -7,44 +7,33 @@ from typing import Any
 import numpy as np
 
 from outlast.components import (
-    Bag,
     Body,
     Heal,
     HealsUsed,
     Health,
     HealView,
     Item,
-    ObservationMasks,
     Phase,
     Shape,
-    Side,
     Spawned,
 )
 from outlast.components.health import LARGEST, MOST
-from outlast.components.inventory import held
 from outlast.components.limits import FAR, MANY
 from outlast.ecs import (
     Add,
     Archetype,
-    Array,
-    Bitset,
-    Entity,
     Layout,
     Module,
     NumberError,
-    Offset,
     Read,
-    RowIndex,
     Rows,
     Singleton,
-    Write,
-    kernel,
     number,
     ref,
 )
 
 from .geometry.bounds import check_fits, ends, farthest_item
-from .observation_rows import write_rows
+from .observation_rows import observe
 
 
 @dataclass(frozen=True)
@@ -89,40 +78,5 @@ def heal(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read
             used.heals_used[0] += 1
 
 
-@kernel
-def fill_heal(row: Array, e: int, filled: bool, tables: tuple[Array, int, int]) -> None:
-    """Fill in the position of heal `e`."""
-    body, x, y = tables
-    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
-
-
-@Heals.system(Phase.OBSERVE)
-def see_heals(
-    view: Write[HealView],
-    masks: Read[ObservationMasks],
-    body: Read[Body],
-    heals: Bitset[Heal],
-    index: RowIndex[Heal],
-    heals_x: Offset,
-    heals_y: Offset,
-) -> None:
-    """Write the observation of heals on the ground."""
-    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_heal, (body, heals_x, heals_y))
-
-
-@Heals.system(Phase.OBSERVE)
-def see_slot(
-    view: Write[HealView],
-    bag: Read[Bag],
-    heal: Read[Heal],
-    entities: Read[Entity],
-    agents: Rows[Side, Bag],
-    index: RowIndex[Heal],
-    heal_slot_amount: Offset,
-) -> None:
-    """Write the observation of the bag's last slot, if it holds a heal."""
-    for i in range(agents.size):
-        e = agents[i]
-        row = held(bag, e, index) if entities.alive[e] else -1
-        view.heal_slot[i, 0, heal_slot_amount] = heal.amount[row] if row >= 0 else 0
-        view.heal_slot_mask[i, 0] = 1 if row >= 0 else 0
+observe(Heals, HealView, "heals", Heal, x=Body.x, y=Body.y)
+observe(Heals, HealView, "heal_slot", Heal, amount=Heal.amount)

@@ -1,15 +1,18 @@
 """Mortality: the limit of health, and the death of agents without any."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from outlast.components import Death, Died, Health, Hit, Kills, Phase, Score, Side
-from outlast.components.health import MOST, fatal_agent
+from outlast.components import Death, Died, Health, Hit, Kills, Phase, Score, SelfView, Side
+from outlast.components.health import MOST, fatal_agent, full_health
 from outlast.ecs import (
     Clock,
     Entity,
+    Field,
     Layout,
     Module,
     NumberError,
@@ -22,6 +25,8 @@ from outlast.ecs import (
     number,
     of,
 )
+
+from .observation_rows import observe
 
 
 @dataclass(frozen=True)
@@ -39,10 +44,20 @@ class Mortality(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Death(), Hit(), Kills()]
 
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"own": (Field("health", "hit points", scale=full_health, order=-1),)}  # behind id and team
+
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
+        """Return bounds without a lower end: damage may exceed health, and is observed before deaths are."""
+        return {"own": {"health": (-math.inf, self.limit or math.inf)}}
+
     def check(self, layout: Layout) -> None:
         prefab = layout.prefab_values(Health, "points").get("agent", 0)
         if self.limit and prefab > self.limit:
             raise NumberError(f"mortality.limit = {self.limit}: agents begin with {prefab}; take at least as many")
+
+
+observe(Mortality, SelfView, "own", Side, health=Health.points)
 
 
 @Mortality.system(Phase.RESPAWN)

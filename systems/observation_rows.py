@@ -4,21 +4,26 @@ import linecache
 import math
 from collections.abc import Mapping
 from inspect import signature
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_origin, get_type_hints
 
-from outlast.components import Body, ObservationMasks, Phase, Side
+from outlast.components import Bag, Body, ObservationMasks, Phase, Side
 from outlast.components.body import SPEED, SPIN, half_room
+from outlast.components.inventory import held
 from outlast.components.sight import is_set
 from outlast.ecs import (
     Array,
+    Bitset,
     Column,
     Component,
+    Entity,
     Field,
     Module,
     Observation,
     Offset,
     Read,
+    RowIndex,
     Rows,
+    Singleton,
     Write,
     column,
     kernel,
@@ -50,7 +55,7 @@ def write_rows(
         masks: The table of ObservationMasks.
         members: Bitset of the entities.
         index: RowIndex of the entities: their index in `rows`.
-        fill: Kernel (row, e, filled, tables) that writes all features of entity `e` to `row`, zeros if not `filled`.
+        fill: Kernel (row, i, e, filled, tables) that writes all features of entity `e` to `row`, zeros if not `filled`.
         tables: Tuple of what `fill` needs.
         skip_self: Whether the entities are the observers themselves, so that each only has rows of the others.
     """
@@ -94,12 +99,13 @@ def write_block(
                 continue
             k -= k > i
         row_masks[i, k] = is_set(masks.mask, i, e)
-        fill(rows[i, k], e, is_set(masks.filled, i, e) != 0, tables)
+        fill(rows[i, k], i, e, is_set(masks.filled, i, e) != 0, tables)
 
 
 # ---- rows that are declared as a mapping of columns
 
 
+NUMBERS = (int, float, bool)  # annotations of numbers of mechanics, which are found by their names
 BODY: dict[str, dict[str, Any]] = {  # fields of columns of Body
     **{key: {"unit": "m", "scale": half_room} for key in ("x", "y")},
     **{key: {"unit": "m/s", "scale": SPEED} for key in ("vx", "vy")},
@@ -117,11 +123,10 @@ def rows(mechanic: type[Module], key: str, kind: type[Component], /, **values: A
     among its singletons, and the number of crates as the dimension "crates".
 
     Args:
-        mechanic: The mechanic that has the system, called see_KEY.
+        mechanic: The mechanic that has the system.
         key: The key of the observation; KEY_mask is that of its mask.
         kind: A component that just these entities have.
-        **values: What the fields of a row hold, by name: a column, or for what depends on the observer a function (i,
-            e, ...) of its number and the entity's row, whose other parameters are annotated like those of systems.
+        **values: What the fields of a row hold, by name, as for `observe`.
 
     Returns:
         The class of the observation.
@@ -132,7 +137,7 @@ def rows(mechanic: type[Module], key: str, kind: type[Component], /, **values: A
     place = {"__module__": mechanic.__module__, "__qualname__": f"{mechanic.__qualname__}.{name}", "__doc__": "Rows."}
     view: type[Observation] = type(name, (Observation,), own | place)
     setattr(mechanic, name, view)  # where compiled code finds it again
-    _register(mechanic, view, key, kind, values, f"see_{key}")
+    observe(mechanic, view, key, kind, **values)
     return view
 
 
@@ -143,20 +148,35 @@ def more_fields(
 
         HOLDS = more_fields(Grabbing, SelfView, "own", Side, holds=holds)
 
-    The mechanic returns them in `fields`: {"own": HOLDS}.
-
-    Args:
-        mechanic: The mechanic that has the system, called see_more_KEY.
-        view: The observation.
-        key: Its key: "own", or one with a row for each entity of a kind.
-        kind: A component that just these entities have; Side for "own".
-        **values: As for `rows`.
+    The mechanic returns them in `fields`: {"own": HOLDS}. The arguments are those of `observe`.
 
     Returns:
         The fields.
     """
     _register(mechanic, view, key, kind, values, f"see_more_{key}")
     return _fields(values)
+
+
+def observe(mechanic: type[Module], view: type[Observation], key: str, kind: type[Component], /, **values: Any) -> None:
+    """Register the system see_KEY of a mechanic, which writes fields of an observation that are declared elsewhere.
+
+        observe(Heals, HealView, "heals", Heal, x=Body.x, y=Body.y)
+
+    Shape (agents, n): row k is that of entity k of the kind, zeros if it is not to be seen. Shape (agents, 1): the row
+    is that of the last item of the agent's bag, zeros if it is not of the kind. Shape (agents,): the row is that of the
+    agent itself. Where there is a KEY_mask, it is written, too.
+
+    Args:
+        mechanic: The mechanic that has the system.
+        view: The observation.
+        key: Its key.
+        kind: A component that just the entities of its rows have; Side for rows of the agents themselves.
+        **values: What the fields hold, by name: a column, which reads 0 in the own row of a dead agent, or a column of
+            a singleton; or for all else a function (i, e, ...) of the agent's number and the row of the entity, whose
+            other parameters are annotated like those of systems. One whose third parameter is `into` returns nothing,
+            but writes a field of several columns there: zeros where `e` is -1.
+    """
+    _register(mechanic, view, key, kind, values, f"see_{key}")
 
 
 def _fields(values: Mapping[str, Any]) -> tuple[Field, ...]:
@@ -182,39 +202,63 @@ def _register(
     name: str,
 ) -> None:
     """Write a system that writes the values, and register it."""
-    known: dict[str, Any] = {"Write": Write, "Read": Read, "Rows": Rows, "Offset": Offset, "is_set": is_set}
-    known |= {"View": view, "Kind": kind, "Side": Side, "Masks": ObservationMasks, "__name__": mechanic.__module__}
-    given = {"view": "Write[View]", "masks": "Read[Masks]", "watchers": "Rows[Side]", "kinds": "Rows[Kind]"}
-    tables, lines = dict[Any, str](), list[str]()
-    cell, own = (f"view.{key}[i]", True) if key == "own" else (f"view.{key}[i, k]", False)
+    known: dict[str, Any] = {"Write": Write, "Read": Read, "Rows": Rows, "Bitset": Bitset, "RowIndex": RowIndex}
+    known |= {"Offset": Offset, "View": view, "Kind": kind, "Side": Side, "Bag": Bag, "Entity": Entity, "held": held}
+    known |= {"Masks": ObservationMasks, "write_rows": write_rows, "kernel": kernel, "__name__": mechanic.__module__}
+    dims = getattr(view, key).dims
+    own, slot = len(dims) == 1, dims[1:] == (1,)
+    row = f"view.{key}[i, " if own else f"view.{key}[i, 0, " if slot else "row["
+    needed, lines = dict[str, str](), list[str]()
     for n, (field, value) in enumerate(values.items()):
-        given[f"{key}_{field}"] = "Offset"
-        if isinstance(value, Column):
-            parameters, form = [Annotated[value.owner, "read"]], f"{{}}.{value.name}[e]"
-        else:
-            inner = getattr(value, "py_func", value)
-            hints = get_type_hints(inner, include_extras=True)
-            parameters = [hints[each] for each in [*signature(inner).parameters][2:]]
-            known[f"f{n}"], form = kernel(inner), f"f{n}(i, e{', {}' * len(parameters)})"
-        for hint in parameters:
-            tables.setdefault(repr(hint), f"t{len(tables)}")
-            known[f"h_{tables[repr(hint)]}"] = hint
-        what = form.format(*(tables[repr(hint)] for hint in parameters))
-        lines.append(f"{cell[:-1]}, {key}_{field}] = {what}{'' if own else ' if filled else 0'}")
-    given |= {short: f"h_{short}" for short in tables.values()}
-    body = ["    for i in range(watchers.size):"]
-    if own:
-        body += ["        e = watchers[i]", *(f"        {line}" for line in lines)]
+        needed[f"{key}_{field}"] = "Offset"
+        form, hints = _statement(value, f"f{n}", f"{row}{key}_{field}", own)
+        if not isinstance(value, Column):
+            known[f"f{n}"] = kernel(getattr(value, "py_func", value))
+        taken = list[str]()
+        for parameter, hint in hints.items():
+            same = [each for each, there in needed.items() if known.get(there) == hint]
+            number = hint in NUMBERS or get_origin(hint) is tuple
+            taken += [parameter] if number else same or [f"t{len(needed)}"]
+            needed[taken[-1]] = f"h_{taken[-1]}"
+            known[f"h_{taken[-1]}"] = hint
+        lines.append(form.format(", ".join(taken)))
+    if own or slot:
+        given = {"view": "Write[View]", "entities": "Read[Entity]", "watchers": "Rows[Kind]"}
+        body = ["for i in range(watchers.size):", "    e = watchers[i]", "    filled = entities.alive[e] != 0"]
+        if slot:
+            given |= {"watchers": "Rows[Side, Bag]", "bag": "Read[Bag]", "index": "RowIndex[Kind]"}
+            body += ["    e = held(bag, e, index) if filled else -1", "    filled = e >= 0"]
+            body += [f"    view.{key}_mask[i, 0] = filled"]
+        source, body = "", body + [f"    {line}" for line in lines]
     else:
-        body += ["        for k in range(kinds.size):", "            e = kinds[k]"]
-        body += ["            filled = is_set(masks.filled, i, e) != 0"]
-        body += [f"            {line}" for line in lines]
-        if name == f"see_{key}":
-            body += [f"            view.{key}_mask[i, k] = is_set(masks.mask, i, e)"]
-    head = ", ".join(f"{each}: {hint}" for each, hint in given.items())
-    source = "\n".join([f"def {name}({head}) -> None:", *body, ""])
+        given = {"view": "Write[View]", "masks": "Read[Masks]", "kinds": "Bitset[Kind]", "index": "RowIndex[Kind]"}
+        fill = [f"({', '.join(needed)},) = tables", *lines]
+        source = _function(f"fill_{name}", "row, i, e, filled, tables", fill, "@kernel")
+        call = f"view.{key}, view.{key}_mask, masks, kinds, index, fill_{name}, ({', '.join(needed)},)"
+        body = [f"write_rows({call})"]
+    source += _function(name, ", ".join(f"{each}: {hint}" for each, hint in {**given, **needed}.items()), body)
     file = f"<{mechanic.__module__}.{mechanic.__qualname__}.{name}>"
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
     exec(compile(source, file, "exec"), known)  # the source is ours, of names that are identifiers
-    after = () if own or name == f"see_{key}" else (view,)
-    mechanic.system(Phase.OBSERVE, after=after)(known[name])
+    mechanic.system(Phase.OBSERVE)(known[name])
+
+
+def _statement(value: Any, name: str, place: str, own: bool) -> tuple[str, dict[str, Any]]:
+    """Return the statement that writes a value to its place, and the annotations of the parameters in its {}."""
+    if isinstance(value, Column):
+        single = issubclass(value.owner, Singleton)
+        rest = "" if own and single else " if filled else 0"
+        return f"{place}] = {{}}.{value.name}[{0 if single else 'e'}]{rest}", {"": Annotated[value.owner, "read"]}
+    function = getattr(value, "py_func", value)
+    hints = get_type_hints(function, include_extras=True)
+    names = [*signature(function).parameters][2:]
+    if names[:1] == ["into"]:
+        return f"{name}(i, e if filled else -1, {place}:], {{}})", {each: hints[each] for each in names[1:]}
+    return f"{place}] = {name}(i, e, {{}})" + ("" if own else " if filled else 0"), {
+        each: hints[each] for each in names
+    }
+
+
+def _function(name: str, parameters: str, body: list[str], decorator: str = "") -> str:
+    """Return the source of a function."""
+    return "\n".join([decorator, f"def {name}({parameters}):", *(f"    {line}" for line in body), ""])

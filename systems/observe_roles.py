@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from outlast.components import Phase, SelfView, Side
+from outlast.components import SelfView, Side
 from outlast.components.limits import MANY
-from outlast.ecs import AgentRoles, Field, Layout, Module, NumberError, Offset, Read, Rows, Write, number
+from outlast.ecs import AgentRoles, Array, Field, Layout, Module, NumberError, Read, kernel, number
+
+from .observation_rows import observe
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,11 @@ class ObserveRoles(Module):
             )
 
 
-@ObserveRoles.system(Phase.OBSERVE)
-def see_role(roles: Read[AgentRoles], view: Write[SelfView], agents: Rows[Side], own_role: Offset, count: int) -> None:
-    """Write the role of each agent, dead or alive."""
-    for i in range(agents.size):
-        for k in range(count):
-            view.own[i, own_role + k] = 1 if roles.role[i] == k else 0
+@kernel
+def one_hot(i: int, e: int, into: Array, roles: Read[AgentRoles], count: int) -> None:
+    """Write the role of an agent, dead or alive."""
+    for k in range(count):
+        into[k] = 1 if roles.role[i] == k else 0
+
+
+observe(ObserveRoles, SelfView, "own", Side, role=one_hot)

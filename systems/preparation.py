@@ -13,7 +13,6 @@ from outlast.ecs import (
     Layout,
     Module,
     NumberError,
-    Offset,
     Read,
     Rows,
     System,
@@ -22,6 +21,8 @@ from outlast.ecs import (
     number,
     of,
 )
+
+from .observation_rows import observe
 
 
 def usual_ticks(layout: Layout) -> float:
@@ -134,17 +135,10 @@ def measure_nothing(
         state.off[e] = left(side, sides, of(ticks, e), int(clock.tick[0]), e) > 0
 
 
-@Preparation.system(Phase.OBSERVE)
-def see_time(
-    view: Write[SelfView],
-    side: Read[Side],
-    clock: Read[Clock],
-    agents: Rows[Side],
-    own_preparation: Offset,
-    sides: tuple[float, ...],
-    ticks: int,
-) -> None:
-    """Write how long each agent still waits, dead or alive."""
-    for i in range(agents.size):
-        e = agents[i]
-        view.own[i, own_preparation] = left(side, sides, of(ticks, e), int(clock.tick[0]), e)
+@kernel
+def waits(i: int, e: int, side: Read[Side], clock: Read[Clock], sides: tuple[float, ...], ticks: int) -> int:
+    """Return how long an agent still waits, dead or alive."""
+    return left(side, sides, of(ticks, e), int(clock.tick[0]), e)
+
+
+observe(Preparation, SelfView, "own", Side, preparation=waits)

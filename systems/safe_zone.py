@@ -17,7 +17,6 @@ from outlast.ecs import (
     Layout,
     Module,
     NumberError,
-    Offset,
     Random,
     Read,
     Rows,
@@ -30,6 +29,7 @@ from outlast.ecs import (
 from outlast.ecs.kernels.random import uniform2
 
 from .geometry.bounds import ROUNDING, ends, floor_sides
+from .observation_rows import observe
 
 HALF = np.float32(0.5)
 
@@ -153,20 +153,4 @@ def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand:
     zone_at(zone, radii, int(clock.tick[0]), stand, shrink)
 
 
-@SafeZone.system(Phase.OBSERVE)
-def see_zone(
-    zone: Read[Zone],
-    view: Write[ZoneView],
-    agents: Rows[Side],
-    zone_x: Offset,
-    zone_y: Offset,
-    zone_radius: Offset,
-    zone_next_x: Offset,
-    zone_next_y: Offset,
-    zone_next_radius: Offset,
-) -> None:
-    """Write the zone into the observations of every agent, dead or alive."""
-    for i in range(agents.size):
-        row = view.zone[i]
-        row[zone_x], row[zone_y], row[zone_radius] = zone.x[0], zone.y[0], zone.radius[0]
-        row[zone_next_x], row[zone_next_y], row[zone_next_radius] = zone.next_x[0], zone.next_y[0], zone.next_radius[0]
+observe(SafeZone, ZoneView, "zone", Side, **{field.name: getattr(Zone, field.name) for field in ZoneView.zone.fields})

@@ -10,7 +10,9 @@ import numpy as np
 from outlast.components import Guard, Phase, SelfView, Side, Sides
 from outlast.components.agent import present
 from outlast.components.limits import MANY
-from outlast.ecs import Entity, Field, Layout, Module, NumberError, Offset, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Field, Layout, Module, NumberError, Read, Rows, Singleton, Write, kernel, number
+
+from .observation_rows import observe
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Teams(Module):
         return {"sides": self.count}
 
     def fields(self) -> Mapping[str, tuple[Field, ...]]:
-        return {"own": (Field("team", order=-1),)}  # behind the id
+        return {"own": (Field("team", order=-2),)}  # behind the id
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
         return {"own": {"team": (0, self.count - 1)}}
@@ -91,8 +93,10 @@ def split(
         guard.immune_to[e] = side.side[e]
 
 
-@Teams.system(Phase.OBSERVE)
-def see_team(side: Read[Side], view: Write[SelfView], agents: Rows[Side], own_team: Offset) -> None:
-    """Write the team of each agent, dead or alive."""
-    for i in range(agents.size):
-        view.own[i, own_team] = side.side[agents[i]]
+@kernel
+def team_of(i: int, e: int, side: Read[Side]) -> int:
+    """Return the team of an agent, dead or alive."""
+    return int(side.side[e])
+
+
+observe(Teams, SelfView, "own", Side, team=team_of)

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Bag, Body, DamageType, Guard, Health, Hit, Item, Phase, Shape, Side, Spawned
+from outlast.components import Body, DamageType, Guard, Health, Hit, Item, Phase, SelfView, Shape, Side, Spawned
 from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
-from outlast.components.inventory import held
-from outlast.components.sight import ObservationMasks
 from outlast.ecs import (
     Add,
     Archetype,
@@ -16,21 +14,19 @@ from outlast.ecs import (
     Clock,
     Component,
     Entity,
+    Field,
     Module,
     Observation,
-    Offset,
     Read,
-    RowIndex,
     Rows,
     Statistic,
     Write,
     column,
-    kernel,
     number,
     ref,
 )
 from outlast.systems.geometry.bodies import Bodies, near
-from outlast.systems.observation_rows import write_rows
+from outlast.systems.observation_rows import more_fields, observe
 
 # --- components
 
@@ -49,12 +45,12 @@ class Illness(Component):
 
 
 class VialView(Observation):
-    """Vials on the ground (x, y), whether the last slot holds one, and how ill one is."""
+    """Vials on the ground, and the last slot of the bag if it holds one."""
 
     vials: Array = column("f4", "agents", "vials", fields=PLACE)
     vials_mask: Array = column("f4", "agents", "vials", low=0, high=1)
+    vial_slot: Array = column("f4", "agents", 1, fields=(Field("strength", "ticks", scale=30.0),))
     vial_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
-    illness: Array = column("f4", "agents", 1, low=0)  # ticks until the agent is well
 
 
 class VialsUsed(Statistic):
@@ -91,9 +87,13 @@ class Poison(Module):
         """The dimension "vials" of the columns above, and how many more hits there can be in a tick."""
         return {"vials": ref("count"), "hits": "agents"}
 
+    def fields(self):
+        """How ill agents are, in their own row and in its copies that the others see."""
+        return {"own": ILLNESS}
+
     def bounds(self, layout):
         """No agent is ill for longer than a vial makes it. Positions of vials have no bounds here."""
-        return {"illness": (0, self.strength)}
+        return {"own": {"illness": (0, self.strength)}}
 
 
 # --- systems, each in its phase of the tick
@@ -147,29 +147,8 @@ def sicken(
             hurt(health, guard, hits, e, damage, damage_type, side.side[by], clock.tick[0], by)
 
 
-@kernel
-def fill_vial(row: Array, e: int, filled: bool, tables: tuple[Array, int, int]) -> None:
-    """Fill in the position of vial `e`."""
-    body, x, y = tables
-    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
+# --- what agents observe
 
-
-@Poison.system(Phase.OBSERVE)
-def see_vials(
-    view: Write[VialView],
-    masks: Read[ObservationMasks],
-    body: Read[Body],
-    bag: Read[Bag],
-    illness: Read[Illness],
-    entities: Read[Entity],
-    agents: Rows[Illness],
-    vials: Bitset[Vial],
-    index: RowIndex[Vial],
-    vials_x: Offset,
-    vials_y: Offset,
-) -> None:
-    """Vials as the cameras see them; and what only the agent itself knows, in every tick, as it is kept until then."""
-    write_rows(view.vials, view.vials_mask, masks, vials, index, fill_vial, (body, vials_x, vials_y))
-    for i, e in enumerate(agents):
-        view.vial_slot_mask[i, 0] = entities.alive[e] and held(bag, e, index) >= 0
-        view.illness[i, 0] = illness.left[e] * entities.alive[e]
+observe(Poison, VialView, "vials", Vial, x=Body.x, y=Body.y)
+observe(Poison, VialView, "vial_slot", Vial, strength=Vial.strength)
+ILLNESS = more_fields(Poison, SelfView, "own", Side, illness=Illness.left)

@@ -9,7 +9,6 @@ from outlast.components import (
     Bag,
     Body,
     Item,
-    ObservationMasks,
     Phase,
     Reward,
     SelfView,
@@ -21,7 +20,6 @@ from outlast.components import (
 from outlast.components.agent import present
 from outlast.components.body import PLACE
 from outlast.components.inventory import held
-from outlast.components.sight import is_set
 from outlast.ecs import (
     Archetype,
     Array,
@@ -31,7 +29,6 @@ from outlast.ecs import (
     Field,
     Module,
     Observation,
-    Offset,
     Random,
     Read,
     RowIndex,
@@ -46,6 +43,7 @@ from outlast.ecs import (
     ref,
 )
 from outlast.ecs.kernels.random import integer
+from outlast.systems.observation_rows import observe
 
 # --- stamina: who runs gets tired
 
@@ -88,15 +86,7 @@ def tire(body: Write[Body], breath: Write[Breath], agents: Rows[Breath], most: i
             breath.left[e] -= 1
 
 
-@Stamina.system(Phase.OBSERVE)
-def see_stamina(
-    view: Write[SelfView], breath: Read[Breath], entities: Read[Entity], agents: Rows[Breath], own_stamina: Offset
-) -> None:
-    """Agent i has row i of the observation, and row agents[i] of all other tables. The row of the dead is 0."""
-    for i in range(agents.size):
-        e = agents[i]
-        view.own[i, own_stamina] = breath.left[e] if entities.alive[e] else 0
-
+observe(Stamina, SelfView, "own", Side, stamina=Breath.left)
 
 # --- tag: a melee that takes no hit points, but passes on who is it
 
@@ -189,13 +179,7 @@ def strike(
         player.safe[e] = max(player.safe[e] - 1, 0)
 
 
-@Tag.system(Phase.OBSERVE)
-def see_player(
-    view: Write[SelfView], player: Read[Player], agents: Rows[Player], own_it: Offset, own_safe: Offset
-) -> None:
-    """Who is it, and who is safe, is in everybody's row."""
-    for i in range(agents.size):
-        view.own[i, own_it], view.own[i, own_safe] = player.it[agents[i]], player.safe[agents[i]]
+observe(Tag, SelfView, "own", Side, it=Player.it, safe=Player.safe)
 
 
 @Tag.system(Phase.REWARD)
@@ -277,34 +261,14 @@ def protect(player: Write[Player], item: Read[Item], shield: Read[Shield], shiel
             player.safe[item.user[e]] = shield.ticks[e]
 
 
-@Shields.system(Phase.OBSERVE)
-def see_shields(
-    view: Write[ShieldView],
-    masks: Read[ObservationMasks],
-    body: Read[Body],
-    agents: Rows[Side],
-    shields: Rows[Shield],
-    shields_x: Offset,
-    shields_y: Offset,
-) -> None:
-    """Every entry is written in every tick, so that nothing is left of the tick before."""
-    for i in range(agents.size):
-        for k in range(shields.size):
-            e = shields[k]
-            filled = is_set(masks.filled, i, e)
-            view.shields_mask[i, k] = is_set(masks.mask, i, e)
-            view.shields[i, k, shields_x] = body.x[e] if filled else 0
-            view.shields[i, k, shields_y] = body.y[e] if filled else 0
-
-
-@Shields.system(Phase.OBSERVE)
-def see_bag(
-    view: Write[SelfView], bag: Read[Bag], agents: Rows[Bag], index: RowIndex[Shield], own_has_shield: Offset
-) -> None:
+@kernel
+def has_shield(i, e, bag: Read[Bag], index: RowIndex[Shield]) -> int:
     """What is in the last slot may be another kind of item."""
-    for i in range(agents.size):
-        view.own[i, own_has_shield] = held(bag, agents[i], index) >= 0
+    return 1 if held(bag, e, index) >= 0 else 0
 
+
+observe(Shields, ShieldView, "shields", Shield, x=Body.x, y=Body.y)
+observe(Shields, SelfView, "own", Side, has_shield=has_shield)
 
 # --- the game
 

@@ -66,7 +66,7 @@ def test_what_is_observed():
     assert step(env)[0]["vial_slot_mask"][0].tolist() == [[1], [0], [0], [0]]
     seen = step(env, USE)[0]
     assert seen["vial_slot_mask"][0].tolist() == [[0], [0], [0], [0]]
-    assert seen["illness"][0].tolist() == [[0], [0], [29], [0]]
+    assert seen["own"][0, :, env.fields["own"]["illness"].start].tolist() == [0, 0, 29, 0]
 
 
 def test_a_vial_is_observed_while_it_is_visible():

@@ -11,11 +11,11 @@ from outlast.ecs import Field, Fields, columns_of
 Array = np.ndarray[Any, Any]
 Lines = dict[str, list[str]]
 
-GROUPS = {"heals": "Heals", "boxes": "Boxes", "box_items": "Broken boxes"}
+HEADINGS = {"box_items": "Broken boxes"}  # others are called like their keys
 ZONE = ("x", "y", "radius", "next_x", "next_y", "next_radius")
 MOTION = ("x", "y", "angle", "vx", "vy", "omega")
-SHOWN = {"id", "team", "health", *MOTION}
-HANDLED = {"own", "others", "zone", "lidar", "heal_slot", "box_slot", *GROUPS}
+PLACED = {"id", "team", *MOTION}  # fields that are said in words
+HANDLED = {"own", "others", "zone", "lidar", "heal_slot", "box_slot"}
 FEW = 4  # an observation of a user's mechanic gets a line if it has at most so many numbers
 RAYS = 32  # of up to so many rays, all are written; of more, only the shortest and the longest
 
@@ -24,10 +24,15 @@ class Viewpoint:
     """An agent, its place and where it faces. row: one of `own` or `others`, with these fields; roles: their names."""
 
     def __init__(self, row: Array, fields: Mapping[str, Field], roles: Sequence[str]) -> None:
-        self.id, self.health, self.x, self.y, self.angle = _values(row, fields, "id", "health", "x", "y", "angle")
+        self.id, self.x, self.y, self.angle = _values(row, fields, "id", "x", "y", "angle")
         self.team = row[fields["team"].start] if "team" in fields else None
         shown = row[fields["role"].columns] if "role" in fields and roles else np.zeros(1)
         self.role = roles[int(shown.argmax())] if shown.any() else ""
+        self.rest = {
+            name: ", ".join(f"{value:g}" for value in row[field.columns])
+            for name, field in fields.items()
+            if name not in PLACED and field.size <= FEW and not (name == "role" and roles)
+        }
 
     def distance(self, x: float, y: float) -> float:
         """Return the metres to a point."""
@@ -49,8 +54,8 @@ class Viewpoint:
 def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Sequence[str] = ()) -> Lines:
     """Return lines of text by heading.
 
-    Observations of users' mechanics, and fields that these add to the agent's own row, get a line if they are short.
-    Velocities and the outlines of boxes are left out.
+    Rows with a place are counted; other observations, and fields of agents, are written if they are short. Velocities
+    and the outlines of boxes are left out.
 
     Args:
         observation: What one agent observes, float32 arrays by key.
@@ -58,10 +63,11 @@ def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Se
         roles: The names of roles, by number (SurvivalVectorEnv.roles).
     """
     own = observation["own"]
-    if not own[columns_of(fields["own"], "health", *MOTION)].any():
-        return {"Health": ["dead"]}
+    living = [name for name in ("health", *MOTION) if name in fields["own"]]
+    if not own[columns_of(fields["own"], *living)].any():
+        return {"Health" if "health" in living else "Agent": ["dead"]}
     viewpoint = Viewpoint(own, fields["own"], roles)
-    lines = {"Health": [f"{viewpoint.health:.0f}"]}
+    lines: Lines = {_heading(name): [words] for name, words in viewpoint.rest.items()}
     if viewpoint.role:
         lines["Role"] = [viewpoint.role]
     if "heal_slot" in observation or "box_slot" in observation:
@@ -72,11 +78,19 @@ def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Se
         lines["Lidar"] = [_rays(observation["lidar"][fields["lidar"]["distance"].columns])]
     others = observation["others"][observation["others_mask"] > 0]
     lines |= _agents(viewpoint, [Viewpoint(row, fields["others"], roles) for row in others])
-    for key, heading in GROUPS.items():
-        if key in observation:
-            rows = observation[key][observation[f"{key}_mask"] > 0]
-            lines[heading] = _nearest(viewpoint, rows[:, columns_of(fields[key], "x", "y")])
-    return lines | {heading: words for heading, words in _rest(observation, fields["own"]) if heading not in lines}
+    for key, values in observation.items():
+        if key in HANDLED or key.endswith("_mask"):
+            continue
+        if f"{key}_mask" in observation and {"x", "y"} <= fields.get(key, {}).keys():
+            rows = values[observation[f"{key}_mask"] > 0]
+            lines[_heading(key)] = _nearest(viewpoint, rows[:, columns_of(fields[key], "x", "y")])
+        elif values.size <= FEW:
+            lines[_heading(key)] = [", ".join(f"{value:g}" for value in values.ravel())]
+    return lines
+
+
+def _heading(name: str) -> str:
+    return HEADINGS.get(name, name.replace("_", " ").capitalize())
 
 
 def _slots(observation: Mapping[str, Array], fields: Fields) -> Iterator[str]:
@@ -116,8 +130,11 @@ def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
     for other in sorted(others, key=lambda other: viewpoint.distance(other.x, other.y)):
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"
         lines[heading].append(
-            f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}"
-            f"{f', {other.role}' if other.role else ''}"
+            ", ".join(
+                [f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}"]
+                + [f"{name.replace('_', ' ')} {words}" for name, words in other.rest.items()]
+                + [other.role] * (other.role != "")
+            )
         )
     return {heading: found or ["none in sight"] for heading, found in lines.items()}
 
@@ -127,14 +144,6 @@ def _nearest(viewpoint: Viewpoint, places: Array) -> list[str]:
         return ["none in sight"]
     nearest = min(places, key=lambda place: viewpoint.distance(*place))
     return [f"{len(places)} in sight, nearest {viewpoint.direction(*nearest)}"]
-
-
-def _rest(observation: Mapping[str, Array], own: Mapping[str, Field]) -> Iterator[tuple[str, list[str]]]:
-    """Yield a heading and a line for each short observation of a user's mechanic, or field added to the own row."""
-    added = {name: observation["own"][field.columns] for name, field in own.items() if name not in SHOWN}
-    for key, values in (added | {key: values for key, values in observation.items() if key not in HANDLED}).items():
-        if not key.endswith("_mask") and values.size <= FEW:
-            yield key.replace("_", " ").capitalize(), [", ".join(f"{value:g}" for value in values.ravel())]
 
 
 def _values(row: Array, fields: Mapping[str, Field], *names: str) -> Iterator[float]:

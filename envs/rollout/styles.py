@@ -79,7 +79,7 @@ class Seen:
     """What agents observe.
 
     Attributes:
-        health: Hit points, float32 (...).
+        health: Hit points, float32 (...); infinite in games without.
         position: float32 (..., 2), metres. velocity: likewise, metres a second.
         angle: float32 (...), radians. omega: likewise, radians a second.
         centre: Centre of the next zone, float32 (..., 2), metres; without zones the middle of the room.
@@ -94,7 +94,8 @@ class Seen:
 
     def __init__(self, fields: Fields, observations: Arrays) -> None:
         self.fields, self.observations = fields, observations
-        self.health, self.angle = self.of("own", "health"), self.of("own", "angle")
+        self.angle = self.of("own", "angle")
+        self.health = self.health_of("own")
         self.position, self.velocity, self.omega = (
             self.of("own", *names) for names in (("x", "y"), ("vx", "vy"), ("omega",))
         )
@@ -110,6 +111,11 @@ class Seen:
     def mates(self) -> Any:
         """Return which of the others are team-mates in sight, 1 or 0, (..., others)."""
         return self.observations["others_mask"] - self.enemies
+
+    def health_of(self, key: str) -> Any:
+        """Return the hit points in the rows of that key; infinitely many in games without."""
+        has = "health" in self.fields[key]
+        return self.of(key, "health") if has else np.full_like(self.of(key, "angle"), np.inf)
 
     def of(self, key: str, *names: str) -> Any:
         """Return the fields of these names in the rows of that key."""
@@ -240,7 +246,7 @@ def hoarder(seen: Seen) -> Intent:
 def healer(seen: Seen) -> Intent:
     """Stay with team-mates, treat their wounds before its own, and fight whoever is in reach."""
     enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
-    hurt, health = seen.of("others", "health"), seen.health[..., None]
+    hurt, health = seen.health_of("others"), seen.health[..., None]
     worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)
     patient = seen.nearest("others", worse).only(seen.holds("heal_slot"))
     strayed, heal = mate.only(mate.distance > BESIDE), seen.nearest("heals")

@@ -163,7 +163,7 @@ def showing(**columns: Any) -> Scenario:
 
 
 REFUSED = {
-    "two of a name": (lambda: adding("own", Field("health")), "'health' .* 'own' of both agents and adding; rename"),
+    "two of a name": (lambda: adding("own", Field("health")), "'health' .* 'own' of both .*mortality.*; rename"),
     "two mechanics": (
         lambda: adding("own", Field("stamina")).with_(Stamina()),
         "'stamina' is a field of 'own' of both adding and stamina; rename one",
@@ -231,23 +231,23 @@ def test_an_offset_that_could_be_two_fields_is_refused() -> None:
 
 def test_order_is_asked_for_where_two_touch_one_field() -> None:
     for annotations in ({"view": Write[SelfView]}, {"view": Write[SelfView], "own_x": Offset}):
-        with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look in phase OBSERVE"):
+        with pytest.raises(ScheduleError, match=r"order of agents.see_own and asking.look in phase OBSERVE"):
             Worlds(asking(**annotations).modules, 1)
     read = asking(view=Read[SelfView], own_stamina=Offset).with_(Stamina())
-    with pytest.raises(ScheduleError, match=r"order of asking.look and stamina.see_stamina"):
+    with pytest.raises(ScheduleError, match=r"order of asking.look and stamina.see_own"):
         Worlds(read.modules, 1)
 
 
 def test_a_component_stands_for_what_writes_it() -> None:
     order = [system.label for system in Worlds(variant("teams_1").with_(Stamina()).modules, 1).schedule.systems]
-    writers = ["agents.see_self", "teams.see_team", "stamina.see_stamina"]
+    writers = ["agents.see_own", "teams.see_own", "stamina.see_own"]
     assert all(order.index(writer) < order.index("agents.see_others") for writer in writers)
 
     early = kind("Early")  # ahead of what says after=SelfView, and of all who read the masks
-    early.system(Phase.OBSERVE, after="agents.see_self")(taking("blur", view=Write[SelfView], agents=Rows[Side]))
+    early.system(Phase.OBSERVE, after="agents.see_own")(taking("blur", view=Write[SelfView], agents=Rows[Side]))
     early.system(Phase.OBSERVE, before=ObservationMasks)(taking("hide", masks=Write[ObservationMasks]))
     order = [system.label for system in Worlds(DUEL.with_(early()).modules, 1).schedule.systems]
-    assert order.index("agents.see_self") < order.index("early.blur") < order.index("agents.see_others")
+    assert order.index("agents.see_own") < order.index("early.blur") < order.index("agents.see_others")
     assert order.index("early.hide") < min(order.index("agents.see_others"), order.index("heals.see_heals"))
 
 
@@ -256,7 +256,7 @@ def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
     slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),)))["showing"]
     (view,) = slot.singletons()
     scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)
-    with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
+    with pytest.raises(ScheduleError, match=r"order of agents.see_own and asking.look"):
         Worlds(scenario.modules, 1)
 
 

@@ -237,7 +237,7 @@ def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -
     full, rest = make_vec("teams_3", 1), make_vec(derived(names), 1)
     assert set(full.single_observation_space) - set(rest.single_observation_space) == keys
     assert rest.single_action_space.nvec.tolist() == [sizes] * 4
-    assert rest.single_observation_space["own"].shape == (4, 9)
+    assert rest.single_observation_space["own"].shape == (4, 9 - ("mortality" in names))  # no health
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)

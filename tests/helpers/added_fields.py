@@ -4,27 +4,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.components import Heal, HealView, ObservationMasks, Phase, SelfView, Side
+from outlast.components import Heal, HealView, Phase, SelfView, Side
 from outlast.ecs import (
     Archetype,
     Array,
-    Bitset,
     Component,
-    Entity,
     Field,
     Layout,
     Module,
-    Offset,
-    Read,
-    RowIndex,
     Rows,
     Write,
     column,
-    kernel,
     number,
     ref,
 )
-from outlast.systems.observation_rows import write_rows
+from outlast.systems.observation_rows import observe
 
 
 class Breath(Component):
@@ -57,12 +51,7 @@ def tire(breath: Write[Breath], agents: Rows[Breath]) -> None:
         breath.left[agents[i]] = max(0, breath.left[agents[i]] - 1 - i)
 
 
-@Stamina.system(Phase.OBSERVE)
-def see_stamina(
-    breath: Read[Breath], entities: Read[Entity], view: Write[SelfView], agents: Rows[Side], own_stamina: Offset
-) -> None:
-    for i in range(agents.size):
-        view.own[i, own_stamina] = breath.left[agents[i]] if entities.alive[agents[i]] else 0
+observe(Stamina, SelfView, "own", Side, stamina=Breath.left)
 
 
 class Freshness(Module):
@@ -81,19 +70,4 @@ def grow_old(age: Write[Age], heals: Rows[Age]) -> None:
         age.ticks[heals[k]] += 1 + k
 
 
-@kernel
-def fill_age(row: Array, e: int, filled: bool, tables: tuple[Array, int]) -> None:
-    age, column = tables
-    row[column] = age.ticks[e] if filled else 0
-
-
-@Freshness.system(Phase.OBSERVE)
-def see_age(
-    view: Write[HealView],
-    masks: Read[ObservationMasks],
-    age: Read[Age],
-    heals: Bitset[Heal],
-    index: RowIndex[Heal],
-    heals_age: Offset,
-) -> None:
-    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_age, (age, heals_age))
+observe(Freshness, HealView, "heals", Heal, age=Age.ticks)

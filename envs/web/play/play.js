@@ -56,8 +56,8 @@
       }
     }
     for (const dd of list.querySelectorAll("dd")) write(dd, state.text[dd.dataset.heading].join("\n"));
-    const dying = Bodies.healthColor(state.snapshot.agents[world.agent].health / world.agents[world.agent].health) === "dying";
-    list.querySelector("[data-heading=Health]").classList.toggle("dying", dying);
+    const health = list.querySelector("[data-heading=Health]"), whole = world.agents[world.agent].health;
+    if (health && whole) health.classList.toggle("dying", Bodies.healthColor(state.snapshot.agents[world.agent].health / whole) === "dying");
   }
 
   function showClock() {
