@@ -52,13 +52,13 @@ def list_rows(kinds: int, count: int) -> int:
 
 
 @functools.cache
-def _lister() -> Any:
-    """The kernel, for Python to call."""
+def called(*kernels: Any) -> tuple[Any, ...]:
+    """Return kernels of int64 arguments for Python to call; compiled once, and then loaded from the disk."""
     if not compiled():
-        return list_rows
-    units = CompiledUnits([], {"list_rows": list_rows}, {})
+        return kernels
+    units = CompiledUnits([], {each.__name__: each for each in kernels}, {})
     units.load()
-    return units.function("list_rows")
+    return tuple(units.function(each.__name__) for each in kernels)
 
 
 class VisibleRows:
@@ -98,7 +98,7 @@ class VisibleRows:
         rows of that agent; and `heals_start`, int64 (worlds * agents + 1,), where each agent's rows begin. All other
         keys stay as they are. Lists are read-only.
         """
-        _lister()(self._table.ctypes.data, len(self._table))
+        called(list_rows)[0](self._table.ctypes.data, len(self._table))
         found = dict[str, Array]()
         for key, values in self._all.items():
             if values is not None:

@@ -4,7 +4,6 @@ An agent sees a row or two. PyTorch needs lists of all pairs of rows and some tw
 of its time on lists and calls.
 """
 
-import functools
 import math
 from typing import Any
 
@@ -12,9 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader
 from outlast.ecs.kernels.vectors import BYTES, HEAD, exponential, head_sums, larger, load, quotient, repeated, store
+from outlast.envs.core.visible_rows import called
 
 Array = np.ndarray[Any, Any]
 read_count = loader("int64")
@@ -118,28 +117,6 @@ def differentiate(
     return 0
 
 
-@kernel
-def _attend(rows: int, count: int, agents: int, width: int, likely: int, shares: int, means: int) -> int:
-    """`attend` for rows that lie one behind the other."""
-    return attend(rows, 12 * width, count, agents, width, likely, shares, 4 * width, means, 4 * width)
-
-
-@kernel
-def _differentiate(
-    rows: int, count: int, agents: int, width: int, likely: int, shares: int, slopes: int, found: int
-) -> int:
-    """`differentiate` for rows that lie one behind the other."""
-    return differentiate(rows, 12 * width, count, agents, width, likely, shares, 4 * width, slopes, 4 * width, found)
-
-
-@functools.cache
-def functions() -> tuple[Any, Any]:
-    """Both kernels, for Python to call with addresses; compiled once, and then loaded from the disk."""
-    units = CompiledUnits([], {"attend": _attend, "differentiate": _differentiate}, {})
-    units.load()
-    return units.function("attend"), units.function("differentiate")
-
-
 def possible(rows: Tensor, heads: int) -> bool:
     """Return whether the kernels can take these rows; otherwise PyTorch's operations do."""
     whole = rows.shape[1] == 3 * HEAD * heads and heads % (BYTES // 4 // HEAD) == 0
@@ -155,16 +132,16 @@ class Means(torch.autograd.Function):
         width, rows, known = rows.shape[1] // 3, rows.contiguous(), np.ascontiguousarray(known)
         likely, shares = (rows.new_empty(count, width) for count in (int(known @ known), len(rows)))
         means = rows.new_empty(len(known), width)
-        context.given = rows, known, width, likely, shares
-        given = rows.data_ptr(), known.ctypes.data, len(known), width
-        functions()[0](*given, *map(Tensor.data_ptr, (likely, shares, means)))
+        given = rows.data_ptr(), 12 * width, known.ctypes.data, len(known), width
+        context.given = rows, known, likely, shares, given
+        called(attend)[0](*given, likely.data_ptr(), shares.data_ptr(), 4 * width, means.data_ptr(), 4 * width)
         return means
 
     @staticmethod
     def backward(context: Any, slopes: Tensor) -> tuple[Tensor, None]:
         """Compute the gradients of the rows."""
-        rows, known, width, likely, shares = context.given
-        found, slopes, shares = torch.empty_like(rows), slopes.contiguous(), shares.clone()
-        given = rows.data_ptr(), known.ctypes.data, len(known), width
-        functions()[1](*given, *map(Tensor.data_ptr, (likely, shares, slopes, found)))
+        rows, _, likely, shares, given = context.given
+        found, slopes, shares, stride = torch.empty_like(rows), slopes.contiguous(), shares.clone(), 4 * slopes.shape[1]
+        more = shares.data_ptr(), stride, slopes.data_ptr(), stride, found.data_ptr()
+        called(differentiate)[0](*given, likely.data_ptr(), *more)
         return found, None

@@ -5,7 +5,6 @@ state and with other presets. It goes through a whole batch with each of some hu
 agents goes through all layers while its numbers are in the cache, and other threads of Python run meanwhile.
 """
 
-import functools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
@@ -14,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
 from outlast.ecs.kernels.vectors import BYTES, HEAD, exponential, gated, load, product, store
+from outlast.envs.core.visible_rows import called
 
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
@@ -64,7 +63,7 @@ def _filled(numbers: int) -> int:
 
 
 @kernel
-def _pack(call: int) -> None:
+def pack(call: int) -> int:
     """Copy the weights of all layers into a row for each input, and a last one for the bias, filled up with 0."""
     for layer in range(LAYERS):
         weight, bias = _given(call, WEIGHTS + layer), _given(call, BIASES + layer)
@@ -77,11 +76,12 @@ def _pack(call: int) -> None:
             at += 4 * columns
         for o in range(columns):
             write(at + 4 * o, read(bias + 4 * o) if bias != 0 and o < outputs else np.float32(0))
+    return 0
 
 
 @kernel
 def _unpack(call: int) -> None:
-    """Copy gradients of all layers from the form of `_pack` to that of the weights, one layer behind the other."""
+    """Copy gradients of all layers from the form of `pack` to that of the weights, one layer behind the other."""
     to = _given(call, GRADIENTS)
     for layer in range(LAYERS):
         inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
@@ -259,33 +259,9 @@ def choose(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int
     return 0
 
 
-@kernel
-def pack(call: int) -> int:
-    """Copy the weights for `evaluate`."""
-    _pack(call)
-    return 0
-
-
-@kernel
-def act(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int, actions: int, logs: int) -> int:
-    """Evaluate and choose."""
-    evaluate(call)
-    return choose(call, sizes, count, uniform, idle, noop, actions, logs)
-
-
-@kernel
-def forward(call: int) -> int:
-    """Pack and evaluate."""
-    _pack(call)
-    return evaluate(call)
-
-
-@functools.cache
-def functions() -> dict[str, Any]:
-    """The kernels, for Python to call; compiled once, and then loaded from the disk."""
-    units = CompiledUnits([], {"forward": forward, "backward": backward, "pack": pack, "act": act}, {})
-    units.load()
-    return {name: units.function(name) for name in ("forward", "backward", "pack", "act")}
+def functions() -> tuple[Any, ...]:
+    """Return what Python calls: pack, evaluate, backward, choose."""
+    return called(pack, evaluate, backward, choose)
 
 
 class Plan:
@@ -361,7 +337,8 @@ class Evaluation(torch.autograd.Function):
         """Compute both."""
         weights = cast(Sequence[Tensor], parameters[:LAYERS])
         call = plan.call(seen, np.ascontiguousarray(seen.known), weights, parameters[LAYERS:])
-        functions()["forward"](call.given.ctypes.data)
+        for function in functions()[:2]:
+            function(call.given.ctypes.data)
         context.plan, context.call, context.parameters = plan, call, parameters
         count, outputs = len(seen), len(weights[6])
         return call.kept[LOGITS].view(count, plan.logits)[:, :outputs], call.kept[VALUES].view(count, VECTOR)[:, 0]
@@ -382,7 +359,7 @@ class Evaluation(torch.autograd.Function):
         found, gradients = torch.zeros(plan.size, **FLOAT), torch.empty(sum(sizes), **FLOAT)
         call.given[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
         call.given[FOUND:] = found.data_ptr(), gradients.data_ptr()
-        functions()["backward"](call.given.ctypes.data)
+        functions()[2](call.given.ctypes.data)
         each = dict(zip(order, torch.split(gradients, [sizes[k] for k in order]), strict=True))
         return None, None, *(None if given is None else each[k].view(given.shape) for k, given in enumerate(parameters))
 
@@ -397,7 +374,7 @@ class Acting:
         self.sizes, self.packed = np.array(networks.sizes, np.int64), torch.empty(self.plan.size, **FLOAT)
         self.room = torch.empty(self.plan.logits, **FLOAT)
         none = torch.empty((0, 1), **FLOAT)
-        functions()["pack"](self._call(Rows(none, none, torch.zeros(0, **INDEX))).given.ctypes.data)
+        functions()[0](self._call(Rows(none, none, torch.zeros(0, **INDEX))).given.ctypes.data)
 
     def _call(self, seen: Rows) -> "Call":
         weights, biases = self.parameters[:LAYERS], self.parameters[LAYERS:]
@@ -415,7 +392,9 @@ class Acting:
         actions, logs = np.empty((count, len(self.sizes)), np.int64), np.empty(count, np.float32)
         given = uniform.ctypes.data, 0 if idle is None else idle.ctypes.data, noop.ctypes.data
         written = actions.ctypes.data, logs.ctypes.data
-        functions()["act"](call.given.ctypes.data, self.sizes.ctypes.data, len(self.sizes), *given, *written)
+        _, evaluating, _, choosing = functions()
+        evaluating(call.given.ctypes.data)
+        choosing(call.given.ctypes.data, self.sizes.ctypes.data, len(self.sizes), *given, *written)
         return actions, torch.from_numpy(logs), call.kept[VALUES].view(count, VECTOR)[:, 0]
 
 
