@@ -99,17 +99,23 @@ def check_like(given: Any, own: Tensor, name: str) -> None:
         raise TrainingError(f"{name} of the checkpoint is {found}: {own.dtype} {tuple(own.shape)} is needed")
 
 
-def check_state(given: Any, like: Any, name: str) -> None:
-    """Raise TrainingError unless `given` has the same names, with finite tensors of the same shapes and types."""
-    if not isinstance(like, dict):
-        check_like(given, like, f"{name} in {REST}")
+def check_state(given: Any, like: Any, name: str = "") -> None:
+    """Raise TrainingError unless a tree has the names of another, with finite tensors, counts and texts at its places.
+
+    like: None in it: whatever is given. name: The place in the whole tree, for messages.
+    """
+    where = f"{name} in {REST}" if name else REST
+    if isinstance(given, list) and isinstance(like, list):
+        given, like = dict(enumerate(given)), dict(enumerate(like))
+    if isinstance(like, Tensor):
+        check_like(given, like, where)
         if not torch.isfinite(given).all():
-            raise TrainingError(f"{name} in {REST} of the checkpoint is not finite")
-    elif not isinstance(given, dict) or given.keys() != like.keys():
-        raise TrainingError(f"{name} in {REST} of the checkpoint is not what a run goes on with")
-    else:
+            raise TrainingError(f"{where} of the checkpoint is not finite")
+    elif isinstance(like, dict) and isinstance(given, dict) and given.keys() == like.keys():
         for key, value in like.items():
-            check_state(given[key], value, f"{name} {key}")
+            check_state(given[key], value, f"{name} {key}".strip())
+    elif not (like is None or (isinstance(like, int) and run_header.is_count(given)) or isinstance(like, str)):
+        raise TrainingError(f"{where} of the checkpoint is not what a run goes on with")
 
 
 def tree_content(tree: dict[str, Any]) -> bytes:
