@@ -214,7 +214,8 @@ class Module:
             earlier, later = neighbours(label, "after", after), neighbours(label, "before", before)
             needed = components(label, needs)
             declared = parameters(function)
-            check_random(function, label)
+            if is_outside(function):  # outlast's own are checked when compiled: importing takes a seventh less
+                check_random(function, label)
             inner = kernel(function) if compiled else function
             system = System(
                 module=cls.name,
