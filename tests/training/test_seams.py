@@ -13,9 +13,11 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 import torch
 
+from docs.examples.hide_and_seek import HIDE_AND_SEEK
 from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
 from outlast.training.base.errors import TrainingError
 from outlast.training.policies.player import Player
+from outlast.training.policies.policy import ActorCritic
 from outlast.training.policies.rows import Rows
 from outlast.training.ppo import learner
 from outlast.training.ppo.loss import ppo_loss
@@ -119,6 +121,48 @@ def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: 
         assert not np.any(attention)
     with pytest.raises(TrainingError, match=f"begun with networks = .*{networks.__name__}, not None"):
         train(tmp_path / "parts", 4 * EACH, resume=True, **options)
+
+
+def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
+    """Seekers lack grab and lock, learn more slowly, and by other networks; a resumed run is the same to the byte."""
+    roles = {"hider": outlast.role(2), "seeker": outlast.role(2, without=["grab", "lock"])}
+    game = HIDE_AND_SEEK.roles(**roles).replace(ending_limit=20, preparation_ticks=5)
+    seekers: dict[str, Any] = {
+        "seeker:learning_rate": 1e-4,
+        "seeker:n_epochs": 3,
+        "batch_size": 128,
+        "anneal_lr": False,
+    }
+    own = {"policies": "side", "networks": {"seeker": Pooled}, "opponents": "self:1,past:1", "snapshots": 1}
+    options = TINY | own | {"settings": seekers}
+
+    def trained(folder: str, rollouts: int, **more: Any) -> TrainedRun:
+        return outlast.train(game, tmp_path / folder, steps=rollouts * 2 * EACH, **(options | more))
+
+    run = trained("parts", 2)
+    trained("parts", 3, resume=True)
+    trained("whole", 3)
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    assert [type(policy) for policy in Player(run.policy).policies] == [ActorCritic, Pooled]
+    trainer = make("fast", scenario=game, policies="side", **{"seeker:n_epochs": 7})
+    assert [learner.numbers.n_epochs for learner in trainer.learners] == [3, 7]
+    rollout = trainer.collect()
+    hiding, seeking = (rollout.learner == number for number in (0, 1))
+    grab = [name for name, _ in trainer.env.action_columns].index("grab")
+    assert (rollout.actions[seeking][:, grab] == 0).all()  # nothing else is drawn for who lacks the action
+    assert rollout.actions[hiding][:, grab].any()
+    played = outlast.evaluate(game, [run.policy, "random"], episodes=2, worlds=2, quiet=True)
+    assert len(played.pairings) == 3
+    with pytest.raises(TrainingError, match="begun with settings = "):
+        trained("parts", 4, resume=True, settings=seekers | {"seeker:n_epochs": 4})
+    for given, words in (
+        ({"settings": {"seekr:n_epochs": 4}}, "there is no policy 'seekr' to train; did you mean seeker"),
+        ({"networks": {"finder": Pooled}}, "networks: there is no policy 'finder' to train; did you mean hider"),
+        ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
+        ({"policies": "shared"}, "for one side, but all have one policy: take policies = 'side'"),
+    ):
+        with pytest.raises(TrainingError, match=words):
+            trained("other", 1, **given)
 
 
 def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch) -> None:

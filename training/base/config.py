@@ -1,7 +1,7 @@
 """What to train, and how: everything that determines the numbers that come out of a run."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,8 @@ class TrainingConfig:
     settings: dict[str, Any] = option(
         dict,
         LEARNED,
-        f"numbers of PPO that differ from the preset's, as in gamma=0.999: {', '.join(KINDS)}",
+        "numbers of PPO that differ from the preset's, as in gamma=0.999, or with policies=side for one side, as in "
+        f"seeker:ent_coef=0.01: {', '.join(KINDS)}",
         python='As a dict: {"gamma": 0.999}.',
         flag="--ppo",
         metavar="NAME=VALUE",
@@ -201,11 +202,12 @@ class TrainingConfig:
     loss: Callable[[Any], Any] | None = option(
         None, "", "what is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss"
     )
-    networks: Callable[..., Any] | None = option(
+    networks: Any = option(
         None,
         "",
-        "the class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset",
-        takes="type | None = None",
+        "the class of the networks, an outlast.training.policies.policy.Networks, or a dict of classes by side; None: "
+        "those of the preset",
+        takes="type | Mapping[str, type] | None = None",
     )
 
     def __post_init__(self) -> None:
@@ -271,32 +273,48 @@ class TrainingConfig:
 
     def _check_code(self) -> None:
         for name, needed in CODE.items():
-            code = getattr(self, name)
-            if code is None:
-                continue
-            if not callable(code):
-                raise TrainingError(f"{name} = {code!r:.200}: {needed}")
-            if name == "levels" and self.processes > 1:
-                raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
-            if name == "networks" or (name == "loss" and self.processes > 1):
-                check_importable(name, code)
+            given = getattr(self, name)
+            for code in given.values() if name == "networks" and isinstance(given, Mapping) else [given]:
+                if code is None:
+                    continue
+                if not callable(code):
+                    raise TrainingError(f"{name} = {code!r:.200}: {needed}")
+                if name == "levels" and self.processes > 1:
+                    raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
+                if name == "networks" or (name == "loss" and self.processes > 1):
+                    check_importable(name, code)
+        apart = isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1
+        if apart and self.policies == "shared":
+            raise TrainingError(
+                "networks or numbers of PPO are given for one side, but all have one policy: take policies = 'side'"
+            )
 
     def header(self) -> Header:
         """Return the part of run.json that determines the numbers that come out."""
         worlds, rollout = self.size
         kept = {key: value for key, value in vars(self).items() if key not in ("scenario", "every", *HOW)}
-        kept |= {name: kept[name] and name_of(kept[name]) for name in CODE}
+        kept |= {name: kept[name] and self.code_names(kept[name]) for name in CODE}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        if not self.numbers.anneal_lr:  # then the steps decide no numbers, and the run may be made longer
+        if not any(each.anneal_lr for each in self.numbers_by_policy.values()):  # then the run may be made longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
 
+    @staticmethod
+    def code_names(code: Any) -> str:
+        """Return the name of code of the user's own; of networks by side, "seeker:mygame.Small,hider:mygame.Large"."""
+        return ",".join(f"{k}:{name_of(v)}" for k, v in code.items()) if isinstance(code, Mapping) else name_of(code)
+
     @property
     def numbers(self) -> Hyperparameters:
-        """The numbers of PPO. Raises TrainingError if one does not exist or is out of range."""
-        return preset(self.preset).numbers.changed(self.settings)
+        """The numbers of PPO, of policies that have none of their own."""
+        return self.numbers_by_policy[""]
+
+    @property
+    def numbers_by_policy(self) -> dict[str, Hyperparameters]:
+        """The numbers of PPO by policy, see Hyperparameters.by_policy. Raises TrainingError if one is not possible."""
+        return preset(self.preset).numbers.by_policy(self.settings)
 
     @property
     def teacher(self) -> tuple[str, int]:

@@ -10,6 +10,7 @@ from outlast.ecs.kernels.integers import as_whole
 
 from .errors import TrainingError
 
+TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # decide a rollout, so all policies of a run have the same
 TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 PARSERS: dict[type, Callable[[str], Any]] = {
     bool: lambda text: TRUTHS[text.lower()],
@@ -79,6 +80,19 @@ class Hyperparameters:
             if not (fits(value) and value < math.inf):
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
+    def by_policy(self, settings: Mapping[str, Any]) -> dict[str, "Hyperparameters"]:
+        """Return copies with other settings by the name of the policy, "" for those that are not named.
+
+        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. Raises TrainingError as `changed`.
+        """
+        given: dict[str, dict[str, Any]] = {"": {}}
+        for name, value in settings.items():
+            policy, _, number = name.rpartition(":")
+            if policy and number in TOGETHER:
+                raise TrainingError(f"{name}: all policies share {', '.join(TOGETHER)}; say {number} alone")
+            given.setdefault(policy, {})[number] = value
+        return {policy: self.changed(given[""] | own) for policy, own in given.items()}
+
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
         """A copy with other settings. Raises TrainingError for unknown names and impossible values."""
         for name in settings:
@@ -99,15 +113,16 @@ def example(name: str) -> str:
 
 
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
-    """Parse hyperparameters from texts like "gamma=0.999". Raises TrainingError."""
+    """Parse hyperparameters from texts like "gamma=0.999" and "seeker:ent_coef=0.01". Raises TrainingError."""
     settings: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
+        kind = name.rpartition(":")[2]
         if name in settings:
             raise TrainingError(f"{text}: {name} is given twice; say one of them")
         try:
-            settings[name] = PARSERS[KINDS.get(name, str)](value)
+            settings[name] = PARSERS[KINDS.get(kind, str)](value)
         except (ValueError, KeyError) as error:
-            raise TrainingError(f"{text}: {example(name)} is needed") from error
-    Hyperparameters().changed(settings)
+            raise TrainingError(f"{text}: {example(kind)} is needed") from error
+    Hyperparameters().by_policy(settings)
     return settings

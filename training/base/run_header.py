@@ -146,7 +146,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "actions": lambda given: _sizes(FEW, 1)(given) and sum(given) <= MOST,
     "team": _sizes(MOST, 0),
     "memory": _is_size,
-    "networks": is_word,
+    "networks": lambda given: is_word(given) or (isinstance(given, list) and all(e == "" or is_word(e) for e in given)),
     "state": _is_size,
     "state_scale": lambda given: isinstance(given, list) and len(given) <= MOST and all(map(_is_scale, given)),
     "plan": is_plan,

@@ -52,7 +52,7 @@ class Player:
         memory: Numbers that each agent remembers; 0: none.
         state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
         critic: Whether its file has the critic, without which it plays, but values are not known.
-        networks: The full name of the class of its networks, if they are a user's own; else "".
+        networks: Of each policy, the full name of the class of its networks, if they are a user's own; else "".
         reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
             a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
             must be told of all worlds.
@@ -77,8 +77,9 @@ class Player:
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds episodes begin
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
-        self.networks: str = self.header.get("networks", "")
-        self.critic = bool(self.networks) or any(_is_of_critic(name) for own in weights for name in own)
+        named: Any = self.header.get("networks", "")
+        self.networks: list[str] = named if isinstance(named, list) else [named] * len(weights)
+        self.critic = any(self.networks) or any(_is_of_critic(name) for own in weights for name in own)
         try:
             with playing(), torch.inference_mode(False), torch.random.fork_rng(devices=[]):  # for first weights
                 self.policies = self._make_policies(weights)
@@ -90,7 +91,10 @@ class Player:
 
     def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[Networks]:
         """Make the policies; sizes in run.json are checked against those of their weights first."""
-        layout, actions, kind = self.layout, self.header["actions"], networks_named(self.networks)
+        layout, actions = self.layout, self.header["actions"]
+        if len(self.networks) != len(weights):
+            raise TrainingError(f"run.json has networks of {len(self.networks)} policies, and {len(weights)} are saved")
+        kinds = [networks_named(name) for name in self.networks]
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
@@ -98,10 +102,11 @@ class Player:
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         state = self.state if self.critic else 0
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
-        if kind is ActorCritic and least * len(weights) > sum(each.numel() for own in weights for each in own.values()):
+        held = sum(each.numel() for own in weights for each in own.values())
+        if {*kinds} == {ActorCritic} and least * len(weights) > held:
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
         sizes, policies = scales(layout, self.header["fields"]), list[Networks]()
-        for own in weights:
+        for kind, own in zip(kinds, weights, strict=True):
             policy = kind(
                 actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
@@ -295,7 +300,7 @@ def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list
     file cannot be read, or is damaged.
     """
     player = Player(path)
-    left_out = () if player.networks or (critic and player.critic) else policy_file.CRITIC
+    left_out = () if any(player.networks) or (critic and player.critic) else policy_file.CRITIC
     return player.header, [
         {name: values.numpy() for name, values in policy.state_dict().items() if not name.startswith(left_out)}
         for policy in player.policies

@@ -1,7 +1,7 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -10,6 +10,8 @@ import torch
 
 import outlast
 from outlast.components import Sides
+from outlast.components.agent import side_names
+from outlast.ecs.kernels.errors import meant
 from outlast.envs.core.agents import side
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -85,17 +87,20 @@ class Trainer:
             self.teacher.check(self.env)
         for done in (config.steps, 0):  # raises an error if a number cannot change
             self._set_numbers(done)
-        self.layout, numbers = layout_of(self.env), config.numbers
-        self.team = teams(self.env, config.policies)
+        self.layout = layout_of(self.env)
+        self.team, names = teams(self.env, config.policies)
+        numbers = by_name("settings", config.numbers_by_policy, names)
+        networks = config.networks if isinstance(config.networks, Mapping) else {"": config.networks}
+        self.networks = by_name("networks", {"": None} | networks, names)
         self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
         self.state = len(self.state_scale)
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
-            first = [self._policy() for _ in range(self.team.max() + 1)]
+            first = [self._policy(kind) for kind in self.networks]
         shared = self.crew, self.device, config.loss or ppo_loss
         self.learners = [
-            Learner(policy, numbers, torch.Generator().manual_seed(config.seed), number, *shared)
-            for number, policy in enumerate(first)
+            Learner(policy, own, torch.Generator().manual_seed(config.seed), number, *shared)
+            for number, (policy, own) in enumerate(zip(first, numbers, strict=True))
         ]
         self.opponents = OpponentPool(
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
@@ -107,14 +112,20 @@ class Trainer:
         options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": self.preset.masked}
         options |= {"state": self.state > 0, "curriculum": self.curriculum}
         self.lane = Lane(self.env, packer, self.team, self.opponents, **options)
-        self.collector = Collector(self.lane, numbers, self.crew)
-        if config.networks is not None:
-            check_outputs(self.policies[0], self.lane.observe())
+        self.collector = Collector(self.lane, config.numbers, self.crew)
+        for policy, kind in zip(self.policies, self.networks, strict=True):
+            if kind is not None:
+                check_outputs(policy, self.lane.observe())
 
     @property
     def policies(self) -> list[Networks]:
         """The policies of the learners."""
         return [learner.policy for learner in self.learners]
+
+    @property
+    def network_names(self) -> list[str]:
+        """Of each policy, the full name of its networks, if they are a user's own; else ""."""
+        return [name_of(kind) if kind else "" for kind in self.networks]
 
     def collect(self) -> Rollout:
         """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
@@ -163,7 +174,8 @@ class Trainer:
             "state_scale": self.state_scale.tolist(),
         }
         if self.config.networks is not None:
-            last["networks"] = name_of(self.config.networks)
+            own = self.network_names
+            last["networks"] = own if isinstance(self.config.networks, Mapping) else own[0]
         return {
             run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
             run_header.WEIGHTS: policies_content([policy.state_dict() for policy in self.policies]),
@@ -201,12 +213,12 @@ class Trainer:
             return
         player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env)
-        own = self.config.networks and name_of(self.config.networks)
         found, here = (
-            f"of {networks or f'preset {chosen.name!r}'} with memory {memory} and state {state}"
+            f"of {' and '.join({each or f'preset {chosen.name!r}': 0 for each in networks})} with memory {memory} and "
+            f"state {state}"
             for networks, chosen, memory, state in (
                 (player.networks, player.preset, player.memory, player.state),
-                (own, self.preset, self.config.memory, self.state),
+                (self.network_names, self.preset, self.config.memory, self.state),
             )
         )
         if found != here or len(player.policies) not in (1, len(self.learners)):
@@ -233,9 +245,16 @@ class Trainer:
         _, steps = self.config.teacher
         if not steps:
             return {}
-        numbers = self.config.numbers.changed(IMITATION)
         imitators = [
-            Learner(own.policy, numbers, own.generator, own.number, self.crew, self.device, imitation_loss)
+            Learner(
+                own.policy,
+                own.numbers.changed(IMITATION),
+                own.generator,
+                own.number,
+                self.crew,
+                self.device,
+                imitation_loss,
+            )
             for own in self.learners
         ]
         tags = dict[str, float]()
@@ -302,8 +321,8 @@ class Trainer:
         env.reset(seed=self.config.seed)
         return env
 
-    def _policy(self) -> Networks:
-        kind = self.config.networks or ActorCritic
+    def _policy(self, kind: Any) -> Networks:
+        kind = kind or ActorCritic
         if not (isinstance(kind, type) and issubclass(kind, Networks)):
             raise TrainingError(f"networks = {kind!r:.200}: {CODE['networks']}")
         return kind(
@@ -316,15 +335,27 @@ class Trainer:
         )
 
 
-def teams(env: SurvivalVectorEnv, policies: str) -> Array:
-    """Return the number of the learner that plays each agent of a world, int (agents,).
+def teams(env: SurvivalVectorEnv, policies: str) -> tuple[Array, Sequence[str]]:
+    """Return the number of the learner that plays each agent of a world, int (agents,), and the learners' names.
 
     policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one for
     each agent.
     """
     if policies == "side" and env.worlds[Sides].teams[0, 0]:
-        return side(env.worlds, 0)
-    return np.zeros(env.num_agents, int) if policies == "shared" else np.arange(env.num_agents)
+        found = side(env.worlds, 0)
+        return found, side_names(env.worlds.layout)[: found.max() + 1]
+    each = np.arange(env.num_agents)
+    return (0 * each, [""]) if policies == "shared" else (each, [f"agent {i}" for i in each])
+
+
+def by_name(what: str, given: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
+    """Return what each of these policies has of `given`: what is under its name, or else under "".
+
+    Raises TrainingError, which calls it `what`, for a name of no policy.
+    """
+    if unknown := [name for name in given if name and name not in names]:
+        raise TrainingError(f"{what}: there is no policy '{unknown[0]}' to train; {meant(unknown[0], names)}")
+    return [given.get(name, given[""]) for name in names]
 
 
 def _device(name: Any) -> torch.device:

@@ -367,7 +367,8 @@ class TrainingRun:
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
         differ = [key for key in now if now[key] != then.get(key) and key not in free]
-        if "settings" in differ and "preset" not in differ and self.config.numbers == self._numbers(then["settings"]):
+        own = self.config.numbers_by_policy
+        if "settings" in differ and "preset" not in differ and own == self._numbers(then["settings"]):
             differ.remove("settings")  # other ones are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
@@ -381,10 +382,10 @@ class TrainingRun:
                 cure += f", which may begin with --warm-start {self.folder}" * bool(checkpoints(self.folder))
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
 
-    def _numbers(self, settings: Any) -> Hyperparameters | None:
-        """The preset's hyperparameters with these settings; None if they are no settings."""
-        with contextlib.suppress(TrainingError, TypeError):
-            return preset(self.config.preset).numbers.changed(settings)
+    def _numbers(self, settings: Any) -> dict[str, Hyperparameters] | None:
+        """The preset's hyperparameters with these settings by policy; None if they are no settings."""
+        with contextlib.suppress(TrainingError, TypeError, AttributeError):
+            return preset(self.config.preset).numbers.by_policy(settings)
         return None
 
 

@@ -72,7 +72,7 @@ def train(
     anneal: str | Sequence[str] = (),
     levels: Choose | None = None,
     loss: Callable[[Any], Any] | None = None,
-    networks: type | None = None,
+    networks: type | Mapping[str, type] | None = None,
     **numbers: Number,
 ) -> TrainedRun:
     """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
@@ -102,9 +102,9 @@ def train(
         threads: Threads of each process, with the same results (default: 0, which is cores / processes; of several runs
             1).
         every: Agent-steps between two checkpoints.
-        settings: Numbers of PPO that differ from the preset's, as in gamma=0.999: learning_rate, anneal_lr, batch_size,
-            n_epochs, gamma, gae_lambda, clip_range, ent_coef, vf_coef, max_grad_norm, target_kl, scale_rewards. As a
-            dict: {"gamma": 0.999}.
+        settings: Numbers of PPO that differ from the preset's, as in gamma=0.999, or with policies=side for one side,
+            as in seeker:ent_coef=0.01: learning_rate, anneal_lr, batch_size, n_epochs, gamma, gae_lambda, clip_range,
+            ent_coef, vf_coef, max_grad_norm, target_kl, scale_rewards. As a dict: {"gamma": 0.999}.
         policies: Train one policy for all agents (shared), one for each side, or one for each agent.
         opponents: Whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past
             one of its earlier selves; also random, noop, scripted, camper, hunter, hoarder, healer, a model's name,
@@ -123,7 +123,8 @@ def train(
         levels: A function that chooses the levels to train in, called before each rollout with an
             outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own.
         loss: What is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
-        networks: The class of the networks, an outlast.training.policies.policy.Networks; None: those of the preset.
+        networks: The class of the networks, an outlast.training.policies.policy.Networks, or a dict of classes by side;
+            None: those of the preset.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
