@@ -21,13 +21,13 @@ from ..errors import (
     UsageError,
 )
 from ..storage.interrupts import children_awaited, save_requests, stops_as_ctrl_c
-from . import check, completion, frames, layout, listing, models, numbers, play, replay, rollout, schedule
+from . import check, completion, frames, layout, listing, models, new, numbers, play, replay, rollout, schedule
 from .grammar import Parser
 from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable, save_scenario
 from .overview import overview
 from .streams import standard_streams
 
-COMMANDS = (listing, numbers, layout, schedule, check, rollout, frames, play, replay, models, completion)
+COMMANDS = (listing, numbers, new, layout, schedule, check, rollout, frames, play, replay, models, completion)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),

@@ -3,7 +3,7 @@
 from typing import Any
 
 SECTIONS = {
-    "games": ("variants", "numbers", "layout", "schedule", "check"),
+    "games": ("variants", "numbers", "new", "layout", "schedule", "check"),
     "play and look": ("rollout", "frames", "play", "replay"),
     "train and compare": ("train", "watch", "models", "evaluate", "plot", "benchmark"),
     "help": ("help", "completion"),

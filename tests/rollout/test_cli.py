@@ -1,6 +1,8 @@
 """The command line does what the README says, takes words as people type them, and refuses mistakes in one line."""
 
+import ast
 import contextlib
+import importlib
 import logging
 import os
 import re
@@ -39,6 +41,30 @@ def test_variants_lists_all_eight_with_their_original_names(capsys) -> None:
     with pytest.raises(SystemExit, match="0"):
         cli.main(("--version",))
     assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"
+
+
+def test_a_new_game_is_tested_checked_played_filmed_and_trained(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run(capsys, "new", "red_hill")[0] == 0
+    assert run(capsys, "new", "red_hill")[2].startswith("outlast: red_hill.py exists")
+    (ast_of,) = ast.parse(Path("red_hill.py").read_text()).body[-1:]
+    assert isinstance(ast_of, ast.FunctionDef)
+    getattr(importlib.import_module("red_hill"), ast_of.name)()
+    small = ("--worlds", "2", "--steps", "20")
+    for words in (("check", *small), ("rollout", *small), ("frames", "--steps", "5", "--out", "film.gif")):
+        assert run(capsys, words[0], "red_hill.py", *words[1:])[0] == 0
+    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
+    assert run(capsys, "train", "red_hill.py", "--steps", "1", "--rollout", "512", "--worlds", "4")[0] == 0
+
+
+@pytest.mark.parametrize("name", ["Hill", "two words", "class", "json", "game.py", "body", "climber"])
+def test_names_that_a_new_game_cannot_have(name: str, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(("new", name))
+    assert f"{name}: " in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_schedule_prints_the_tick_and_the_generated_code(capsys) -> None:
