@@ -110,7 +110,7 @@ def beside_the_paper() -> str:
 
 
 def _missing(part: str, name: Callable[[Experiment], str]) -> str:
-    """Return a paragraph on runs of a part of `outlast paper` that have not been trained yet; "" if all have."""
+    """Return a paragraph on runs of a part of the reproduction that have not been trained yet; "" if all have."""
     planned = [(name(each), _lacking(each)) for each in experiments([part])]
     missing = [f"{each} ({', '.join(map(str, lacking))})" for each, lacking in planned if lacking]
     return f"\n\nNot trained yet, with the seeds that are missing: {', '.join(missing)}." if missing else ""

@@ -26,9 +26,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(**{**settings, "formatter_class": Help})
         self.examples, self._titles = tuple(examples), dict[str, str]()
         if examples:
-            self.epilog = "\n".join(
-                ["examples:", *_aligned(self.examples), *(["", self.epilog] if self.epilog else [])]
-            )
+            self.epilog = "\n".join(["examples:", *self._aligned(), *(["", self.epilog] if self.epilog else [])])
 
     def arrange(self, groups: Mapping[str, Sequence[str]]) -> None:
         """Show options that were added without a group in groups of these titles; arguments go by their `dest`."""
@@ -96,6 +94,11 @@ class Parser(argparse.ArgumentParser):
         formatter.add_text(self.epilog)
         return formatter.format_help()
 
+    def _aligned(self) -> list[str]:
+        """Return lines of examples, which help leaves as they are; each sentence stands above its command."""
+        program = self.prog.rpartition(" ")[0]
+        return [line for text, says in self.examples for line in (f"  # {says}", f"  {program} {text}")]
+
     def _usage(self) -> str:
         formatter, words = self._get_formatter(), [self.prog]
         for action in self._actions:
@@ -127,11 +130,6 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             hint, known = did_you_mean(value, action.choices, before=": ", count=1), ", ".join(map(str, action.choices))
             raise argparse.ArgumentError(action, f"{value}{hint}; known: {known}")
-
-
-def _aligned(examples: Sequence[tuple[str, str]]) -> list[str]:
-    """Lines of examples, which help leaves as they are; each sentence stands above its command."""
-    return [line for text, says in examples for line in (f"  # {says}", f"  outlast {text}")]
 
 
 class Help(argparse.HelpFormatter):

@@ -3,8 +3,9 @@
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import entry_points
+from typing import Any
 
 from outlast.ecs import EngineError
 
@@ -36,33 +37,33 @@ MISTAKES = (
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status.
+def main(arguments: Sequence[str] | None = None, made: Callable[[], Parser] | None = None) -> int:
+    """Run a command of `outlast`, or of another program that `program` makes; returns the exit status.
 
     Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143, SIGHUP 129.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for PyTorch, which is not loaded yet: its threads wait asleep
     with standard_streams(), children_awaited(), save_requests(), stops_as_ctrl_c() as came:
-        status = _run(arguments)
+        status = _run(arguments, made or parser)
     return SIGNALLED + came[0] if status == STOPPED and came else status
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run(arguments: Sequence[str] | None, made: Callable[[], Parser]) -> int:
     """Run a command, and have what it printed written before Python ends; the exit status."""
     try:
         try:
-            return _command(arguments)
+            return _command(arguments, made)
         finally:  # also after --help, which exits
             sys.stdout.flush()
     except OSError as error:  # a full disk
         return _refused_by_system(error)
 
 
-def _command(arguments: Sequence[str] | None) -> int:
+def _command(arguments: Sequence[str] | None, made: Callable[[], Parser]) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["help"]:
         words = [*words[1:], "--help"]
-    options = parser().parse_args(words if words and words != ["--"] else ["--help"])
+    options = made().parse_args(words if words and words != ["--"] else ["--help"])
     try:
         with messages_shown():
             check_files(options)
@@ -91,23 +92,30 @@ def _refused(text: str) -> int:
 
 
 def parser() -> Parser:
-    """The command line's grammar."""
+    """Return the grammar of `outlast`."""
     import outlast  # here, as the package imports the environments
 
-    top = Parser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
+    added = (plugin.load() for plugin in entry_points(group=PLUGINS))
+    top = program("outlast", "Multi-agent survival worlds, thousands at a time.", (*COMMANDS, *added))
     top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}", help="print the version")
+    return top
+
+
+def program(name: str, description: str, modules: Iterable[Any]) -> Parser:
+    """Return the grammar of a program whose commands are these modules."""
+    top = Parser(prog=name, description=description)
     commands = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
-    for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
+    for command in modules:
         command.add(commands)
     text = "show all commands, or how one of them is used"
-    examples = [("help", "all commands"), ("help rollout", "the options of one command")]
+    examples = [("help", "all commands"), (f"help {[*commands.choices][-1]}", "the options of one command")]
     asked = commands.add_parser(
         "help", help=text, description="Show all commands, or how one of them is used.", examples=examples
     )
     known = list(commands.choices)
     text = "name of the command (default: a short list of all commands)"
     asked.add_argument("command", nargs="?", choices=known, metavar="COMMAND", help=text)
-    top.epilog = overview(commands)
+    top.epilog = overview(name, commands)
     return top
 
 

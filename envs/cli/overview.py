@@ -10,15 +10,15 @@ SECTIONS = {
 }  # in the order of first use; what is in none of them comes behind
 
 
-def overview(commands: Any) -> str:
-    """Each command with what it does and an example, in sections. commands: of argparse's add_subparsers."""
+def overview(program: str, commands: Any) -> str:
+    """Return each command with what it does and an example, in sections. commands: of argparse's add_subparsers."""
     about, listed = summaries(commands), []
     for title, names in sections(commands).items():
         listed += ["", f"{title}:"]
         for name in names:
             listed.append(f"  {name:<11} {about[name]}")
-            listed += [f"  {'':<11}   outlast {text}" for text, _ in commands.choices[name].examples[:1]]
-    return "\n".join([*listed[1:], "", "`outlast help COMMAND` shows the options of a command."])
+            listed += [f"  {'':<11}   {program} {text}" for text, _ in commands.choices[name].examples[:1]]
+    return "\n".join([*listed[1:], "", f"`{program} help COMMAND` shows the options of a command."])
 
 
 def sections(commands: Any) -> dict[str, list[str]]:

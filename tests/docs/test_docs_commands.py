@@ -29,7 +29,6 @@ ELSEWHERE = {
     "plot",
     "evaluate",
     "benchmark",
-    "paper",
 }  # long, or needing results
 
 

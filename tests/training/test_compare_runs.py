@@ -72,7 +72,9 @@ def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path
     for name, game in games.items():
         run(tmp_path / name, game)  # of one seed, which two runs of a group cannot have
         run(tmp_path / f"{name}1", game, seed=1)
-        with pytest.raises(TrainingError, match=f"{name} is no run of the paper's: its game has .*; leave out --paper"):
+        with pytest.raises(
+            TrainingError, match=f"{name} is no run of the paper's: its game has .*; `outlast plot` compares it"
+        ):
             results.load_runs([tmp_path / name])
     found = {group.label: [each.origin.name for each in group.runs] for group in groups(tmp_path)}
     assert sorted(found.values()) == [[name, f"{name}1"] for name in sorted(games)]
@@ -295,8 +297,6 @@ def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys) -> None:
     run(tmp_path / "a")
     for words, reason in (
         ((str(KEPT), "--x", "time"), "does not say how long it took"),
-        (("--keep", "x"), "add --paper"),
-        (("--paper", "--by", "preset"), "leave out --by, --curves and --x"),
         (("--by", "nothing"), "no such setting"),
         (("--curves", "nothing"), "no curve 'nothing'"),
     ):

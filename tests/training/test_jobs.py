@@ -17,7 +17,8 @@ from outlast.envs.cli.options import STOPPED
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.processes import results
 from outlast.training.cli import benchmark, train
-from outlast.training.research import command as paper
+from outlast.training.research import reproduce
+from outlast.training.research.__main__ import parser
 
 PARENT = """
 import time
@@ -38,21 +39,22 @@ if __name__ == "__main__":
         ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --processes 2", 2),
         ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --jobs 7", 7),
         ("benchmark run ffa_2-v1 --agent fast --seed 0 1 2 3 4 5 6 7", 5),
-        ("paper original", 5),
+        ("reproduce original", 5),
     ],
 )
 def test_as_many_run_at_once_as_there_are_cores_for_this_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, at_once: int
 ) -> None:
     """As in a job of 5 of 128 cores."""
-    for needed in ("matplotlib", "imageio_ffmpeg") if words.startswith("paper") else ():
+    for needed in ("matplotlib", "imageio_ffmpeg") if words.startswith("reproduce") else ():
         pytest.importorskip(needed, reason=f"needs {needed}: outlast[plot,video]")
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8, 13, 21})
     monkeypatch.setattr(os, "cpu_count", lambda: 128)
     found: list[int] = []
-    for command in (train, benchmark, paper):
+    for command in (train, benchmark, reproduce):
         monkeypatch.setattr(command, "side_by_side", lambda runs, at_once, *_: found.append(at_once) or STOPPED)
-    assert main([*words.split(), "--quiet", "--out", str(tmp_path)]) == STOPPED
+    made = parser if words.startswith("reproduce") else None
+    assert main([*words.split(), "--quiet", "--out", str(tmp_path)], made) == STOPPED
     assert found == [at_once]
 
 

@@ -1,4 +1,4 @@
-"""outlast paper: what it plans, trains, measures and writes; called again, it goes on."""
+"""What repeats the paper: what it plans, trains, measures and writes; called again, it goes on."""
 
 import json
 import re
@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from outlast.envs.cli.main import main, parser
+from outlast.envs.cli.main import parser
 from outlast.training.base.curves import FILE, format_curves, read_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.research import experiments
+from outlast.training.research.__main__ import main as research
 from outlast.training.research.experiments import PARTS, expected_seconds, seconds_table
 
 for library in ("torch", "tensorboard", "matplotlib"):
@@ -27,7 +28,7 @@ RESULTS = Path(__file__).parents[2] / "results"
 
 
 def outlast_paper(*arguments: object) -> int:
-    return main(["paper", *map(str, arguments), "--quiet"])
+    return research(["reproduce", *map(str, arguments), "--quiet"])
 
 
 def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,6 +296,6 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
 
 def test_parts_are_named_in_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["paper", "--help"])
+        research(["reproduce", "--help"])
     text = capsys.readouterr().out
     assert all(f"  {part} " in text for part in PARTS)

@@ -1,4 +1,4 @@
-"""outlast plot --paper: curves are read exactly or refused, figures show ours and the paper's, claims can fail."""
+"""Runs beside the paper: curves are read exactly or refused, figures show ours and the paper's, claims can fail."""
 
 import csv
 import io
@@ -42,11 +42,10 @@ from outlast.training.base.curves import (
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.base.presets import preset
-from outlast.training.cli import plot
 from outlast.training.plots.figure import STYLE
 from outlast.training.plots.plot import FORMS
 from outlast.training.plots.runs import kept_runs
-from outlast.training.research import figures
+from outlast.training.research import compare, figures
 from outlast.training.research.claims import FFA, TEAMS, claims_table, findings, over
 from outlast.training.research.report import csv_table, markdown, report
 from outlast.training.research.results import PaperGroup, group_runs, load_runs, published_curves
@@ -232,7 +231,8 @@ def refused(places: Sequence[Path], message: str) -> None:
 def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     one = folder(tmp_path / "one")
     refused(
-        [one, folder(tmp_path / "a", seed=1, dead="drop")], "dead is keep in .*one and drop in .*a: leave out --paper"
+        [one, folder(tmp_path / "a", seed=1, dead="drop")],
+        "dead is keep in .*one and drop in .*a; `outlast plot` compares them",
     )
     refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
     refused(
@@ -252,7 +252,7 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
         refused([empty], r"run.json does not describe a run")
 
 
-outlast_plot = partial(call, plot, "--paper")
+outlast_plot = partial(call, compare)
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
 
 

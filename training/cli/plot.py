@@ -1,4 +1,4 @@
-"""outlast plot: curves and end values of runs, compared with each other or with the paper's. Needs no PyTorch."""
+"""outlast plot: curves and end values of runs, compared with each other. Needs no PyTorch."""
 
 import argparse
 from pathlib import Path
@@ -6,11 +6,8 @@ from typing import Any
 
 from outlast.envs.cli.options import add_options, output
 
-from ..base.errors import TrainingError
-from ..base.files import check_out, write_files
-from ..plots.comparison import AXES
-from ..plots.plot import DRAWN, OUTPUT, PlotOptions, plot
-from .paper import MISSING
+from ..base.files import check_out
+from ..plots.plot import DRAWN, PlotOptions, plot
 
 
 def add(commands: Any) -> None:
@@ -21,7 +18,6 @@ def add(commands: Any) -> None:
             "plot runs/weak runs/strong --by melee_damage --curves length,wins/scripted",
             "two curves of each, in groups by a number of the game",
         ),
-        ("plot runs --paper --out figures/paper", "runs of the paper's variants beside the paper's curves"),
     ]
     description = (
         "Draw the learning curves of runs in one figure, and write a table of their values at the end. Runs that "
@@ -34,11 +30,6 @@ def add(commands: Any) -> None:
     command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
     names = {"type": _names}
     add_options(command, PlotOptions, out={"type": output(check_out)}, by=names, curves=names)
-    text = "compare runs of the paper's variants with the paper: draw a figure for each variant and preset, and check "
-    text += "the paper's claims"
-    command.group(DRAWN).add_argument("--paper", action="store_true", help=text)
-    text = "with --paper: also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
-    command.group(OUTPUT).add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.set_defaults(run=run)
 
 
@@ -52,32 +43,9 @@ def _names(text: str) -> tuple[str, ...]:
 
 def run(options: argparse.Namespace) -> int:
     """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
-    options.out, options.keep = Path(options.out), options.keep and Path(options.keep)
-    if options.paper:
-        return _beside_the_paper(options)
-    if options.keep:
-        raise TrainingError("--keep is for results beside the paper's: add --paper")
-    found = plot(options.runs, options.out, by=options.by, curves=options.curves, x=options.x, form=options.format)
+    found = plot(
+        options.runs, Path(options.out), by=options.by, curves=options.curves, x=options.x, form=options.format
+    )
     print(found)
     print("\n".join(map(str, found.files)))
-    return 0
-
-
-def _beside_the_paper(options: argparse.Namespace) -> int:
-    if options.by or options.curves or options.x != AXES[0]:
-        raise TrainingError("with --paper, the curves and the groups are the paper's: leave out --by, --curves and --x")
-    try:
-        from ..research.report import figures_and_tables, report
-        from ..research.results import files_to_keep, group_runs, load_runs
-    except ModuleNotFoundError as error:
-        if error.name != f"{__package__.rpartition('.')[0]}.research":
-            raise
-        raise TrainingError(f"--paper: {MISSING}") from error
-    runs = load_runs(options.runs)
-    groups = group_runs(runs)
-    contents = files_to_keep(runs, options.keep) if options.keep else {}
-    contents |= {options.out / name: content for name, content in figures_and_tables(groups, options.format).items()}
-    write_files(contents)
-    print(report(groups))
-    print("\n".join(str(path) for path in contents))
     return 0

@@ -1,4 +1,4 @@
-"""What `outlast paper` trains: the paper's eight experiments, its method as the text has it, and its games mended."""
+"""What `reproduce` trains: the paper's eight experiments, its method as the text has it, and its games mended."""
 
 import ast
 import csv

@@ -143,11 +143,11 @@ def _of_the_paper(run: Run) -> PaperRun:
     """The run, with what differs from the paper's game. Raises TrainingError if it is of another one."""
     wrong = f"{run.origin} is no run of the paper's"
     if run.beyond:
-        raise TrainingError(f"{wrong}: its game has {', '.join(run.beyond)}; leave out --paper")
+        raise TrainingError(f"{wrong}: its game has {', '.join(run.beyond)}; `outlast plot` compares it")
     try:
         name = variant(run.scenario).name
     except ScenarioError as error:
-        raise TrainingError(f"{wrong}: {error}; leave out --paper") from error
+        raise TrainingError(f"{wrong}: {error}; `outlast plot` compares it") from error
     own, usual = run.numbers, usual_numbers(name, run.plan["preset"])
     pairs = {key: (own.get(key, ABSENT), usual.get(key, ABSENT)) for key in sorted(own.keys() | usual.keys())}
     changed = {key: its for key, (its, other) in pairs.items() if its != other}
@@ -162,7 +162,7 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
         together = groups.setdefault(f"{result.variant}-{result.plan['preset']}", [])
         for other in together:
             if difference := _difference(other, result):
-                raise TrainingError(f"{difference}: leave out --paper to compare them, or plot them one by one")
+                raise TrainingError(f"{difference}; `outlast plot` compares them")
             check_seeds(other, result)
         together.append(result)
     return [PaperGroup(tuple(sorted(runs, key=lambda run: run.seed))) for _, runs in sorted(groups.items())]

@@ -1,4 +1,4 @@
-"""outlast paper: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
+"""reproduce: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
 
 import argparse
 import heapq
@@ -24,12 +24,13 @@ EXTRAS = "train,plot,video"
 TIMED_ON = "as timed on one core of an AMD EPYC (Zen 3)"
 
 
-def add(commands: Any, text: str) -> None:
-    """Add the command to a parser's commands. text: Its line in the list of commands."""
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    text = "train, measure and draw the paper's experiments and more"
     examples = [
-        ("paper --plan", "what would be trained, and how long that takes"),
-        ("paper original --out reproduction", "the eight experiments; the same command goes on after Ctrl-C"),
-        ("paper original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
+        ("reproduce --plan", "what would be trained, and how long that takes"),
+        ("reproduce original --out reproduction", "the eight experiments; the same command goes on after Ctrl-C"),
+        ("reproduce original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
     ]
     description = (
         "Train the runs of docs/paper.md, and write its figures, tables and films. Run again, the same command goes on "
@@ -37,7 +38,7 @@ def add(commands: Any, text: str) -> None:
     )
     parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
     command = commands.add_parser(
-        "paper", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
+        "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
     )
     text = f"what to train: {', '.join(PARTS)}, see below (default: all)"
     command.add_argument("parts", nargs="*", metavar="PART", help=text)

@@ -1,0 +1,24 @@
+"""python -m outlast.training.research: train the paper's experiments, or compare runs with the paper."""
+
+import sys
+from collections.abc import Sequence
+
+from outlast.envs.cli.grammar import Parser
+from outlast.envs.cli.main import main as run
+from outlast.envs.cli.main import program
+
+from . import compare, reproduce
+
+
+def parser() -> Parser:
+    """Return the grammar of this program."""
+    return program(f"python -m {__package__}", "What repeats the paper, of docs/paper.md.", (reproduce, compare))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    return run(arguments, parser)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
