@@ -2,6 +2,7 @@
 
 import contextlib
 import inspect
+import itertools
 import os
 import re
 import signal
@@ -167,6 +168,25 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys) -> None
     assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
 
 
+def test_a_sweep_is_a_run_of_each_combination(tmp_path: Path, monkeypatch) -> None:
+    """Each child gets the words that train the config which the study planned for it."""
+    found: list[ChildRun] = []
+    monkeypatch.setattr(train, "side_by_side", lambda runs, *_: found.extend(runs) or 0)
+    words = ("--sweep", "melee_damage=5,20", "--sweep", "gamma=0.9,0.99", "--seed", "0", "1", "--out", str(tmp_path))
+    assert outlast_train("ffa_1", *WORDS, *words, "--set", "heals_count=3") == 0
+    names = [f"ffa_1-n_heals=3{mark}" for mark in ("", "-melee_damage=20")]
+    pairs = itertools.product(names, ("gamma=0.9", "gamma=0.99"), "01")
+    assert [run.name for run in found] == [f"{name}-{gamma}-original-{seed}" for name, gamma, seed in pairs]
+    planned = []
+    monkeypatch.setattr(train, "_train_one", lambda options, run: planned.append((options, run.config)) or 0)
+    for run in found:
+        assert outlast_train(*run.words[4:]) == 0
+    configs = [(config.scenario.numbers()["melee_damage"], config.numbers.gamma, config.seed) for _, config in planned]
+    assert configs == [*itertools.product((5, 20), (0.9, 0.99), (0, 1))]
+    assert {config.scenario.numbers()["heals_count"] for _, config in planned} == {3}
+    assert [Path(options.out).name for options, _ in planned] == [run.name for run in found]
+
+
 @pytest.mark.parametrize(
     ("program", "last"),
     [
@@ -205,7 +225,7 @@ def test_every_option_reaches_every_run() -> None:
         --import=a.py --roles=r.json --save-scenario=s.json --preset=paper --steps=7 --ppo=gamma=0.5 --anneal=a=1:2
         --policies=side --memory=3 --critic=state --dead=drop --warm-start=scripted --opponents=self:2,past
         --prioritised --snapshots=4 --worlds=8 --rollout=512 --every=9 --film --quiet --out=o --resume --seed 3
-        --device=cuda --threads=2 --processes=2 --jobs=2 --ray
+        --device=cuda --threads=2 --processes=2 --jobs=2 --ray --sweep=gamma=0.9
     """
     options = command.parse_args(["ffa_1", *given.split()])
     usual = command.parse_args(["ffa_1"])
@@ -221,6 +241,11 @@ def test_every_option_reaches_every_run() -> None:
     [
         ("ffa_1 1v1_heals_low", "name each variant and each seed once"),
         ("ffa_1 --jobs 2", "--jobs has no effect on one run: leave it out, or name several"),
+        ("ffa_2 --sweep n_agents=2,3 --sweep agents_count=2,3", "agents_count is given twice"),
+        ("ffa_2 --sweep gama=1,2", "did you mean gamma"),
+        ("ffa_2 --sweep melee_damage=1,1", "different values are needed, as in melee_damage=5,10,20"),
+        ("ffa_2 --sweep gamma=0.9 --ppo gamma=1", "gamma is given twice"),
+        ("ffa_2 --sweep heals_count=1,2 --save-scenario game.json", "--sweep makes several"),
         ("ffa_2 --ppo gama=1", "PPO has no number 'gama'; did you mean gamma.$"),
         ("ffa_2 --steps 1.5", "1.5: an integer of at least 0 is needed"),
         ("ffa_2 --memory 8 --rollout 2560", "--rollout 4096"),
@@ -228,7 +253,7 @@ def test_every_option_reaches_every_run() -> None:
 )
 def test_what_the_command_refuses(words: str, message: str, tmp_path: Path, capsys) -> None:
     """Whether the words are wrong or the plan."""
-    with pytest.raises((TrainingError, SystemExit)) as caught:
+    with pytest.raises((TrainingError, NumberError, SystemExit)) as caught:
         outlast_train(*words.split(), "--out", str(tmp_path / "run"))
     assert re.search(message, f"{caught.value}{capsys.readouterr().err}")
     assert not (tmp_path / "run").exists()

@@ -365,7 +365,7 @@ class EvaluationOptions:
     """The options of `outlast.evaluate`."""
 
     episodes: int = option(
-        1000, PLAYED, "episodes of each pairing, rounded up so that all worlds play the same number", least=1
+        200, PLAYED, "episodes of each pairing, rounded up so that all worlds play the same number", least=1
     )
     worlds: int = option(64, PLAYED, "worlds that play at once", least=1)
     seed: int = option(0, PLAYED, "the same seed gives the same numbers", least=0, most=2**64 - 1)

@@ -1,11 +1,13 @@
 """outlast train: train the agents of one or several variants; several runs are processes side by side."""
 
 import argparse
+import copy
 import functools
 import itertools
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +24,20 @@ from ..base.annealing import parse_anneal
 from ..base.config import OPPONENTS, SELF, RunOptions, TrainingConfig, Workload, parse_warm_start
 from ..base.errors import TrainingError, needed
 from ..base.files import check_out
-from ..base.hyperparameters import parse_hyperparameters
+from ..base.hyperparameters import KINDS, parse_hyperparameters
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-OWN = ("variant", "seed", "out", "resume", "quiet", "jobs", "save_scenario")  # that each of several runs has for itself
+OWN = (
+    "variant",
+    "seed",
+    "sweep",
+    "out",
+    "resume",
+    "quiet",
+    "jobs",
+    "save_scenario",
+)  # that each of several runs has for itself
 logger = logging.getLogger("outlast")
 
 
@@ -35,13 +46,17 @@ def add(commands: Any) -> None:
     examples = [
         ("train ffa_2", "ten million agent-steps, in the folder runs/ffa_2-fast-0"),
         ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
+        (
+            "train ffa_2 --sweep melee_damage=5,10,20 --seed 0 1",
+            "a study of six runs; `outlast plot runs` compares them",
+        ),
         ("train ffa_2 --resume", "go on with a run that was stopped"),
     ]
     text = "train the agents of a game with PPO"
     description = (
-        "Train agents with PPO, by self-play unless --opponents names others. Several variants or seeds are several "
-        "runs, side by side. The folder of a run has its log and checkpoints. A tick of a world of four agents is one "
-        "environment step, and four agent-steps."
+        "Train agents with PPO, by self-play unless --opponents names others. Several variants, seeds or values of "
+        "--sweep are several runs, side by side. The folder of a run has its log and checkpoints. A tick of a world of "
+        "four agents is one environment step, and four agent-steps."
     )
     command = commands.add_parser("train", help=text, description=description, examples=examples)
     add_scenario(command, several=True)
@@ -51,6 +66,13 @@ def add(commands: Any) -> None:
     seeds = {"type": seed, "nargs": "+", "default": [0], "help": text}
     add_options(command, TrainingConfig, seed=seeds, opponents={"default": SELF})
     add_options(command, RunOptions, folder={"type": output(check_out)}, cluster={"nargs": "?", "const": ""})
+    text = (
+        "train with each of these values of a number of the game or of PPO, as in melee_damage=5,10,20 or gamma=0.99,"
+    )
+    text += "0.999; of several numbers, with each combination (can be repeated)"
+    command.group(known.LEARNED).add_argument(
+        "--sweep", type=_swept, action="append", default=[], metavar="NUMBER=V,V,...", help=text
+    )
     text = "how many of several runs train at the same time (default: cores / --processes)"
     command.group(known.MACHINE).add_argument("--jobs", type=positive, help=text)
     command.set_defaults(run=functools.partial(run, command))
@@ -58,23 +80,76 @@ def add(commands: Any) -> None:
 
 def run(command: Parser, options: argparse.Namespace) -> int:
     """Train; the exit status."""
-    chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
     parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
-    if len(options.variant) * len(options.seed) > 1:
-        return _train_several(command, options, list(zip(options.variant, chosen, strict=True)), settings)
-    return _train_one(options, chosen[0], settings)
-
-
-def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str, Any]) -> int:
-    """Train in this process, behind a progress bar; the exit status."""
-    if options.jobs is not None:
+    runs = list(_each_run(options))
+    if options.jobs is not None and len(runs) == 1:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
+    return _train_several(command, options, runs) if len(runs) > 1 else _train_one(options, runs[0])
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run that the options ask for.
+
+    Attributes:
+        variant: The name of its game, as the user gave it.
+        swept: The words of a command line with its values of --sweep.
+        marks: Its values of PPO among them, which the name of the game lacks.
+        config: What it trains.
+    """
+
+    variant: str
+    swept: tuple[str, ...]
+    marks: tuple[str, ...]
+    config: TrainingConfig
+
+    @property
+    def folder_name(self) -> str:
+        """Return the name of its folder, unless the user gives one."""
+        return "-".join((self.config.scenario.file_name, *self.marks, self.config.preset, str(self.config.seed)))
+
+    def words(self) -> list[str]:
+        """Return the words of a command line that only this run has."""
+        return [self.variant, "--seed", str(self.config.seed), *self.swept]
+
+
+def _swept(text: str) -> tuple[str, ...]:
+    """Return a value of --sweep as assignments: "gamma=0.9", "gamma=0.99"."""
+    name, _, values = text.partition("=")
+    given = [value.strip() for value in values.split(",")]
+    if not name or not all(given) or len(set(given)) < len(given):
+        raise argparse.ArgumentTypeError(
+            f"{text}: a number and different values are needed, as in melee_damage=5,10,20"
+        )
+    return tuple(f"{name.strip()}={value}" for value in given)
+
+
+def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
+    """Yield all runs that the options ask for.
+
+    Raises TrainingError, ScenarioError, NumberError: A number does not exist, or is given twice.
+    """
+    if options.sweep and options.save_scenario is not None:
+        raise TrainingError("--save-scenario writes one scenario, and --sweep makes several: leave one of them out")
+    for name, values, own in itertools.product(options.variant, itertools.product(*options.sweep), options.seed):
+        ppo = tuple(text for text in values if text.partition("=")[0] in KINDS)
+        numbers = [text for text in values if text not in ppo]
+        for text in numbers:
+            scenario(options, name).find_number(text.partition("=")[0], KINDS)  # whose error may mean one of PPO
+        asked = copy.copy(options)
+        asked.set, asked.ppo = [*options.set, *numbers], [*options.ppo, *ppo]
+        words = (*(f"--set={text}" for text in numbers), *(f"--ppo={text}" for text in ppo))
+        yield PlannedRun(name, words, ppo, _config(asked, scenario(asked, name), own))
+        options.changed_scenario = getattr(asked, "changed_scenario", None)
+
+
+def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
+    """Train in this process, behind a progress bar; the exit status."""
     with needed("train", "training needs"):
         from ..runs.run import TrainingRun
-        from ..runs.train import shown, usual_folder
-    config = _config(options, chosen, options.seed[0], settings)
-    folder = Path(options.out) if options.out else usual_folder(config)
-    training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
+        from ..runs.train import shown
+    folder = Path(options.out or Path("runs", planned.folder_name))
+    training = TrainingRun(planned.config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0
     try:
         shown(training, quiet=options.quiet)
@@ -87,37 +162,27 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     return status
 
 
-def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
+def _config(options: argparse.Namespace, chosen: Scenario, own: int) -> TrainingConfig:
     """Return what the options ask for, of one scenario and one seed. Raises TrainingError."""
-    parsed = {"seed": own, "settings": settings, "anneal": parse_anneal(options.anneal)}
+    parsed = {"seed": own, "settings": parse_hyperparameters(options.ppo), "anneal": parse_anneal(options.anneal)}
     parsed["opponents"] = parse_lineup(options.opponents, OPPONENTS)
     return TrainingConfig(chosen, **given_options(options, TrainingConfig) | parsed)
 
 
-def _train_several(
-    command: Parser, options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]], settings: dict[str, Any]
-) -> int:
-    """Train every variant with every seed; the exit status, see side_by_side.
+def _train_several(command: Parser, options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
+    """Train all of them, each in a process; the exit status, see side_by_side.
 
     `--resume` goes on with runs that were stopped, and begins those that had not begun.
 
-    command: Whose options these are. chosen: Names, as the user gave them, and their scenarios. Raises TrainingError:
-    two runs would be the same; nothing has begun then.
+    command: Whose options these are. Raises TrainingError: two runs would be the same; nothing has begun then.
     """
-    pairs, folder = list(itertools.product(chosen, options.seed)), Path(options.out or "runs")
+    folder = Path(options.out or "runs")
     common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
-    runs = [
-        ChildRun(
-            folder / f"{scenario.file_name}-{options.preset}-{seed}",
-            [variant, "--seed", str(seed), *common],
-            resume=options.resume,
-        )
-        for (variant, scenario), seed in pairs
-    ]
+    runs = [ChildRun(folder / each.folder_name, [*each.words(), *common], resume=options.resume) for each in planned]
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
     at_once = options.jobs or max(1, available_cores() // options.processes)
-    works = [Workload.of(_config(options, scenario, seed, settings)) for (_, scenario), seed in pairs]
+    works = [Workload.of(each.config) for each in planned]
     total = sum(work.total for work in works)
     about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
     begun = sum(run.steps() for run in runs) if options.resume else 0
