@@ -6,6 +6,7 @@ from button import BUTTON
 from conveyor import CONVEYOR
 from ferry import FERRY
 from football import FOOTBALL
+from hide_quadrant import HIDE_QUADRANT
 from ice import ICE
 from key import KEY_AND_DOOR
 from mine import MINES
@@ -22,6 +23,7 @@ from outlast.ecs import Entity
 
 STAY, AHEAD, BACK, LEFT = (1, 1, 1), (2, 1, 1), (0, 1, 1), (1, 2, 1)
 GAMES = [BUTTON, CONVEYOR, FERRY, FOOTBALL, ICE, KEY_AND_DOOR, MINES, QUADRANT, SPRING, TEAM_WALL, TELEPORTER, TURRET]
+GAMES += [HIDE_QUADRANT]
 
 
 def made(scenario, worlds=1):
@@ -41,6 +43,15 @@ def play(env, ticks, *actions):
 @pytest.mark.parametrize("scenario", GAMES, ids=lambda scenario: scenario.name)
 def test_nothing_is_wrong_with_it(scenario):
     assert outlast.check(scenario) == []
+
+
+@pytest.mark.parametrize("scenario", GAMES[:4], ids=lambda scenario: scenario.name)
+def test_a_game_without_hit_points_has_nothing_of_the_survival_game(scenario):
+    env = made(scenario)[0]
+    assert "health" not in {*env.fields["own"], *env.fields["others"]}
+    assert not {"heals", "boxes", "zone", "heal_slot", "box_slot"} & {*env.fields}
+    info = play(env, 300, *[STAY] * env.num_agents)[-1]
+    assert {*info["statistics"]} <= {"length", "return", "outcome"}
 
 
 def test_crates_start_in_a_quadrant_that_is_drawn_and_agents_outside():

@@ -1,13 +1,19 @@
 """The page in a browser: it plays from a file, and what it shows is what happened."""
 
 import socket
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+import outlast
+from outlast.components import Look
+from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.rendering import style
+from outlast.envs.web.replay import write_page
 from tests.web.browser import TITLE, Screen, Truth
 
 HALF = style.SIZES.margin * 12.5  # metres from the middle of the canvas to its edge
@@ -63,6 +69,41 @@ def pixel(screen: Screen, x: float, y: float) -> tuple[int, ...]:
     height, width = image.shape[:2]
     scale = min(height, width) / (2 * HALF)
     return tuple(image[int(height / 2 - y * scale), int(width / 2 + x * scale)].tolist())
+
+
+class Mark(Component):
+    ring: Array = column("u1")
+    other: Array = column("i4", fill=-1, unit="entity")
+
+
+class Marking(Module):
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("agent", (Mark(),))]
+
+    def looks(self) -> dict[str, Look]:
+        return {"agent": Look(ring=Mark.ring, line_to=Mark.other)}
+
+
+def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, compiled: None, tmp_path: Path) -> None:
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Marking()), 1, seed=0)
+
+    def two() -> Iterator[int]:
+        env.reset()
+        for i, x in enumerate((-3.0, 5.0)):
+            env.place("agent", i, x=x, y=1.0, angle=0.0)
+        yield 0
+        env.step(np.tile(env.noop, (1, 2, 1)))
+        env.worlds[Mark].ring[0, 0], env.worlds[Mark].other[0, 0] = 1, 1
+        yield 1
+
+    write_page(tmp_path / "page.html", env.worlds, two(), [0], title="")
+    screen = look(tmp_path / "page.html")
+    screen.key("v", "z", "h", "b")
+    for row in (0, 1):
+        screen.seek(row)
+        for x, y in ((-3.0, 1.5 + 3 * style.SIZES.sight_line), (1.0, 1.0)):  # on the ring, and on the line
+            assert (sum(pixel(screen, x, y)) < 200) == (row == 1), (x, row)
+        assert sum(pixel(screen, 5.0, 1.5 + 3 * style.SIZES.sight_line)) > 600  # no ring around the other one
 
 
 @pytest.mark.nightly

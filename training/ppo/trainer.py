@@ -91,7 +91,7 @@ class Trainer:
         self.team, names = teams(self.env, config.policies)
         numbers = by_name("settings", config.numbers_by_policy, names)
         networks = config.networks if isinstance(config.networks, Mapping) else {"": config.networks}
-        self.networks = by_name("networks", {"": None} | networks, names)
+        self.networks = by_name("networks", {"": None, **networks}, names)
         self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
         self.state = len(self.state_scale)
         with torch.random.fork_rng(devices=[]):
