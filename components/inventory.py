@@ -6,6 +6,8 @@ import numpy as np
 
 from outlast.ecs import Action, Array, Component, Coupled, Event, WorldsView, column, kernel
 
+from .masks import of_agents
+
 
 class Item(Component):
     """An item can be picked up, given, dropped and used. It is alive on the ground; while carried it has a holder.
@@ -82,6 +84,12 @@ class ItemDropped(Event, capacity=Item, whom="item"):
     item: Array = column("i4", unit="entity")
 
 
+@kernel
+def empty(bag: Any, e: int) -> Any:
+    """Return whether the bag of `e` is empty."""
+    return bag.count[e] == 0
+
+
 def empty_handed(worlds: WorldsView, received: Any) -> Array:
     """Return which agents cannot pass on an item in the next tick, because their bags are empty.
 
@@ -93,15 +101,15 @@ def empty_handed(worlds: WorldsView, received: Any) -> Array:
     Returns:
         bool (worlds, agents), a new array.
     """
-    empty = worlds[Bag].count[:, worlds.span("agent")] == 0
-    found: Array = np.where(np.reshape(received, (-1, 1)), empty.all(1, keepdims=True), empty)
+    own = of_agents(empty, worlds, Bag)
+    found: Array = np.where(np.reshape(received, (-1, 1)), own.all(1, keepdims=True), own)
     return found
 
 
 @kernel
 def last(bag: Any, e: int) -> int:
     """Return the row of the last item in the bag of agent `e`, -1 if it is empty."""
-    return int(bag.items[e, bag.count[e] - 1]) if bag.count[e] > 0 else -1
+    return -1 if empty(bag, e) else int(bag.items[e, bag.count[e] - 1])
 
 
 @kernel
@@ -131,7 +139,7 @@ def push(bag: Any, item: Any, e: int, row: int) -> bool:
 @kernel
 def pop(bag: Any, item: Any, e: int) -> int:
     """Take the last item out of the bag of `e`, and return its row; -1 if the bag is empty."""
-    if bag.count[e] == 0:
+    if empty(bag, e):
         return -1
     bag.count[e] -= 1
     row = int(bag.items[e, bag.count[e]])

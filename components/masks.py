@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
-from outlast.ecs import Singleton, WorldsView
+from outlast.ecs import Array, Component, Singleton, WorldsView
 
 
 class Idle(Singleton):
@@ -14,6 +14,21 @@ class Idle(Singleton):
 
     Each column is called like an action. A system of phase END writes it, so a kernel can serve the rule and the mask.
     """
+
+
+def of_agents(rule: Any, worlds: WorldsView, component: type[Component]) -> Array:
+    """Return what a kernel (table, e) returns for each agent, so that a rule serves its systems and its mask.
+
+    Args:
+        rule: The kernel. It must do nothing but compare columns at `e`, which is the same for one row and for arrays.
+        worlds: Worlds, between two ticks.
+        component: The component of the table.
+
+    Returns:
+        (worlds, agents), a new array.
+    """
+    found: Array = getattr(rule, "py_func", rule)(worlds[component], (slice(None), worlds.span("agent")))
+    return found
 
 
 @runtime_checkable

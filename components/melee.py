@@ -1,6 +1,8 @@
 """The melee: a segment ahead of the agent."""
 
-from outlast.ecs import Action, Array, Component, Event, column
+from typing import Any
+
+from outlast.ecs import Action, Array, Component, Event, column, kernel
 
 
 class Attack(Action, order=1):
@@ -14,6 +16,12 @@ class Weapon(Component):
 
     target: Array = column("i4", fill=-1, unit="entity")  # row that this tick's strike hits, -1: none
     cooldown: Array = column("i4")  # ticks until it can strike again
+
+
+@kernel
+def cooling(weapon: Any, e: int) -> Any:
+    """Return whether the weapon of `e` cannot strike in the next tick."""
+    return weapon.cooldown[e] > 0
 
 
 class Strike(Event, capacity=Weapon):

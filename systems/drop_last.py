@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from outlast.components import Bag, Body, Drop, Gift, Item, ItemDropped, Phase, Side
-from outlast.components.inventory import empty_handed, place, pop
+from outlast.components.inventory import empty, empty_handed, place, pop
 from outlast.components.limits import FAR
 from outlast.components.respawn import inactive
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, WorldsView, Write, emit, number, of
@@ -49,7 +49,7 @@ def drop_last(
     """Put the last item down, straight ahead."""
     for i in range(agents.size):
         e = agents[i]
-        if entities.alive[e] and drop.drop[i] and bag.count[e] > 0:
+        if entities.alive[e] and drop.drop[i] and not empty(bag, e):
             row, far = pop(bag, item, e), of(offset, e)
             place(body, entities, row, body.x[e] + far * body.cosine[e], body.y[e] + far * body.sine[e])
             k = emit(drops)

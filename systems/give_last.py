@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Side, Sides
-from outlast.components.inventory import empty_handed, full, pop, push
+from outlast.components.inventory import empty, empty_handed, full, pop, push
 from outlast.components.limits import FAR
 from outlast.components.respawn import inactive
 from outlast.ecs import (
@@ -97,12 +97,12 @@ def choose(
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1
-        givers += entities.alive[me] != 0 and give.give[i] != 0 and bag.count[me] > 0
+        givers += entities.alive[me] != 0 and give.give[i] != 0 and not empty(bag, me)
     if givers == 0:
         return
     for i in range(agents.size):
         me = agents[i]
-        if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
+        if not entities.alive[me] or not give.give[i] or not (passes_on or not empty(bag, me)):
             continue
         closest, far = np.float32(np.inf), of(reach, me)
         for k in range(discs_near(bodies, bodies.members, body.x[me], body.y[me], far)):
@@ -130,7 +130,7 @@ def hand_over(
     """Hand over the items, in order of agents."""
     for me in agents:
         taker = gift.taker[me]
-        if taker >= 0 and bag.count[me] > 0 and not full(bag, taker):
+        if taker >= 0 and not empty(bag, me) and not full(bag, taker):
             row = pop(bag, item, me)
             push(bag, item, taker, row)
             k = emit(gifts)

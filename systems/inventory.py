@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from outlast.components import Bag, Item, ItemUsed, Phase, Side, Use
-from outlast.components.inventory import CLOSED, pop
+from outlast.components.inventory import CLOSED, empty, pop
 from outlast.components.limits import MANY
+from outlast.components.masks import of_agents
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
@@ -54,7 +55,7 @@ class Inventory(Module):
         return {"slots": self.slots}
 
     def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
-        return {"use": inactive(worlds) | (worlds[Bag].count[:, worlds.span("agent")] == 0)}
+        return {"use": inactive(worlds) | of_agents(empty, worlds, Bag)}
 
 
 @Inventory.system(Phase.DRAW)

@@ -10,6 +10,8 @@ from outlast.components import Attack, Body, DamageType, Filter, Guard, Health, 
 from outlast.components.contact import is_clear
 from outlast.components.health import MOST, hurt, immune
 from outlast.components.limits import FAR, TICKS
+from outlast.components.masks import of_agents
+from outlast.components.melee import cooling
 from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
@@ -69,7 +71,7 @@ class Melee(Module):
         return {"hits": "agents"}
 
     def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
-        return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
+        return {"attack": inactive(worlds) | of_agents(cooling, worlds, Weapon)}
 
 
 @Melee.system(Phase.MELEE)
@@ -95,7 +97,7 @@ def aim(
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
-        if weapon.cooldown[me] > 0:  # ticks pass for the dead, too, who may come back
+        if cooling(weapon, me):  # ticks pass for the dead, too, who may come back
             weapon.cooldown[me] -= 1
         elif entities.alive[me] and attack.attack[i]:
             k = emit(strikes)
