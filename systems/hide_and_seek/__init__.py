@@ -1,0 +1,13 @@
+"""The mechanics of hide and seek, a game beside the survival game (arXiv 1909.07528), in two dimensions.
+
+Its scenarios are in envs/scenarios/hide_and_seek.py. "Published" and names of files are of its environments,
+github.com/openai/multi-agent-emergence-environments, folder mae_envs.
+"""
+
+from .climbing import Climbing
+from .handling import Handling
+from .hiding import Hiding
+from .quadrant import Quadrant
+from .things import Things
+
+__all__ = ["Climbing", "Handling", "Hiding", "Quadrant", "Things"]
