@@ -34,8 +34,9 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.queries import Bodies, line_of_sight, within
+from outlast.systems.geometry.bodies import Bodies
 from outlast.systems.geometry.points import to_local
+from outlast.systems.geometry.queries import line_of_sight, within
 from outlast.systems.observation_rows import more_fields
 
 AGENTS = 2  # their layer; walls and things are in layer 1, as they have no filter of their own

@@ -28,7 +28,8 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.queries import Bodies, distance, within
+from outlast.systems.geometry.bodies import Bodies
+from outlast.systems.geometry.queries import distance, within
 from outlast.systems.observation_rows import more_fields
 
 from .things import CratesView, RampsView

@@ -27,7 +27,8 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.queries import Bodies, around
+from outlast.systems.geometry.bodies import Bodies
+from outlast.systems.geometry.queries import around
 
 JOINT, MEAN = 0, 1  # indices into the choices of Hiding.rule
 MOMENTS = 2
@@ -141,7 +142,7 @@ def track_things(
     preparation_ticks: int,
 ) -> None:
     """Record how far things are from where they began, and how many are locked."""
-    for moment in range(clock.tick[0] > preparation_ticks, MOMENTS):
+    for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):
         tracked.crates_moved[moment] = tracked.ramps_moved[moment] = 0
         tracked.crates_locked[moment] = tracked.ramps_locked[moment] = 0
         for e in things:
@@ -170,7 +171,7 @@ def track_doors(
     for k in range(doors.open.size):
         if doors.open[k]:
             closed += around(bodies, things, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
-    for moment in range(clock.tick[0] > preparation_ticks, MOMENTS):
+    for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):
         tracked.doors_closed[moment] = closed
 
 

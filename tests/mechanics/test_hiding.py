@@ -1,6 +1,7 @@
 """Hide and seek: its rules one by one, and against their naive forms over hostile play."""
 
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ import pytest
 import outlast
 from outlast.components import Body, ObservationMasks, Solid, Weld
 from outlast.components.hide_and_seek import Aloft, Doors, Movable, Tracked
-from outlast.ecs import Clock, NumberError
+from outlast.ecs import RESET, STEP, Clock, NumberError, Worlds
 from outlast.envs.scenarios.hide_and_seek import HIDE_2V2, HIDE_DOOR, HIDE_OPEN, SCENARIOS
 from outlast.systems import Preparation
 from outlast.systems.hide_and_seek import Hiding, Things
+from tests.conftest import COMPILED, digest
 from tests.helpers.naive_hiding import naive
+from tests.helpers.sines import sines_of_c
 
 AHEAD, IDLE, GRAB, LOCK, UNLOCK, PULL = (
     (6, 3, 3, 0, 1), (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (3, 3, 3, 0, 2), (3, 3, 3, 0, 0), (0, 3, 3, 1, 1),
@@ -262,3 +265,28 @@ def test_episodes_end_and_say_what_was_done(scenario):
     assert (found["outcome"].sum(1) == 12).all()
     assert (found["ticks_seen"] == found["outcome"][:, 1]).all()
     assert found["return"][:, 0].sum() == -found["return"][:, -1].sum() or scenario is HIDE_OPEN
+
+
+@pytest.mark.skipif(not COMPILED, reason="compares with machine code")
+def test_machine_code_and_python_give_the_same_bytes():
+    scenario, found = SCENARIOS["hide_2v2"].without("lidar").replace(preparation_ticks=5), []
+    for labels in ((), [system.label for system in Worlds(scenario.modules, 1).schedule.systems]):
+        portable = scenario.replace(physics_backend="portable") if labels else scenario
+        worlds, generator = Worlds(portable.modules, 2, interpret=labels), np.random.default_rng(5)
+        worlds.seed(3, np.arange(2))
+        with sines_of_c() if labels else nullcontext():
+            for tick in range(16):
+                worlds.actions[:] = generator.integers(0, 2, worlds.actions.shape)
+                worlds.run(np.full(2, STEP if tick else RESET, np.int8))
+                found.append(digest(worlds))
+    assert found[:16] == found[16:]
+
+
+def test_a_world_alone_is_the_world_of_a_batch():
+    batch, alone = (outlast.make_vec(HIDE_2V2, count, seed=4, first_world=first) for count, first in ((7, 0), (1, 5)))
+    (seen, _), (one, _) = batch.reset(), alone.reset()
+    batch.action_space.seed(1)
+    for _ in range(260):
+        assert all(np.array_equal(seen[key][5], one[key][0]) for key in one)
+        actions = batch.action_space.sample()
+        seen, one = batch.step(actions)[0], alone.step(actions[5:6])[0]
