@@ -14,6 +14,7 @@ from .look import Look
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer, Throttle
 from .phase import Phase, Seconds
+from .polygon import Polygon
 from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Kills, Outcome, Reward, Score
 from .sight import ObservationMasks, Sight
@@ -70,6 +71,7 @@ __all__ = [
     "OthersView",
     "Outcome",
     "Phase",
+    "Polygon",
     "Push",
     "Rays",
     "Respawned",

@@ -164,7 +164,7 @@ def see_in_crowd(
                     hiding += 1
         for k in range(wanted):
             e = targets[k]
-            if not is_inner_wall(entities, e) and seen_past(lanes, rows, hiding, body, shape, me, e):
+            if not is_inner_wall(entities, e) and seen_past(lanes, bodies, hiding, body, shape, me, e):
                 sight.visible[i, e >> SIMD_SHIFT] |= 1 << (e & SIMD_WIDTH - 1)
 
 
@@ -228,7 +228,7 @@ def line_of_sight(hiding: Array, bodies: Any, body: Array, shape: Array, me: int
 
     hiding: bitsets of the rows that may be in between, line by line of the index.
     """
-    x, y, dx, dy, reach = ray_to(body, shape, me, e)
+    x, y, dx, dy, reach = ray_to(body, shape, bodies.polygons, me, e)
     near = 0  # whether some body may be in between, which is hardly ever so: found without a branch for each block
     for k in range(bodies.count[0]):
         near |= near_ray(hiding, k, bodies, x, y, dx, dy, e)
@@ -237,7 +237,8 @@ def line_of_sight(hiding: Array, bodies: Any, body: Array, shape: Array, me: int
     for k in range(bodies.count[0]):
         pending = near_ray(hiding, k, bodies, x, y, dx, dy, e)
         while pending:
-            if raycast_entity(body, shape, x, y, dx, dy, first_row(bodies.lines[k], pending)) < reach:
+            other = first_row(bodies.lines[k], pending)
+            if raycast_entity(body, shape, x, y, dx, dy, other, bodies.polygons) < reach:
                 return False
             pending &= pending - 1
     return True
@@ -251,16 +252,17 @@ def near_ray(hiding: Array, k: int, bodies: Any, x: Real, y: Real, dx: Real, dy:
 
 
 @kernel
-def seen_past(listed: AABBs, rows: Array, count: int, body: Array, shape: Array, me: int, e: int) -> bool:
+def seen_past(listed: AABBs, bodies: Any, count: int, body: Array, shape: Array, me: int, e: int) -> bool:
     """Return the same as `line_of_sight`, given a list of the `count` rows that may be in between; see `list_row`."""
-    x, y, dx, dy, reach = ray_to(body, shape, me, e)
+    rows, polygons = bodies.rows, bodies.polygons
+    x, y, dx, dy, reach = ray_to(body, shape, polygons, me, e)
     if reach == NO_HIT:
         return False
     for start in range(0, count, SIMD_WIDTH):
         pending = aabbs_hit_by_ray(listed, start >> SIMD_SHIFT, x, y, dx, dy) & first_lanes(count - start)
         while pending:
             other = rows[start + trailing_zeros(pending)]
-            if other != e and raycast_entity(body, shape, x, y, dx, dy, other) < reach:
+            if other != e and raycast_entity(body, shape, x, y, dx, dy, other, polygons) < reach:
                 return False
             pending &= pending - 1
     return True

@@ -16,6 +16,7 @@ from outlast.components import (
     Filter,
     Floor,
     Phase,
+    Polygon,
     Shape,
     Side,
     Solid,
@@ -142,13 +143,14 @@ def find_places(
     walls: Rows[Wall],
     half_extents: Scratch,
     obstacles: Scratch,
+    polygons: Read[Polygon] | None,
     key: Random,
 ) -> None:
     """Give bodies that stand inside something, or outside their start areas, a free place. Agents come first."""
     fill_floor(areas.area[areas.area.shape[0] - 1], floor)
     tables = (body, shape, entities, floor, half_extents, obstacles)
     measure(wall, walls, half_extents, body, shape)
-    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas.area, key)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas.area, key, polygons)
     unplaced.bodies[0] = np.int32(missed)
 
 
@@ -198,11 +200,13 @@ def stop_blows(
     walls: Bitset[Wall],
     armed: Rows[Weapon],
     filters: Read[Filter] | None,
+    polygons: Read[Polygon] | None,
 ) -> None:
     """Let strikes that would go through a block hit the block."""
     span = block_span(walls)
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]
         if target >= 0:
-            strikes.target[k] = np.int32(first_barrier(body, shape, wall, entities, filters, walls, span, me, target))
+            barrier = first_barrier(body, shape, wall, entities, filters, walls, span, me, target, polygons)
+            strikes.target[k] = np.int32(barrier)
             weapon.target[me] = strikes.target[k]

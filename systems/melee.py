@@ -115,7 +115,7 @@ def aim(
                 or not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me])))
             ):
                 continue
-            at = raycast_entity(body, shape, x, y, dx, dy, e)
+            at = raycast_entity(body, shape, x, y, dx, dy, e, bodies.polygons)
             if at < nearest:
                 nearest, target = at, e
         weapon.target[me] = strikes.target[n] = target

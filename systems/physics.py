@@ -19,6 +19,7 @@ from outlast.components import (
     Filter,
     Material,
     Phase,
+    Polygon,
     Push,
     Rope,
     RopeBroken,
@@ -62,6 +63,7 @@ from .box2d.batch import (
     LONGEST,
     MAX_TRAVEL,
     OMEGA,
+    OUTLINE,
     SOLVED,
     TOUCHES,
     TRAITS,
@@ -72,7 +74,7 @@ from .box2d.batch import (
 )
 from .box2d.connect import gather_joints, mark_joined, number_marked, read_forces
 from .box2d.report import report_nothing, report_touches
-from .box2d.transfer import describe, gather, own, scatter, some_marked
+from .box2d.transfer import describe, gather, gather_outlines, own, scatter, some_marked
 from .geometry.blocks import alive_bits, first_row, without_row
 from .geometry.bodies import Bodies, all_aabbs, refresh
 from .geometry.bounds import clamp, count_kinds
@@ -81,7 +83,8 @@ from .geometry.broad_phase import gap, outer_radius, travel
 MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
-PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
+PI, THIRD = np.float32(math.pi), np.float32(1 / 3)
+TWELFTH = np.float32(0.25) * THIRD
 USUAL = np.float32(1e4)  # metres, radians, and both a second: what bodies hardly ever exceed, see `contain`
 EDGE = np.float32(1e5)  # metres from the middle, where the plane ends: float32 tells apart places of 8 mm there
 TURNS = 2 * math.pi
@@ -149,9 +152,12 @@ class Physics(Module):
 
 
 @Physics.system(Phase.SPAWN, after=Shape)
-def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
-    """Compute mass and moment of inertia of discs and rectangles, in Box2D's order of operations, all in float32."""
+def compute_mass(solid: Write[Solid], shape: Read[Shape], polygons: Read[Polygon] | None, solids: Rows[Solid]) -> None:
+    """Compute mass and moment of inertia of all solids, in Box2D's order of operations, all in float32."""
     for e in solids:
+        if polygons is not None and polygons.corners[e] > 0:
+            weigh(solid, polygons, e)
+            continue
         radius, width, height = shape.radius[e], shape.half_width[e], shape.half_height[e]
         if radius > ZERO:
             solid.mass[e] = solid.density[e] * PI * radius * radius
@@ -163,6 +169,35 @@ def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -
             share = TWELFTH * (part + part)
             solid.mass[e] = solid.density[e] * (part + part + part + part)
             solid.inertia[e] = solid.density[e] * (share * lying + share * standing + share * lying + share * standing)
+
+
+@kernel
+def weigh(solid: Array, polygons: Any, e: int) -> None:
+    """Compute mass and moment of inertia of a polygon, about its body's place, as b2PolygonShape::ComputeMass does."""
+    xs, ys, corners = polygons.x[e], polygons.y[e], polygons.corners[e]
+    mean_x, mean_y = ZERO, ZERO
+    for k in range(corners):
+        mean_x += xs[k]
+        mean_y += ys[k]
+    mean_x *= ONE / np.float32(corners)
+    mean_y *= ONE / np.float32(corners)
+    area, inertia, centre_x, centre_y = ZERO, ZERO, ZERO, ZERO
+    for k in range(corners):
+        x, y = xs[k] - mean_x, ys[k] - mean_y
+        next_x, next_y = xs[(k + 1) % corners] - mean_x, ys[(k + 1) % corners] - mean_y
+        cross = x * next_y - y * next_x
+        area += HALF * cross
+        centre_x += HALF * cross * THIRD * (x + next_x)
+        centre_y += HALF * cross * THIRD * (y + next_y)
+        spread_x = x * x + next_x * x + next_x * next_x
+        spread_y = y * y + next_y * y + next_y * next_y
+        inertia += (TWELFTH * cross) * (spread_x + spread_y)
+    centre_x *= ONE / area
+    centre_y *= ONE / area
+    x, y = centre_x + mean_x, centre_y + mean_y
+    solid.mass[e] = solid.density[e] * area
+    moved = (x * x + y * y) - (centre_x * centre_x + centre_y * centre_y)
+    solid.inertia[e] = solid.density[e] * inertia + solid.mass[e] * moved
 
 
 @Physics.system(Phase.MOVE)
@@ -267,6 +302,7 @@ class Differences(NamedTuple):
     materials: Any
     made: Any
     driven: Any  # by row, which ones are driven
+    polygons: Any  # the table
 
 
 def tell_apart(
@@ -275,9 +311,10 @@ def tell_apart(
     materials: Read[Material] | None,
     made: RowIndex[Material] | None,
     driven: RowIndex[Driven] | None,
+    polygons: Read[Polygon] | None,
 ) -> Differences:
     """Return what tells bodies apart."""
-    return Differences(filters, filtered, materials, made, driven)
+    return Differences(filters, filtered, materials, made, driven, polygons)
 
 
 class Batch(NamedTuple):
@@ -288,6 +325,7 @@ class Batch(NamedTuple):
     joints: Array
     spots: Array  # int32 (2, rows), see number_marked
     touches: Array
+    outlines: Array
 
 
 def make_batch(dims: Mapping[str, int]) -> Batch:
@@ -299,7 +337,16 @@ def make_batch(dims: Mapping[str, int]) -> Batch:
         np.zeros((2 * rows, JOINTS), np.float32),
         np.zeros((2, rows), np.int32),
         np.zeros((1 + dims.get("touches", 0), TOUCHES), np.float32),
+        np.zeros((rows, OUTLINE), np.float32),
     )
+
+
+@kernel
+def only_with(table: Any, memory: Any) -> Any:
+    """Return memory, or None in games without the table."""
+    if table is None:
+        return None
+    return memory
 
 
 @called_kernel
@@ -316,6 +363,7 @@ def solve_marked(
     materials: Any,
     made: Any,
     driven: Any,
+    polygons: Any,
     welds: Any,
     welders: Any,
     ropes: Any,
@@ -341,18 +389,17 @@ def solve_marked(
         count = gather(batch.rows, bodies, push, solid, entities, solids, driven, settings.substeps)
         if everything:
             batch.rows[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
+        outlines = gather_outlines(batch.outlines, polygons, solid, entities, solids)
         if filters is None and materials is None and welds is None and ropes is None and touching is None:
-            result = solve(workspace, settings, batch.rows, count)
+            result = solve(workspace, settings, batch.rows, count, None, None, 0, None, outlines)
         else:
             describe(batch.traits, settings, solid, entities, solids, filters, filtered, materials, made)
             number_marked(batch.spots, solid, entities, solids)
             joined = gather_joints(batch.joints, body, solid, welds, welders, ropes, tied, batch.spots)
-            if touching is None:
-                result = solve(workspace, settings, batch.rows, count, batch.traits, batch.joints, joined)
-            else:
-                result = solve(
-                    workspace, settings, batch.rows, count, batch.traits, batch.joints, joined, batch.touches
-                )
+            touches = only_with(touching, batch.touches)
+            result = solve(
+                workspace, settings, batch.rows, count, batch.traits, batch.joints, joined, touches, outlines
+            )
         if result == SOLVED:
             break
     fault.physics[0] = result != SOLVED
@@ -404,6 +451,7 @@ def collider(solve: Any) -> Any:
                 differences.materials,
                 differences.made,
                 differences.driven,
+                differences.polygons,
                 welds,
                 welders,
                 ropes,

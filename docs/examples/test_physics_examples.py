@@ -8,6 +8,7 @@ from leash import LEASH, Torn
 from one_way_door import ONE_WAY_DOOR
 from ramp import RAMP
 from trap import TRAP
+from tumble import TUMBLE
 
 import outlast
 from outlast.components import Body, Rope, Weld
@@ -32,7 +33,7 @@ def walk(env, ticks, *actions):
 
 
 @pytest.mark.parametrize(
-    "scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL, GRAB, LEASH, TRAP], ids=lambda scenario: scenario.name
+    "scenario", [ONE_WAY_DOOR, RAMP, BOUNCING_BALL, GRAB, LEASH, TRAP, TUMBLE], ids=lambda scenario: scenario.name
 )
 def test_nothing_is_wrong_with_it(scenario):
     assert outlast.check(scenario) == []
@@ -98,3 +99,13 @@ def test_a_trap_holds_whoever_steps_on_it(y, caught):
     x = walk(env, 60, AHEAD)[0]
     assert -0.1 < x < 1 if caught else x > 5  # its edge is reached at 0, with up to 0.8 m in a tick
     assert (walk(env, 10, BACK)[0] == x) == caught
+
+
+def test_a_blade_sweeps_stones_out_of_its_way():
+    env, body, span = placed(TUMBLE, (-5, -5))
+    stones, blade = slice(span("stone").start, span("stone").stop), span("blade").start
+    walk(env, 150, STAY)
+    far = np.hypot(body.x[0, stones], body.y[0, stones])
+    assert body.angle[0, blade] == pytest.approx(7.5, rel=1e-4)
+    assert (far > 3).all()  # farther than its tips and half a stone
+    assert (np.abs(body.angle[0, stones]) > 0.05).sum() == 4  # two were out of reach

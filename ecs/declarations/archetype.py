@@ -96,11 +96,23 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             before.roles or part.roles,
         )
     for name, kind in merged.items():
-        merged[name] = replace(kind, parts=_with_required(kind.parts))
+        merged[name] = replace(kind, parts=_with_required(_with_brought(name, kind.parts)))
     if len(agents := [name for name, kind in merged.items() if kind.roles]) > 1:
         raise DeclarationError(f"{' and '.join(agents)} are both the agents that can have roles: let one kind say so")
     places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
     return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
+
+
+def _with_brought(name: str, parts: tuple[Component, ...]) -> tuple[Component, ...]:
+    """The components of a kind, and those that they bring."""
+    found = list(parts)
+    for part in parts:
+        for brought in part.brings():
+            if type(brought) in {type(each) for each in found}:
+                what = type(brought).__name__
+                raise DeclarationError(f"'{name}' has {what}, which {type(part).__name__} brings: leave {what} out")
+            found.append(brought)
+    return tuple(found)
 
 
 def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:

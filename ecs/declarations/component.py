@@ -34,7 +34,17 @@ from .fields import Field
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # float types that kernels cannot compute with
 INDICES = {"entity": "rows"}  # units of indices: the dimension of each; see index_unit
-RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # attributes of Component
+RESERVED = (
+    "Table",
+    "brings",
+    "columns",
+    "fills",
+    "keys",
+    "order",
+    "packed",
+    "requires",
+    "row_shape",
+)  # attributes of Component
 
 
 @dataclass(frozen=True)
@@ -272,6 +282,10 @@ class Component:
                 "write the value in a system that runs at reset"
             )
         self.fills = fills
+
+    def brings(self) -> tuple["Component", ...]:
+        """Return components that kinds with this one have, with values that follow from its own."""
+        return ()
 
     @classmethod
     def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Item, Shape, Wall
+from outlast.components import Body, Item, Polygon, Shape, Wall
 from outlast.components.body import HEADING, face
 from outlast.ecs import Component, Entity, Worlds
 from outlast.ecs.declarations.component import as_stored
@@ -27,6 +27,10 @@ def place(worlds: Worlds, kind: str, number: int, where: Any, values: Mapping[st
     parts = [type(part) for part in worlds.layout.archetypes[kind].parts]
     columns = [_column(kind, parts, name) for name in values]
     _check_coupled(columns)
+    if outline := [name for own, name in columns if Polygon in parts and own in (Polygon, Shape)]:
+        raise ValueError(
+            f"{outline[0]}: the outline of the kind '{kind}' is its Polygon; declare another kind for another"
+        )
     given = [
         as_stored(f"{own.__name__}.{column}", own.columns[column], value)
         for (own, column), value in zip(columns, values.values(), strict=True)
@@ -86,12 +90,15 @@ def _couple(worlds: Worlds, parts: list[type[Component]], w: int, row: int) -> N
         if any(
             (part, system.name) in computed for p in system.parameters if p.kind == "write" for part in p.components
         ):
-            system.kernel(
-                *(rows if p.kind == "rows" else _of_world(worlds, p.components[0], w) for p in system.parameters)
-            )
+            system.kernel(*(rows if p.kind == "rows" else _given(worlds, p, w) for p in system.parameters))
     if Wall in parts:
         tables = (_of_world(worlds, part, w) for part in (Body, Shape))
         measure(_of_world(worlds, Wall, w), worlds.layout.rows(Wall), make_half_extents(worlds.dims), *tables)
+
+
+def _given(worlds: Worlds, parameter: Any, w: int) -> Any:
+    """Return the table that a system takes; None for one that the game lacks."""
+    return None if parameter.kind == "none" else _of_world(worlds, parameter.components[0], w)
 
 
 def _of_world(worlds: Worlds, component: type[Component], w: int) -> Any:

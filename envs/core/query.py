@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Shape
+from outlast.components import Body, Polygon, Shape
 from outlast.ecs import Component, Entity, Worlds
 from outlast.ecs.kernels.integers import is_whole
 from outlast.ecs.kernels.jit import interpreted
@@ -93,6 +93,8 @@ class Query:
         body, shape, entities = (type(t)(*(column[w] for column in t)) for t in map(worlds.__getitem__, PARTS))
         every = worlds.layout.bitset(Shape)
         index = bodies.make_index(worlds.dims)._replace(body=body, shape=shape, entities=entities, members=every)
+        if Polygon in worlds:
+            index = index._replace(polygons=Polygon.Table(*(column[w] for column in worlds[Polygon])))
         return index, worlds.layout.bitset(Shape, *kinds) if kinds else every
 
 

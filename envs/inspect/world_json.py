@@ -104,11 +104,12 @@ def describe(worlds: Worlds, w: int) -> Json:
     this agent; side -1: absent; role: its name, "" without roles; blind: the tick before which it sees nothing; rays:
     [[x, y]], the point one metre along each ray, ahead and to the left.
 
-    objects: [{kind, role, radius, width, height, hides, of, amount, health, color}]: role is box, box_item, heal, item,
-    wall or other; radius 0: a rectangle (items and others without a size have the radius with which pictures draw
-    them); hides: whether it blocks the view of cameras; of: the box that a box item was, -1: none; amount: hit points
-    that a heal gives; health: hit points at the start, 0: cannot be damaged; color: as CSS, for items and others; else
-    empty.
+    objects: [{kind, role, radius, width, height, corners, hides, of, amount, health, color}]: role is box, box_item,
+    heal, item, wall or other; radius 0: a rectangle (items and others without a size have the radius with which
+    pictures draw them), or a polygon, which has corners, [[x, y]], metres ahead and to the left, counter-clockwise, and
+    the width and height of the rectangle around it; hides: whether it blocks the view of cameras; of: the box that a
+    box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged;
+    color: as CSS, for items and others; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -216,6 +217,7 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
         "radius": _number(POINT if own and not has_size(scene, e) else shape.radius[e]),
         "width": _number(2 * shape.half_width[e]),
         "height": _number(2 * shape.half_height[e]),
+        "corners": [[_number(x), _number(y)] for x, y in scene.corners(e)],
         "hides": _hides(scene, e),
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,

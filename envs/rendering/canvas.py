@@ -92,12 +92,15 @@ class Canvas:
             cv2.rectangle(self.image, (x, y, max(1, wide), max(1, high)), color, cv2.FILLED)
 
     def body(self, scene: Scene, e: int, color: Color, grow: float = 0) -> None:
-        """Draw the shape of entity `e`, a disc or a rectangle, `grow` metres larger on all sides."""
+        """Draw the shape of entity `e`, `grow` metres larger on all sides."""
         body, shape = scene.body, scene.shape
         if shape.radius[e] > 0:
             self.circle(body.x[e], body.y[e], shape.radius[e] + grow, color)
             return
         grow -= BLEED / self.scale
+        if corners := scene.placed_corners(e, grow):
+            self.polygon(corners, color)
+            return
         thinnest = THINNEST / self.scale
         a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
         points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._projection)

@@ -5,7 +5,7 @@ import functools
 import math
 from typing import Any, TypeVar
 
-from outlast.components import Body, Floor, Shape, Side, Sides
+from outlast.components import Body, Floor, Polygon, Shape, Side, Sides
 from outlast.components.agent import side_names
 from outlast.components.look import NOTHING, HasLooks, Look
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
@@ -77,6 +77,30 @@ class Scene:
             return NOTHING
         return float(getattr(self[column.owner], column.name)[e])
 
+    def corners(self, e: int) -> list[tuple[float, float]]:
+        """Return the corners of a polygon, metres, in its own frame, counter-clockwise; none for other shapes."""
+        if Polygon not in self.worlds or not (count := self[Polygon].corners[e]):
+            return []
+        return list(zip(self[Polygon].x[e], self[Polygon].y[e], strict=True))[:count]
+
+    def placed_corners(self, e: int, grow: float = 0) -> list[tuple[float, float]]:
+        """Return the corners of a polygon where it is, each side moved outwards by `grow` metres."""
+        found, corners = [], self.corners(e)
+        sides = [side_of(one, two) for one, two in zip(corners, corners[1:] + corners[:1], strict=True)]
+        x, y, cosine, sine = self.body.x[e], self.body.y[e], self.body.cosine[e], self.body.sine[e]
+        for k, (a, b) in enumerate(corners):
+            (ux, uy, _), (vx, vy, _) = sides[k - 1], sides[k]
+            far = grow / (1 + ux * vx + uy * vy)
+            a, b = a + far * (ux + vx), b + far * (uy + vy)
+            found.append((x + a * cosine - b * sine, y + a * sine + b * cosine))
+        return found
+
+    def least_half(self, e: int) -> float:
+        """Return how far the middle of a body is from its nearest side, metres."""
+        if corners := self.corners(e):
+            return min(side_of(one, two)[2] for one, two in zip(corners, corners[1:] + corners[:1], strict=True))
+        return float(self.shape.radius[e] or min(self.shape.half_width[e], self.shape.half_height[e]))
+
     def side_name(self, side: int) -> str:
         """Return a side's name (see side_names), or its number if a mechanic of the user's makes the teams."""
         layout, teams = self.worlds.layout, Sides in self and self[Sides].teams[0]
@@ -124,6 +148,13 @@ class Scene:
         ends = [max(abs(x[e]), abs(y[e])) + bound[e] for e in self.living(Body, Shape)]
         reach: float = max([1.0, *(end for end in ends if math.isfinite(end))])
         return reach, reach
+
+
+def side_of(one: tuple[float, float], two: tuple[float, float]) -> tuple[float, float, float]:
+    """Return the outer normal of a side between two corners, counter-clockwise, and how far the origin is inside."""
+    x, y = two[0] - one[0], two[1] - one[1]
+    length = math.hypot(x, y) or 1.0
+    return y / length, -x / length, (one[0] * y - one[1] * x) / length
 
 
 def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:

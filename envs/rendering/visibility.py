@@ -1,7 +1,8 @@
 """What a camera sees of the floor: its vision cone, on each ray up to the first body that blocks sight.
 
-This is the reference for pictures and pages. As in the mechanic `cameras`, a ray ends where it enters a disc or a
-rectangle, a shape that contains the camera hides nothing, and a kite is bounded by the chords of its arc.
+This is the reference for pictures and pages. As in the mechanic `cameras`, a ray ends where it enters a disc, a
+rectangle or a convex polygon, a shape that contains the camera hides nothing, and a kite is bounded by the chords of
+its arc.
 """
 
 import math
@@ -19,7 +20,14 @@ BLOCKER = ("x", "y", "cosine", "sine", "radius", "half_width", "half_height")
 
 
 def visible_corners(
-    x: float, y: float, angle: float, fov: float, depth: float, kite: bool, blockers: Sequence[Sequence[float]] | Array
+    x: float,
+    y: float,
+    angle: float,
+    fov: float,
+    depth: float,
+    kite: bool,
+    blockers: Sequence[Sequence[float]] | Array,
+    polygons: Sequence[Sequence[tuple[float, float]]] = (),
 ) -> Array:
     """Return the part of a vision cone that nothing hides.
 
@@ -32,6 +40,7 @@ def visible_corners(
         kite: Whether the far rim is the two chords of the arc's halves instead of the arc.
         blockers: The bodies that block sight, without the camera's own, numbers (bodies, 7): x, y, cosine and sine of
             the angle, radius (0: a rectangle), half width, half height; see BLOCKER. NaNs hide nothing.
+        polygons: More bodies that do: the corners of each, counter-clockwise, metres.
 
     Returns:
         Corners of a polygon, float64 (corners, 2), metres: first the camera's place, then the far rim,
@@ -40,12 +49,16 @@ def visible_corners(
     half, bodies = fov / 2, np.asarray(blockers, float).reshape(-1, len(BLOCKER))
     bodies = _near(bodies[np.isfinite(bodies).all(1)], x, y, angle, half, depth)
     fan = np.linspace(-half, half, 2 * math.ceil(half / STEP) + 1)
-    edges = _edges(bodies, x, y) - angle
+    shapes = [np.asarray(corners, float) for corners in polygons if np.isfinite(corners).all()]
+    bearing = [np.arctan2(corners[:, 1] - y, corners[:, 0] - x) for corners in shapes]
+    edges = _edges(bodies, x, y, bearing) - angle
     edges = (edges + math.pi) % (2 * math.pi) - math.pi
     bearings = np.sort(np.concatenate([fan, edges[np.abs(edges) < half]]))
     rays = np.stack([np.cos(bearings + angle), np.sin(bearings + angle)], 1)
     rim = depth * math.cos(half / 2) / np.cos(np.abs(bearings) - half / 2) if kite else np.full(len(bearings), depth)
     reach = np.minimum(rim, _first_hit(rays, bodies, x, y))
+    for corners in shapes:
+        reach = np.minimum(reach, polygon_hits(rays, corners, x, y))
     return np.concatenate([[(x, y)], (x, y) + reach[:, None] * rays])
 
 
@@ -59,7 +72,7 @@ def _near(bodies: Array, x: float, y: float, angle: float, half: float, depth: f
     return near
 
 
-def _edges(bodies: Array, x: float, y: float) -> Array:
+def _edges(bodies: Array, x: float, y: float, more: Sequence[Array]) -> Array:
     """Return bearings, in the world's frame, of rays at, just before and just after the edges that the camera sees."""
     discs, boxes = bodies[bodies[:, 4] > 0], bodies[bodies[:, 4] <= 0]
     middle = np.arctan2(discs[:, 1] - y, discs[:, 0] - x)
@@ -68,7 +81,7 @@ def _edges(bodies: Array, x: float, y: float) -> Array:
     across, up = boxes[:, 5, None] * (1, 1, -1, -1), boxes[:, 6, None] * (1, -1, 1, -1)
     corner_x = boxes[:, 0, None] - x + across * boxes[:, 2, None] - up * boxes[:, 3, None]
     corner_y = boxes[:, 1, None] - y + across * boxes[:, 3, None] + up * boxes[:, 2, None]
-    edges = np.concatenate([middle - width, middle + width, np.arctan2(corner_y, corner_x).ravel()])
+    edges = np.concatenate([middle - width, middle + width, np.arctan2(corner_y, corner_x).ravel(), *more])
     return np.concatenate([edges - ASIDE, edges, edges + ASIDE])
 
 
@@ -104,3 +117,23 @@ def _box_hits(rays: Array, boxes: Array, x: float, y: float) -> Array:
         one, other = (-half - place) / speed, (half - place) / speed
         enter, leave = np.maximum(enter, np.minimum(one, other)), np.minimum(leave, np.maximum(one, other))
     return np.where((enter > 0) & (enter <= leave), enter, math.inf)
+
+
+def polygon_hits(rays: Array, corners: Array, x: float, y: float) -> Array:
+    """Return the metres along each ray from (x, y) to where it enters a convex polygon, float64 (rays,).
+
+    Args:
+        rays: Directions, float64 (rays, 2), of length 1.
+        corners: Counter-clockwise, float64 (corners, 2), metres.
+        x: Where the rays begin, metres; a polygon that contains this point is not entered.
+        y: Likewise.
+    """
+    along = np.roll(corners, -1, 0) - corners
+    normals = np.stack([along[:, 1], -along[:, 0]])
+    ahead = ((corners - (x, y)) * normals.T).sum(1)  # how far outside each side the origin is, negative
+    speed = rays @ normals
+    at = ahead / np.where(speed == 0, TINY, speed)
+    enter = np.where(speed < 0, at, -math.inf).max(1)
+    leave = np.where(speed > 0, at, math.inf).min(1)
+    missed = ((speed == 0) & (ahead < 0)).any(1)
+    return np.where((enter > 0) & (enter <= leave) & ~missed, enter, math.inf)

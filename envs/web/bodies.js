@@ -22,12 +22,30 @@ const Bodies = (() => {
     context.save();
     context.translate(object.x, object.y);
     context.rotate(object.angle);
+    if (kind.corners.length) {
+      polygon(scene, kind.corners, color, wall ? 0 : rim);
+      context.restore();
+      return;
+    }
     const grow = wall ? pixel : 0, a = kind.width / 2 + grow, b = kind.height / 2 + grow;
     const thin = Math.min(a, b) <= 2 * rim; // no room for an outline
     context.fillStyle = wall || thin ? color : colors.outline;
     context.fillRect(-a, -b, 2 * a, 2 * b);
     if (!wall && !thin) crate(scene, a - rim, b - rim, rim, color);
     context.restore();
+  }
+
+  // A polygon with its rim inside of its sides.
+  function polygon({ context, colors }, corners, color, rim) {
+    context.beginPath();
+    outline(context, corners, { x: 0, y: 0, angle: 0 });
+    context.fillStyle = color;
+    context.fill();
+    if (!rim) return;
+    context.clip();
+    context.strokeStyle = colors.outline;
+    context.lineWidth = 2 * rim;
+    context.stroke();
   }
 
   function crate(scene, a, b, rim, color) {
@@ -87,16 +105,11 @@ const Bodies = (() => {
   }
 
   // How far ahead of an agent a body begins; if it is not ahead any more, how far its middle is.
-  function distance(agent, { radius, width, height }, body) {
+  function distance(agent, shape, body) {
     const x = body.x - agent.x, y = body.y - agent.y, cosine = Math.cos(agent.angle), sine = Math.sin(agent.angle);
     const ahead = x * cosine + y * sine, aside = y * cosine - x * sine;
-    if (radius > 0) return Math.max(0, ahead - Math.sqrt(Math.max(0, radius ** 2 - aside ** 2)));
-    const [c, s] = [Math.cos(body.angle), Math.sin(body.angle)];
-    const slab = (place, speed, half) => [(place - half) / speed, (place + half) / speed].sort((a, b) => a - b);
-    const [near, far] = slab(x * c + y * s, cosine * c + sine * s, width / 2);
-    const [from, to] = slab(y * c - x * s, sine * c - cosine * s, height / 2);
-    const enter = Math.max(near, from);
-    return Math.max(0, enter <= Math.min(far, to) ? enter : ahead);
+    const enter = Sight.enter({ ...shape, x: ahead, y: aside, angle: body.angle - agent.angle }, 1, 0);
+    return Math.max(0, enter < Infinity ? enter : ahead);
   }
 
   function agent(scene, agent, i) {

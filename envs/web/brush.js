@@ -41,6 +41,11 @@ const Brush = (() => {
     path.closePath();
   }
 
+  // The corners of a rectangle or polygon, [ahead, left], metres, counter-clockwise.
+  function cornersOf({ corners, width, height }) {
+    return corners?.length ? corners : [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [a * width / 2, b * height / 2]);
+  }
+
   // Words whose middle is at (x, y); left out where they would be unreadable.
   function label({ context, scale }, words, x, y, height, color, weight = 600) {
     if (height * scale < READABLE) return;
@@ -84,5 +89,5 @@ const Brush = (() => {
     line(scene, x, y - arm, x, y + arm);
   }
 
-  return { FONT, circle, ring, line, cross, square, outline, label, side, boxColor, item };
+  return { FONT, circle, ring, line, cross, square, outline, cornersOf, label, side, boxColor, item };
 })();

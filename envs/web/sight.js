@@ -43,17 +43,26 @@ const Sight = (() => {
   // Whether the eye is in it: then it hides nothing.
   function holds(body) {
     const [x, y] = origin(body);
-    return body.radius > 0 ? Math.hypot(x, y) <= body.radius : Math.abs(x) <= body.width / 2 && Math.abs(y) <= body.height / 2;
+    return body.radius > 0 ? Math.hypot(x, y) <= body.radius : sides(body).every(([a, b, far]) => a * x + b * y <= far);
   }
 
-  function edges({ x, y, angle, radius, width, height }) {
-    const middle = Math.atan2(y, x);
+  // The outer normal of each side of a rectangle or polygon, and how far the side is from its middle.
+  function sides(body) {
+    const corners = Brush.cornersOf(body);
+    return corners.map(([a, b], k) => {
+      const [c, d] = corners[(k + 1) % corners.length], length = Math.hypot(c - a, d - b);
+      return [(d - b) / length, (a - c) / length, (a * d - b * c) / length];
+    });
+  }
+
+  function edges(body) {
+    const { x, y, angle, radius } = body, middle = Math.atan2(y, x);
     if (radius > 0) {
       const half = Math.asin(Math.min(1, radius / Math.hypot(x, y)));
       return [middle - half, middle, middle + half].map(wrapped);
     }
     const cosine = Math.cos(angle), sine = Math.sin(angle);
-    return [[1, 1], [1, -1], [-1, 1], [-1, -1]].map(([a, b]) => [a * width / 2, b * height / 2])
+    return Brush.cornersOf(body)
       .map(([a, b]) => Math.atan2(y + a * sine + b * cosine, x + a * cosine - b * sine));
   }
 
@@ -61,16 +70,21 @@ const Sight = (() => {
 
   // How far away a ray in direction (dx, dy) enters a body.
   function enter(body, dx, dy) {
-    const { x, y, angle, radius, width, height } = body;
+    const { x, y, angle, radius } = body;
     if (radius > 0) {
       const along = x * dx + y * dy, rest = radius ** 2 - (x * dy - y * dx) ** 2;
       return rest < 0 || along < 0 ? Infinity : along - Math.sqrt(rest);
     }
     const [a, b] = origin(body), cosine = Math.cos(angle), sine = Math.sin(angle);
-    const slab = (from, speed, half) => [(-half - from) / speed, (half - from) / speed].sort((one, other) => one - other);
-    const [near, far] = slab(a, dx * cosine + dy * sine, width / 2), [low, high] = slab(b, dy * cosine - dx * sine, height / 2);
-    const start = Math.max(near, low);
-    return start >= 0 && start <= Math.min(far, high) ? start : Infinity;
+    const ahead = dx * cosine + dy * sine, aside = dy * cosine - dx * sine;
+    let start = -Infinity, end = Infinity;
+    for (const [normalX, normalY, middle] of sides(body)) {
+      const left = middle - normalX * a - normalY * b, speed = normalX * ahead + normalY * aside;
+      if (speed < 0) start = Math.max(start, left / speed);
+      else if (speed > 0) end = Math.min(end, left / speed);
+      else if (left < 0) return Infinity;
+    }
+    return start >= 0 && start <= end ? start : Infinity;
   }
 
   // How far the cone reaches where nothing hides.
@@ -80,5 +94,5 @@ const Sight = (() => {
     return (x * (toY - y) - y * (toX - x)) / (dx * (toY - y) - dy * (toX - x));
   }
 
-  return { cone };
+  return { cone, enter };
 })();

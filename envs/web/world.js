@@ -189,7 +189,7 @@ const World = (() => {
     const count = snapshot.agents.length, shape = k < count ? description.agents[k] : description.objects[k - count];
     const body = k < count ? snapshot.agents[k] : snapshot.objects[k - count];
     if (shape.radius > 0) path.arc(body.x, body.y, shape.radius, 0, 2 * Math.PI);
-    else outline(path, [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [a * shape.width / 2, b * shape.height / 2]), body);
+    else outline(path, Brush.cornersOf(shape), body);
   }
 
   function lines(scene, agent) {

@@ -9,19 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from outlast.components.polygon import MOST
 from outlast.ecs.kernels.errors import OutlastError
 
 ContactBatch = NDArray[np.float32]
 Traits = NDArray[np.float32] | None
 Joints = NDArray[np.float32] | None
 Touches = NDArray[np.float32] | None
+Outlines = NDArray[np.float32] | None
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
 VX, VY = 3, 4  # metres per second; read and written
 OMEGA = 5  # radians per second; read and written
-RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle
-HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle
+RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle or a polygon
+HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle, or of the one around a polygon
 DYNAMIC = 9  # MOVED: can be pushed; DRIVEN: keeps its velocity, whatever it touches; 0: stays where it is
 MASS, INERTIA = 10, 11  # kilograms, kilogram square metres about the centre; above 0 if dynamic, else 0
 MAX_TRAVEL = 12  # metres that a dynamic body may be from its start after any substep; beyond, the call is abandoned
@@ -46,6 +48,11 @@ HERTZ, RATIO = 8, 9  # frequency and damping ratio of a spring: a weld's for the
 FORCE = 10  # newtons, the largest of all substeps; written
 JOINTS = 11
 ROD, WELD, ROPE = 3, 8, 10  # b2JointType. Bodies that are welded do not touch each other
+
+# Outlines, for games with polygons: a float32 array (capacity, 17), with a row for each body
+CORNERS = 0  # how many corners it has, 3 to 8, in Box2D's order (components.polygon); 0: a circle or a rectangle
+CORNER = 1  # metres: x and y of each corner, around the body's centre
+OUTLINE = CORNER + 2 * MOST
 
 # Touches: a float32 array (1 + touches, 5); the first row has their number, which may be more than there is room for
 LOW, HIGH = 0, 1  # the two bodies, by their row in the batch; touches are in order of both

@@ -15,6 +15,7 @@ from .batch import (
     ANGULAR_DAMPING,
     CAPACITY,
     COLUMNS,
+    CORNERS,
     DRIVEN,
     DYNAMIC,
     FORCE,
@@ -46,6 +47,7 @@ from .batch import (
     ContactBatch,
     IncompatibleBox2D,
     Joints,
+    Outlines,
     Settings,
     Touches,
     Traits,
@@ -55,6 +57,7 @@ from .batch import (
 from .impact import may_hit
 from .island import solve_islands
 from .joints import build_joint, measure_forces, sound
+from .outline import restore_box, whole, write_polygon
 from .touches import forget, listen, note_sensors, read_touches, watch
 from .verify import verify
 from .workspace import BODY_DEF, BOX, DISC, FILTER, FIXTURE, SLOT, SLOTS, SOLVER_DATA, SOLVER_DEF, STEP, make_workspace
@@ -83,12 +86,14 @@ def solve(
     joints: Joints = None,
     joined: int = 0,
     touches: Touches = None,
+    outlines: Outlines = None,
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
     joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
     touches: None, or what touched what, which is written.
+    outlines: the polygons among the bodies, likewise; None: there are none.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
@@ -101,10 +106,12 @@ def solve(
         return INVALID
     if joints is not None and not sound(joints, joined, count):
         return INVALID
+    if outlines is not None and not whole(outlines, count):
+        return INVALID
     if traits is not None:
         at.store_i8(filtering, at.load_i8(base + FILTER))
     for k in range(count):
-        _build(base, settings, batch, k, traits)
+        _build(base, settings, batch, k, traits, outlines)
     if joints is not None:
         for k in range(joined):
             joints[k, FORCE] = _ZERO
@@ -115,7 +122,7 @@ def solve(
     if touches is not None:
         watch(base, True)
     for substep in range(settings.substeps):
-        _step(base, settings, batch, count, substep, traits, joints, joined, touches)
+        _step(base, settings, batch, count, substep, traits, joints, joined, touches, outlines)
         result = _check_travel(base, batch, count)
         if result != SOLVED:
             break
@@ -131,6 +138,10 @@ def solve(
         at.store_i8(filtering, 0)
         for k in range(count):
             at.store_u1(base + SLOTS + SLOT * k + FIXTURE + at.FIXTURE_SENSOR, np.uint8(0))
+    if outlines is not None:
+        for k in range(count):
+            if outlines[k, CORNERS] > 0:
+                restore_box(base + SLOTS + SLOT * k + BOX)
     return result
 
 
@@ -160,7 +171,7 @@ def _fair(traits: NDArray[np.float32], count: int) -> bool:
 
 
 @noinline_kernel
-def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: Traits) -> None:
+def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: Traits, outlines: Outlines) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
     kind = at.MOVING if batch[k, DYNAMIC] == MOVED else at.KINEMATIC if batch[k, DYNAMIC] == DRIVEN else at.STATIC
@@ -187,7 +198,7 @@ def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: T
         at.store_u1(fixture + at.FIXTURE_SENSOR, np.uint8(traits[k, SENSOR]))
     at.construct_body(body, definition, base)
     at.store_i4(fixture + at.FIXTURE_PROXY_COUNT, 0)
-    at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, batch, k))
+    at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, batch, k, outlines))
     at.create_proxies(fixture, base + at.WORLD_MANAGER, body + at.BODY_POSITION)
     at.store_i8(body + at.BODY_FIXTURES, fixture)
     at.store_i4(body + at.BODY_FIXTURE_COUNT, 1)
@@ -200,11 +211,14 @@ def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: T
 
 
 @noinline_kernel
-def _shape(body: int, batch: ContactBatch, k: int) -> int:
+def _shape(body: int, batch: ContactBatch, k: int, outlines: Outlines) -> int:
     """Write the shape of body k; the corners go round counter-clockwise from the lower left (SetAsBox)."""
     if batch[k, RADIUS] > 0:
         at.store_f4(body + DISC + at.CIRCLE_RADIUS, batch[k, RADIUS])
         return body + DISC
+    if outlines is not None and outlines[k, CORNERS] > 0:
+        write_polygon(body + BOX, outlines[k])
+        return body + BOX
     width, height = batch[k, HALF_WIDTH], batch[k, HALF_HEIGHT]
     corner = body + BOX + at.POLYGON_VERTICES
     at.store_f4(corner, -width)
@@ -229,6 +243,7 @@ def _step(
     joints: Joints,
     joined: int,
     touches: Touches,
+    outlines: Outlines,
 ) -> None:
     """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
@@ -246,7 +261,7 @@ def _step(
     solve_islands(base, settings, traits, joints, joined, touches)
     if joints is not None:
         measure_forces(base, inverse, joints, joined)
-    if settings.continuous and may_hit(base):
+    if settings.continuous and may_hit(base, outlines):
         at.solve_impacts(base, base + STEP)
     if touches is not None:
         note_sensors(base)

@@ -14,6 +14,8 @@ from .batch import (
     ANGLE,
     ANGULAR_DAMPING,
     CAPACITY,
+    CORNER,
+    CORNERS,
     DRIVEN,
     DYNAMIC,
     FIRST,
@@ -58,12 +60,14 @@ from .batch import (
     WELD,
     ContactBatch,
     Joints,
+    Outlines,
     Settings,
     Touches,
     Traits,
     X,
     Y,
 )
+from .outline import whole
 
 HALF = np.float32(0.5)
 
@@ -87,12 +91,14 @@ def solve(
     joints: Joints = None,
     joined: int = 0,
     touches: Touches = None,
+    outlines: Outlines = None,
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
     traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
     joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
     touches: None, or what touched what, which is written.
+    outlines: the polygons among the bodies, likewise; None: there are none.
 
     Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number out of bounds.
@@ -102,11 +108,14 @@ def solve(
     tied = np.zeros((0, JOINTS), np.float32) if joints is None else joints[:joined]
     if not _sound(tied, count):
         return INVALID
+    if outlines is not None and not whole(outlines, count):
+        return INVALID
     world = Box2D.b2World(gravity=(0, 0))
     world.continuousPhysics = bool(settings.continuous)
     rows = [batch[k] for k in range(count)]
     own = [_usual(settings)] * count if traits is None else [traits[k] for k in range(count)]
-    bodies = [_build(world, row, of) for row, of in zip(rows, own, strict=True)]
+    corners = [None] * count if outlines is None else [*outlines[:count]]
+    bodies = [_build(world, *each) for each in zip(rows, own, corners, strict=True)]
     links, inverse = [_join(world, bodies, row) for row in tied], np.float32(1) / settings.dt
     tied[:, FORCE] = 0
     world.contactListener = listener = _Listener(bodies) if touches is not None else None
@@ -209,7 +218,7 @@ def _usual(settings: Settings) -> NDArray[np.float32]:
     return np.array([*numbers, 1, 0xFFFF, 0], np.float32)
 
 
-def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32]) -> Any:
+def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32], outline: Outlines = None) -> Any:
     """One body with one fixture, in Box2D's own order."""
     create = {MOVED: world.CreateDynamicBody, DRIVEN: world.CreateKinematicBody}
     body = create.get(int(row[DYNAMIC]), world.CreateStaticBody)(
@@ -222,7 +231,7 @@ def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32]) -> Any:
         allowSleep=False,  # as the native backend, even if a tick lasts longer than Box2D's half second
     )
     body.CreateFixture(
-        shape=_shape(row),
+        shape=_shape(row, outline),
         friction=float(traits[FRICTION]),
         restitution=float(traits[RESTITUTION]),
         categoryBits=int(traits[LAYER]),
@@ -234,7 +243,10 @@ def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32]) -> Any:
     return body
 
 
-def _shape(row: ContactBatch) -> Any:
+def _shape(row: ContactBatch, outline: Outlines) -> Any:
+    if outline is not None and outline[CORNERS]:
+        corners = outline[CORNER:].reshape(-1, 2)[: int(outline[CORNERS])]
+        return Box2D.b2PolygonShape(vertices=[(float(x), float(y)) for x, y in corners])
     if row[RADIUS] > 0:
         return Box2D.b2CircleShape(radius=float(row[RADIUS]))
     return Box2D.b2PolygonShape(box=(float(row[HALF_WIDTH]), float(row[HALF_HEIGHT])))

@@ -48,7 +48,8 @@ def readable(address: int, size: int) -> bool:
 class Sample:
     """A static box on which a moving circle and a moving box lie, stepped once; all numbers are different.
 
-    Before that, three more came and went. moved: what MOVE_COUNT was before the step. counts: see _Listener.
+    Before that, three more came and went. moved: what MOVE_COUNT was before the step. counts: see _Listener. wedge: a
+    polygon of no body.
     """
 
     def __init__(self) -> None:
@@ -76,6 +77,7 @@ class Sample:
         self.counts = listener.counts
         self.disc.fixtures[0].sensor = True
         self.joined, self.joints = _joined()
+        self.wedge = Box2D.b2PolygonShape(vertices=[(0.1, 0.2), (1.5, 0.3), (0.4, 0.9)])
 
 
 class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]

@@ -14,6 +14,8 @@ from ..geometry.broad_phase import clearance
 from .batch import (
     ANGLE,
     ANGULAR_DAMPING,
+    CORNER,
+    CORNERS,
     DRIVEN,
     DYNAMIC,
     FRICTION,
@@ -141,6 +143,24 @@ def describe(
                 traits[k, LAYER], traits[k, HITS] = filters.layer[e], filters.hits[e]
                 traits[k, SENSOR] = filters.sensor[e]
             k += 1
+
+
+@kernel
+def gather_outlines(outlines: Array, polygons: Any, solid: Array, entities: Array, solids: Array) -> Any:
+    """Write the polygons among the marked bodies in order of rows; returns None in games without polygons."""
+    if polygons is None:
+        return None
+    k = 0
+    for b in range(solids.size):
+        pending = marked(solid, entities, solids, b)
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            outlines[k, CORNERS] = polygons.corners[e]
+            for n in range(polygons.corners[e]):
+                outlines[k, CORNER + 2 * n], outlines[k, CORNER + 2 * n + 1] = polygons.x[e, n], polygons.y[e, n]
+            k += 1
+    return outlines
 
 
 @kernel

@@ -115,7 +115,12 @@ def _fixture(sample: Sample) -> Iterator[Check]:
     yield from floats(fixture.shape, CIRCLE_RADIUS=(0.5,))
     yield "CIRCLE_SIZE", read(int(fixture.shape.this), "CIRCLE_SIZE", extra=-8), float(np.float32(0.1))
     yield "POLYGON_SIZE", read(int(box.this), "POLYGON_SIZE", ctypes.c_int32, -8), 4  # number of corners
+    yield integer(box, "POLYGON_COUNT", 4)
     yield from floats(box, POLYGON_VERTICES=(-0.75, -0.2, 0.75, -0.2, 0.75, 0.2, -0.75, 0.2))
+    wedge = sample.wedge
+    yield from floats(
+        wedge, POLYGON_CENTROID=wedge.centroid, POLYGON_NORMALS=(each for n in wedge.normals for each in n)
+    )
 
 
 def _world(sample: Sample) -> Iterator[Check]:

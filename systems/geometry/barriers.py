@@ -98,6 +98,7 @@ def first_barrier(
     span: Any,
     me: int,
     target: int,
+    polygons: Any,
 ) -> int:
     """Return the block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
@@ -105,7 +106,7 @@ def first_barrier(
     reach = abs(body.x[target] - ox) + abs(body.y[target] - oy)
     reach += shape.radius[target] + shape.half_width[target] + shape.half_height[target]
     dx, dy = reach * body.cosine[me], reach * body.sine[me]
-    found, nearest = target, raycast_entity(body, shape, ox, oy, dx, dy, target)
+    found, nearest = target, raycast_entity(body, shape, ox, oy, dx, dy, target, polygons)
     for b in range(span[0], span[1]):
         hit = walls[b] & aabbs_hit_by_ray(aabbs, b, ox, oy, dx, dy) & ~clear_bits(filters, b)
         pending = hit & alive_bits(entities, walls, b) if hit else 0

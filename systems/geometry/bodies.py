@@ -20,7 +20,7 @@ from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from outlast.components import Body, Shape
+from outlast.components import Body, Polygon, Shape
 from outlast.ecs import Array, Bitset, Entity, Read, Real, Service, kernel
 from outlast.ecs.kernels.simd import (
     BYTES,
@@ -63,6 +63,7 @@ class Index(NamedTuple):
     shape: Any
     entities: Any
     members: Any
+    polygons: Any  # None in games without any
 
 
 def make_index(dims: Mapping[str, int]) -> Index:
@@ -82,10 +83,18 @@ def make_index(dims: Mapping[str, int]) -> Index:
         shape=None,
         entities=None,
         members=None,
+        polygons=None,
     )
 
 
-def expire(index: Any, body: Read[Body], shape: Read[Shape], entities: Read[Entity], members: Bitset[Shape]) -> None:
+def expire(
+    index: Any,
+    body: Read[Body],
+    shape: Read[Shape],
+    entities: Read[Entity],
+    members: Bitset[Shape],
+    polygons: Read[Polygon] | None,
+) -> None:
     """Let the first query of the next world, or of the next system, fill the index."""
     index.count[0] = STALE
 

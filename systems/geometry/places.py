@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.components.polygon import is_polygon
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.kernels.random import stream_number, uniform, uniform2
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH
@@ -189,12 +190,13 @@ def has_area(areas: Array, use: int) -> bool:
 
 
 @kernel
-def place_body(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
+def place_body(tables: Any, e: int, areas: Array, use: int, key: Any, polygons: Any) -> bool:
     """Move body `e` to a free place; a rectangle is halved until it finds one. False if there is none."""
     shape = tables[1]
     if find_place(tables, e, areas, use, key):
         return True
-    while shape.radius[e] == ZERO and max(shape.half_width[e], shape.half_height[e]) > SMALLEST:
+    resized = shape.radius[e] == ZERO and not is_polygon(polygons, e)
+    while resized and max(shape.half_width[e], shape.half_height[e]) > SMALLEST:
         if shape.half_width[e] > shape.half_height[e]:
             shape.half_width[e] *= HALF
         else:
@@ -219,7 +221,9 @@ def add_obstacle(obstacles: Array, e: int) -> None:
 
 
 @kernel
-def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any) -> int:
+def place_all(
+    tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any, polygons: Any
+) -> int:
     """Give a free place to every body that has none: round ones in order of rows, then rectangles, which can be halved.
 
     Args:
@@ -231,6 +235,7 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
         areas: The start areas; the last one is the room. Agents start in those of their side, or else of their kind;
             others in those of their kind, or else of items; who has none starts anywhere.
         key: Key of random numbers.
+        polygons: The table of Polygon, or None.
 
     Returns:
         How many bodies found no place.
@@ -253,6 +258,6 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
             use = ANYWHERE
         if not (in_area(tables[0], e, areas, use) and is_free(tables, e)):
             spawned.cell[e] = -1
-            missed += not place_body(tables, e, areas, use, key)
+            missed += not place_body(tables, e, areas, use, key, polygons)
         add_obstacle(obstacles, e)
     return missed

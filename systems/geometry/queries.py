@@ -10,12 +10,16 @@ are in `bodies.rows`, in order, until the next query. Where several bodies are a
 counts. env.query asks the same from Python.
 """
 
+from typing import Any
+
 import numpy as np
 
+from outlast.components.polygon import is_polygon
 from outlast.ecs import Array, Real, kernel
 
 from .bodies import Index, near, on_ray
 from .broad_phase import outer_radius
+from .corners import corner, corner_count, outline_gap
 from .points import gap_circle_box, to_local
 from .rays import NO_HIT, raycast_entity
 
@@ -27,7 +31,7 @@ STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in
 @kernel
 def distance_to(index: Index, e: int, x: Real, y: Real) -> Real:
     """Return the metres from a point to the outline of body `e`; 0 inside."""
-    return max(_gap(index.body, index.shape, e, np.float32(x), np.float32(y)), ZERO)
+    return max(_gap(index, e, np.float32(x), np.float32(y)), ZERO)
 
 
 @kernel
@@ -35,12 +39,12 @@ def distance(index: Index, e: int, o: int) -> Real:
     """Return the metres between the outlines of two bodies; 0 if they overlap."""
     body, shape = index.body, index.shape
     if shape.radius[e] > ZERO:
-        return max(_gap(body, shape, o, body.x[e], body.y[e]) - shape.radius[e], ZERO)
+        return max(_gap(index, o, body.x[e], body.y[e]) - shape.radius[e], ZERO)
     if shape.radius[o] > ZERO:
-        return max(_gap(body, shape, e, body.x[o], body.y[o]) - shape.radius[o], ZERO)
-    if max(_beyond(body, shape, e, o), _beyond(body, shape, o, e)) <= ZERO:
-        return ZERO
-    return max(min(_corner_gap(body, shape, e, o), _corner_gap(body, shape, o, e)), ZERO)
+        return max(_gap(index, e, body.x[o], body.y[o]) - shape.radius[o], ZERO)
+    if _beyond(index, e, o) or _beyond(index, o, e):
+        return max(min(_corner_gap(index, e, o), _corner_gap(index, o, e)), ZERO)
+    return ZERO
 
 
 @kernel
@@ -100,7 +104,7 @@ def first_on_ray(index: Index, members: Array, x: Real, y: Real, dx: Real, dy: R
     x, y, dx, dy = np.float32(x), np.float32(y), np.float32(dx), np.float32(dy)
     for k in range(on_ray(index, members, x, y, dx, dy)):
         o = index.rows[k]
-        at = raycast_entity(index.body, index.shape, x, y, dx, dy, o)
+        at = raycast_entity(index.body, index.shape, x, y, dx, dy, o, index.polygons)
         if o != skip and at < first:
             found, first = o, at
     return found, first
@@ -112,50 +116,67 @@ def line_of_sight(index: Index, blockers: Array, e: int, o: int) -> bool:
 
     Whoever has its centre inside of `o` does not see it. Unlike the cameras, it looks around, and as far as need be.
     """
-    x, y, dx, dy, reach = ray_to(index.body, index.shape, e, o)
+    body, shape, polygons = index.body, index.shape, index.polygons
+    x, y, dx, dy, reach = ray_to(body, shape, polygons, e, o)
     for k in range(on_ray(index, blockers, x, y, dx, dy)):
         other = index.rows[k]
-        if other not in (e, o) and raycast_entity(index.body, index.shape, x, y, dx, dy, other) < reach:
+        if other not in (e, o) and raycast_entity(body, shape, x, y, dx, dy, other, polygons) < reach:
             return False
     return bool(reach != NO_HIT)
 
 
 @kernel
-def ray_to(body: Array, shape: Array, e: int, o: int) -> tuple[Real, Real, Real, Real, Real]:
+def ray_to(body: Array, shape: Array, polygons: Any, e: int, o: int) -> tuple[Real, Real, Real, Real, Real]:
     """Return the ray from the centre of `e` to that of `o`: origin, direction, and fraction at which it enters `o`."""
     x, y = body.x[e], body.y[e]
     dx, dy = (body.x[o] - x) * STRETCH, (body.y[o] - y) * STRETCH
-    return x, y, dx, dy, raycast_entity(body, shape, x, y, dx, dy, o)
+    return x, y, dx, dy, raycast_entity(body, shape, x, y, dx, dy, o, polygons)
 
 
 @kernel
-def _gap(body: Array, shape: Array, e: int, x: Real, y: Real) -> Real:
+def _gap(index: Index, e: int, x: Real, y: Real) -> Real:
     """Return the metres from the outline of body `e` to a point; inside, minus those to the nearest side."""
+    body, shape, polygons = index.body, index.shape, index.polygons
     if shape.radius[e] > ZERO:
         dx, dy = x - body.x[e], y - body.y[e]
         return np.float32(np.sqrt(dx * dx + dy * dy)) - shape.radius[e]
+    if is_polygon(polygons, e):
+        x, y = to_local(x - body.x[e], y - body.y[e], body.cosine[e], body.sine[e])
+        return outline_gap(shape, polygons, e, x, y)
     half_width, half_height = shape.half_width[e], shape.half_height[e]
     return gap_circle_box(x, y, ZERO, body.x[e], body.y[e], body.cosine[e], body.sine[e], half_width, half_height)
 
 
 @kernel
-def _beyond(body: Array, shape: Array, e: int, o: int) -> Real:
-    """Return how far all of rectangle `e` is beyond one of the four sides of rectangle `o`; 0 or less if it is not."""
-    x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], body.cosine[o], body.sine[o])
-    cosine, sine = to_local(body.cosine[e], body.sine[e], body.cosine[o], body.sine[o])
-    width, height, cosine, sine = shape.half_width[e], shape.half_height[e], abs(cosine), abs(sine)
-    beside = abs(x) - shape.half_width[o] - cosine * width - sine * height
-    return max(beside, abs(y) - shape.half_height[o] - sine * width - cosine * height)
+def _beyond(index: Index, e: int, o: int) -> bool:
+    """Return whether all of body `e` is beyond one of the sides of body `o`; neither is a disc."""
+    shape, polygons, corners = index.shape, index.polygons, corner_count(index.polygons, e)
+    for k in range(corner_count(polygons, o)):
+        from_x, from_y = corner(shape, polygons, o, k)
+        to_x, to_y = corner(shape, polygons, o, k + 1)
+        outside = 0
+        for j in range(corners):
+            x, y = _corner_at(index, e, j)
+            x, y = to_local(x - index.body.x[o], y - index.body.y[o], index.body.cosine[o], index.body.sine[o])
+            outside += (to_x - from_x) * (y - from_y) < (to_y - from_y) * (x - from_x)
+        if outside == corners:
+            return True
+    return False
 
 
 @kernel
-def _corner_gap(body: Array, shape: Array, e: int, o: int) -> Real:
-    """Return the metres from the outline of rectangle `o` to the nearest corner of rectangle `e`."""
+def _corner_at(index: Index, e: int, k: int) -> tuple[Real, Real]:
+    """Return where corner k of body `e` is."""
+    body, (along, across) = index.body, corner(index.shape, index.polygons, e, k)
+    x = body.x[e] + body.cosine[e] * along - body.sine[e] * across
+    return x, body.y[e] + body.sine[e] * along + body.cosine[e] * across
+
+
+@kernel
+def _corner_gap(index: Index, e: int, o: int) -> Real:
+    """Return the metres from the outline of body `o` to the nearest corner of body `e`; neither is a disc."""
     least = np.float32(np.inf)
-    for k in range(4):
-        along = shape.half_width[e] if k < 2 else -shape.half_width[e]
-        across = shape.half_height[e] if k % 2 else -shape.half_height[e]
-        x = body.x[e] + body.cosine[e] * along - body.sine[e] * across
-        y = body.y[e] + body.sine[e] * along + body.cosine[e] * across
-        least = min(least, _gap(body, shape, o, x, y))
+    for k in range(corner_count(index.polygons, e)):
+        x, y = _corner_at(index, e, k)
+        least = min(least, _gap(index, o, x, y))
     return least

@@ -1,4 +1,4 @@
-"""Ray casts against circles, rectangles and entities.
+"""Ray casts against circles, rectangles, convex polygons and entities.
 
 Pure float32 scalar kernels. All lengths share one unit; box angles are given as cosine and sine. A ray is o + f * d for
 0 <= f <= 1, and the kernels return the fraction f of the first hit, or NO_HIT. A shape that contains the ray's origin
@@ -8,6 +8,8 @@ Formulas follow Box2D 2.3: b2CircleShape::RayCast, b2PolygonShape::RayCast and :
 end points, so its direction is the rounded (o + d) - o. Keeping that rounding costs a nanosecond, and makes
 the rays bit-identical to Box2D's (if neither compiler fuses multiply and add).
 """
+
+from typing import Any
 
 import numpy as np
 
@@ -96,6 +98,37 @@ def ray_box(
 
 
 @noinline_kernel
+def ray_polygon(ox: Real, oy: Real, dx: Real, dy: Real, body: Array, polygons: Any, e: int) -> Real:
+    """Return the fraction at which the ray enters polygon `e`, or NO_HIT (also from inside or on its edge)."""
+    px, py, cosine, sine = body.x[e], body.y[e], body.cosine[e], body.sine[e]
+    x, y = to_local(ox - px, oy - py, cosine, sine)
+    end_x, end_y = to_local(ox + dx - px, oy + dy - py, cosine, sine)
+    across, upward = end_x - x, end_y - y
+    xs, ys, corners = polygons.x[e], polygons.y[e], polygons.corners[e]
+    enter, leave, entered = ZERO, ONE, False
+    for k in range(corners):
+        normal_x, normal_y = edge_normal(xs, ys, corners, k)
+        numerator = normal_x * (xs[k] - x) + normal_y * (ys[k] - y)
+        denominator = normal_x * across + normal_y * upward
+        if denominator < ZERO and numerator < enter * denominator:
+            enter, entered = numerator / denominator, True
+        elif denominator > ZERO and numerator < leave * denominator:
+            leave = numerator / denominator
+        if leave < enter or (denominator == ZERO and numerator < ZERO):
+            return NO_HIT
+    return enter if entered else NO_HIT
+
+
+@kernel
+def edge_normal(xs: Array, ys: Array, corners: int, k: int) -> tuple[Real, Real]:
+    """Return the outer normal of edge k of a polygon, in its own frame, as b2PolygonShape::Set computes it."""
+    n = (k + 1) % corners
+    along_x, along_y = xs[n] - xs[k], ys[n] - ys[k]
+    scale = ONE / np.float32(np.sqrt(along_x * along_x + along_y * along_y))
+    return along_y * scale, -along_x * scale
+
+
+@noinline_kernel
 def ray_body(
     ox: Real,
     oy: Real,
@@ -116,8 +149,15 @@ def ray_body(
 
 
 @kernel
-def raycast_entity(body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int) -> Real:
-    """Return the fraction at which the ray enters entity `e`, or NO_HIT: `ray_body` on the tables Body and Shape."""
+def raycast_entity(
+    body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int, polygons: Any = None
+) -> Real:
+    """Return the fraction at which the ray enters entity `e`, or NO_HIT: `ray_body` on the tables Body and Shape.
+
+    polygons: the table `Read[Polygon] | None`, as `polygons` of the index of bodies; without it, `e` is not a polygon.
+    """
+    if polygons is not None and polygons.corners[e] > 0:
+        return ray_polygon(ox, oy, dx, dy, body, polygons, e)
     return ray_body(
         ox,
         oy,

@@ -1,5 +1,6 @@
 """Games with filters, materials, joints and bodies that are driven: both backends do the same, and what tables say."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from outlast.components import (
     Filter,
     Material,
     Phase,
+    Polygon,
     Push,
     Rope,
     RopeBroken,
@@ -46,11 +48,20 @@ from outlast.systems import Contacts, Physics, Room
 from tests.conftest import COMPILED
 
 GHOST = Archetype("ghost", (Body(), Shape(radius=0.3)), 1)
+WEDGES = [
+    [(0, 0), (1.2, 0), (0, 0.6)],
+    [(-0.5, -0.2), (0.5, -0.2), (0.3, 0.3), (-0.4, 0.3)],
+    [(0.6 * math.cos(k), 0.4 * math.sin(k)) for k in range(6)],
+    [(0.5 * math.cos(k * math.pi / 4), 0.5 * math.sin(k * math.pi / 4)) for k in range(8)],
+]
 KINDS: dict[str, tuple[int, tuple[Component, ...]]] = {
     "ball": (5, (Shape(radius=0.4), Solid(dynamic=1), Filter(), Material(), Weld())),
     "crate": (4, (Shape(half_width=0.6, half_height=0.3), Solid(dynamic=1), Filter(), Rope())),
     "stone": (3, (Shape(half_width=0.5, half_height=0.5), Solid(dynamic=1), Material())),
     "post": (2, (Shape(radius=0.5), Solid())),
+    "spike": (1, (Polygon([(0, 0.7), (-0.4, -0.3), (0.4, -0.3)]), Solid())),
+    "wedge": (4, (Polygon(WEDGES), Solid(dynamic=1), Filter(), Material())),
+    "gate": (1, (Polygon(WEDGES[2]), Solid(), Driven())),
     "door": (2, (Shape(half_width=0.1, half_height=1.0), Solid(), Driven(), Filter())),
 }
 
@@ -76,7 +87,7 @@ class Zoo(Module):
         return [
             *kinds,
             GHOST,
-            Archetype("stone", (Held(),)),
+            *(Archetype(name, (Held(),)) for name in ("stone", "wedge")),
             *(Archetype(name, (Wish(),)) for name in ("ball", "crate")),
         ]
 
@@ -124,7 +135,7 @@ def worlds(count: int = 1, backend: str = "auto", size: float = 8.0, **numbers: 
 
 def bodies_of(made: Worlds) -> slice:
     """Return all rows but those of the walls, which come first."""
-    return slice(made.span("ball").start, made.span("stone").stop)
+    return slice(made.span("ball").start, made.span("wedge").stop)
 
 
 def tick(made: Worlds) -> None:
@@ -151,7 +162,8 @@ def stir(made: Worlds, rng: np.random.Generator) -> None:
         getattr(body, name)[:, bodies] = rng.uniform(-span, span, shape)[:, bodies]
     for name, function in ("cosine", np.cos), ("sine", np.sin):
         getattr(body, name)[:, bodies] = function(body.angle[:, bodies])
-    made[Held].fixed[:, made.span("stone")] = rng.random((made.count, 3)) < 0.3
+    for kind in "stone", "wedge":
+        made[Held].fixed[:, made.span(kind)] = (rng.random(shape) < 0.3)[:, made.span(kind)]
     for name, most in ("friction", 1), ("restitution", 1), ("linear_damping", 9), ("angular_damping", 9):
         values = np.where(rng.random(shape) < 0.3, -1, rng.uniform(0, most, shape))
         getattr(made[Material], name)[:, bodies] = values[:, bodies]
@@ -426,9 +438,13 @@ def test_a_joint_that_physics_cannot_take_is_a_fault(column: str) -> None:
 @pytest.mark.skipif(not COMPILED, reason="compares with machine code")
 def test_games_without_them_have_neither_columns_nor_machine_code_for_them() -> None:
     plain = Worlds((Room(size=8.0), Physics(), Crates()), 1)
-    assert not {Filter, Material, Driven, Weld, Rope, Touch, Touching} & {*plain.components}
+    assert not {Filter, Material, Driven, Weld, Rope, Touch, Touching, Polygon} & {*plain.components}
     source = plain.source().lower()
-    assert not [name for name in ("filter", "material", "driven", "weld", "rope", "touch") if f"view_{name}" in source]
+    assert not [
+        name
+        for name in ("filter", "material", "driven", "weld", "rope", "touch", "polygon")
+        if f"view_{name}" in source
+    ]
 
 
 @dataclass(frozen=True)

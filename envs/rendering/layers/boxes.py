@@ -26,7 +26,7 @@ class BoxesLayer(Layer):
         for e in scene.living(Body, Shape, Box):
             color = tinted(scene, e, of_box(owner[e]))
             canvas.body(scene, e, mix(color, INK, 0.5))
-            if min(scene.shape.half_width[e], scene.shape.half_height[e]) > 2 * self.rim:
+            if scene.least_half(e) > 2 * self.rim:
                 canvas.body(scene, e, color, -self.rim)
 
 

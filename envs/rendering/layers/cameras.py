@@ -71,11 +71,14 @@ class CamerasLayer(Layer):
         body, cameras = scene.body, scene.mechanic(systems.Cameras)
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
         rows = np.array([e for e in scene.living(*kinds) if not is_see_through(scene, e)], int)
-        blockers = np.array([_blocker(scene, e) for e in rows.tolist()])
+        blockers, corners_of = np.array([_blocker(scene, e) for e in rows.tolist()]), scene.placed_corners
+        round_or_square = np.array([not scene.corners(e) for e in rows.tolist()], bool)
+        polygons = [corners_of(e) for e in rows[~round_or_square].tolist()]
         for e in watching:
             if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
                 own, pose = scene.mechanic(systems.Cameras, e), (body.x[e], body.y[e], body.angle[e])
-                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", blockers[rows != e])
+                others = round_or_square & (rows != e)
+                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", blockers[others], polygons)
                 canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
 
 

@@ -3,12 +3,15 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from outlast import systems
 from outlast.components import Body, Shape, Strike
 
 from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, SIZES, STRIKE, WHITE, Color
+from ..visibility import polygon_hits
 from .layer import Layer, ZOrder
 
 
@@ -81,8 +84,12 @@ def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
 
 
 def _edge(scene: Scene, me: int, e: int, ahead: float) -> float:
-    """Return how far ahead of `me` the rectangle `e` begins; `ahead` if the line ahead misses it."""
+    """Return how far ahead of `me` the rectangle or polygon `e` begins; `ahead` if the line ahead misses it."""
     body, shape = scene.body, scene.shape
+    if corners := scene.placed_corners(e):
+        ray = np.array([[body.cosine[me], body.sine[me]]])
+        at = float(polygon_hits(ray, np.array(corners), body.x[me], body.y[me])[0])
+        return at if math.isfinite(at) else ahead
     x, y, cosine, sine = body.x[me] - body.x[e], body.y[me] - body.y[e], body.cosine[e], body.sine[e]
     dx, dy = body.cosine[me], body.sine[me]
     enter, leave = -math.inf, math.inf

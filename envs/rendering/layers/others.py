@@ -37,13 +37,13 @@ class OthersLayer(Layer):
             self._draw(canvas, scene, e)
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
-        body, shape, color = scene.body, scene.shape, tinted(scene, e, of_kind(scene, e))
+        body, color = scene.body, tinted(scene, e, of_kind(scene, e))
         if not has_size(scene, e):
             canvas.circle(body.x[e], body.y[e], POINT, mix(color, INK, 0.6))
             canvas.circle(body.x[e], body.y[e], POINT - self.rim, color)
             return
         canvas.body(scene, e, mix(color, INK, 0.6))
-        if (shape.radius[e] or min(shape.half_width[e], shape.half_height[e])) > 2 * self.rim:
+        if scene.least_half(e) > 2 * self.rim:
             canvas.body(scene, e, color, -self.rim)
 
 
