@@ -24,6 +24,7 @@ from outlast.systems import (
 )
 from outlast.systems.hide_and_seek import Climbing, Handling, Hiding, Quadrant, Things
 
+from .hiding_policies import scripted
 from .scenario import Scenario
 
 FLOOR, TICKS, PREPARATION = 6.0, 240, 0.4  # floor_size; horizon; prep_fraction
@@ -62,7 +63,9 @@ def hide_and_seek(
     slots = {each.slot() for each in mechanics}
     modules = (*(each for each in usual if each.slot() not in slots), *mechanics)
     named = Scenario(name, modules).roles(observed=False, hider=role(count=hiders), seeker=role(count=seekers))
-    return Scenario(name, modules, about, by_role=named.by_role)  # so sides have names; agents observe their team
+    return Scenario(
+        name, modules, about, by_role=named.by_role, policies={"scripted": scripted}
+    )  # agents observe teams
 
 
 _ROOMS = Rooms(columns=2, rows=2, doors=1.0, door=0.5, thickness=0.1)  # n_rooms=4
@@ -82,7 +85,7 @@ HIDE_SMALL = hide_and_seek(
 )
 HIDE_FULL = hide_and_seek(
     "hide_full",
-    "two against two: four rooms, three to nine crates and planks, two ramps that can be locked",
+    "two against two: four rooms, three crates, three planks, two ramps that can be locked",
     *(_ROOMS, Things(crates=3, planks=3, ramps=2, lockable_ramps=True), LIDAR),
 )
 HIDE_OPEN = hide_and_seek(

@@ -290,3 +290,20 @@ def test_a_world_alone_is_the_world_of_a_batch():
         assert all(np.array_equal(seen[key][5], one[key][0]) for key in one)
         actions = batch.action_space.sample()
         seen, one = batch.step(actions)[0], alone.step(actions[5:6])[0]
+
+
+def test_scripted_agents_play_the_game():
+    found = {}
+    for name in ("noop", "scripted"):
+        env = outlast.make_vec(SCENARIOS["hide_small"], 64, seed=0)
+        observations, _ = env.reset()
+        policies = [
+            outlast.scripted_policy(env),
+            outlast.scripted_policy(env) if name == "scripted" else outlast.noop_policy(env),
+        ]
+        for _ in range(240):
+            hiders, seekers = (np.array(policy(observations)) for policy in policies)
+            observations, *_, info = env.step(np.concatenate([hiders[:, :1], seekers[:, 1:]], 1))
+        found[name] = info["statistics"]
+    assert found["scripted"]["ticks_seen"].mean() > 2 * found["noop"]["ticks_seen"].mean()
+    assert found["scripted"]["locks"][:, 0].mean() > 0.8
