@@ -29,7 +29,7 @@ class Viewpoint:
         shown = row[fields["role"].columns] if "role" in fields and roles else np.zeros(1)
         self.role = roles[int(shown.argmax())] if shown.any() else ""
         self.rest = {
-            name: ", ".join(f"{value:g}" for value in row[field.columns])
+            name: ", ".join(f"{round(float(value), 2):g}" for value in row[field.columns])
             for name, field in fields.items()
             if name not in PLACED and field.size <= FEW and not (name == "role" and roles)
         }

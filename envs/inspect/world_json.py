@@ -231,7 +231,7 @@ def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool, targets: d
     bag = scene[Bag].items[e][: scene[Bag].count[e]] if Bag in scene else []
     return _place(scene, e) | {
         "alive": alive,
-        "health": scene[Health].points[e] if Health in scene else 0,
+        "health": scene[Health].points[e] if Health in scene and can_hurt(scene.worlds.layout) else 0,
         "bag": [bodies.object_number(row) for row in bag],
         "strike": (1 + (targets[e] >= 0) if e in targets else 0) if alive else 0,
         "target": bodies.numbers[targets[e]] if alive and targets.get(e, -1) >= 0 else -1,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast import systems
 from outlast.components import Look
 from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.rendering import style
@@ -104,6 +105,25 @@ def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, compile
         for x, y in ((-3.0, 1.5 + 3 * style.SIZES.sight_line), (1.0, 1.0)):  # on the ring, and on the line
             assert (sum(pixel(screen, x, y)) < 200) == (row == 1), (x, row)
         assert sum(pixel(screen, 5.0, 1.5 + 3 * style.SIZES.sight_line)) > 600  # no ring around the other one
+
+
+def test_a_game_without_hit_points_and_bags_shows_none(look: Any, compiled: None, tmp_path: Path) -> None:
+    parts = (
+        systems.Agents(count=2),
+        systems.FreeForAll(),
+        systems.Room(size=8.0),
+        systems.SpawnGrid(),
+        systems.Steering(),
+    )
+    game = outlast.Scenario("walk", (*parts, systems.Physics(), systems.Rewards(), systems.Ending("never", 9)))
+    env = outlast.make_vec(game, 1, seed=0)
+    write_page(tmp_path / "page.html", env.worlds, (env.reset() and 0 for _ in range(1)), [0], title="")
+    screen = look(tmp_path / "page.html")
+    cards = screen.page.locator(".agent").all()
+    assert [card.get_attribute("aria-label") for card in cards] == ["Agent 0: alive", "Agent 1: alive"]
+    for part in (".points", ".meter", ".bag"):
+        assert not cards[0].locator(part).is_visible(), part
+    assert screen.page.locator("[data-view=health]").is_disabled()
 
 
 @pytest.mark.nightly

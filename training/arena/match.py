@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.components import Kills, Outcome
 from outlast.ecs import Statistic
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -121,7 +122,8 @@ class Match:
         self.results.enter(where, "wins", won)
         self.results.enter(where, "wins_first", won * first, first)
         self.results.enter(where, "wins_second", won * ~first, ~first)
-        self.results.enter(where, "life", (self.standings.life[rows][:, None] * by_side).max(2))
+        if Kills in self.base_env.worlds or Outcome not in self.base_env.worlds:  # else nobody's life decides anything
+            self.results.enter(where, "life", (self.standings.life[rows][:, None] * by_side).max(2))
         for name, values in statistics.items():  # for agents, the mean over those of a role; for sides, the sum
             if self.dims.get(name) == ("agents",):
                 there = mine.sum(2)

@@ -25,6 +25,8 @@ const Panel = (() => {
     const cards = description.agents.map(({ side }, i) => {
       if (side < 0) return null; // absent
       const card = addAgent(teams[side]?.list || root, description, i);
+      for (const part of [card.points, card.meter]) part.hidden = !description.agents[i].health;
+      card.bag.hidden = !description.slots;
       card.button.addEventListener("click", () => onFollow(i));
       return card;
     });
@@ -33,7 +35,7 @@ const Panel = (() => {
       cards.forEach((card, i) => card && show(card, description, snapshot, i, follow === i, tallies[i]));
       teams.forEach((team, s) => {
         const members = snapshot.agents.filter((_, i) => description.agents[i].side === s);
-        write(team.count, `${members.filter(({ alive }) => alive).length} of ${members.length} alive`);
+        if (description.health) write(team.count, `${members.filter(({ alive }) => alive).length} of ${members.length} alive`);
       });
     };
   }
@@ -60,7 +62,7 @@ const Panel = (() => {
     const bag = make("span", "bag", button);
     const slot = Array.from({ length: slots }, () => make("span", "slot", bag));
     const tally = make("span", "tally", button);
-    return { button, status, points, fill, extra, bag, slot, tally, held: null };
+    return { button, status, points, meter, fill, extra, bag, slot, tally, held: null };
   }
 
   function show(card, description, snapshot, i, followed, tally) {
@@ -79,7 +81,8 @@ const Panel = (() => {
     if (card.held !== held) fill(card, description, snapshot, bag);
     card.held = held;
     const carries = bag.map((j) => named(description.objects[j])).join(", ") || "nothing";
-    card.button.setAttribute("aria-label", `Agent ${i}: ${alive ? `${health} hit points, carries ${carries}` : "dead"}`);
+    const has = [whole ? `${health} hit points` : "", description.slots ? `carries ${carries}` : ""].filter(Boolean).join(", ");
+    card.button.setAttribute("aria-label", `Agent ${i}: ${alive ? has || "alive" : "dead"}`);
   }
 
   // An agent's role, unless its team is called so.

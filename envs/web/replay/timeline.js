@@ -76,7 +76,7 @@ const Timeline = (() => {
       pen.globalAlpha = 0.07;
       pen.fillRect(LEFT, y, width - LEFT - RIGHT, tall);
       pen.globalAlpha = 1;
-      area(pen, y, tall, (k) => alive[k] ? Math.max(0.08, Math.min(1, points[k] / whole)) : 0, color, 0.75,
+      area(pen, y, tall, (k) => alive[k] ? Math.max(0.08, full ? Math.min(1, points[k] / whole) : 0.8) : 0, color, 0.75,
         alive.lastIndexOf(1) + 1); // agents may come back
       if (tall < 8) return;
       write(pen, i, LEFT - 8, y + tall / 2, "right", color, 700);
