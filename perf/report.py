@@ -2,8 +2,8 @@
 
     python -m perf.report MACHINE
 
-It needs matplotlib: pip install 'outlast[plot]'. The pages are performance.md
-and training.md in docs. A table stands between the comments
+It needs matplotlib: pip install 'outlast[plot]'. The pages are performance.md,
+training.md and peers.md in docs. A table stands between the comments
 <!-- table NAME of MACHINE: column, ... --> and <!-- end -->, and is replaced.
 NAME is a file of perf/results/MACHINE, and the named columns are shown, or all
 of them if none is named. A table that MACHINE has results for becomes that of
@@ -21,7 +21,7 @@ from pathlib import Path
 from perf.table import FOLDER, about, has, machines, read
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = tuple(ROOT / "docs" / f"{page}.md" for page in ("performance", "training"))
+DOCUMENTS = tuple(ROOT / "docs" / f"{page}.md" for page in ("performance", "training", "peers"))
 TABLE = re.compile(
     r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import compare, edit, interfaces, profile, step, vector_step
+from perf import compare, edit, interfaces, peer_steps, peers, profile, step, vector_step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -287,3 +287,14 @@ def test_what_the_edit_loop_edits_is_there(tmp_path: Path) -> None:
     game = edit.Game(tmp_path)
     for name, old, _, _ in edit.EDITS.values():
         assert old in (game.folder / name).read_text(), (name, old)
+
+
+def test_simulators_are_timed_in_processes_of_their_own() -> None:
+    for row in peers.ROWS:
+        assert row.library in peers.LIBRARIES
+        assert callable(getattr(peer_steps, row.maker))
+    timed = peers.Timed(sys.executable, peers.Row("outlast", "", "outlast", "football:FOOTBALL", 4))
+    timed.measure()
+    assert timed.agents == 4
+    assert timed.seconds[0] > 0
+    timed.process.communicate()
