@@ -186,7 +186,7 @@ def command_of(dockerfile: str) -> str:
 
 
 def test_documents_name_the_version() -> None:
-    for name, pattern in (("docs/citing.md", r"version = \{(.+)\}"), ("CHANGELOG.md", r"^## (\d\S*)$")):
+    for name, pattern in (("docs/project.md", r"version = \{(.+)\}"), ("CHANGELOG.md", r"^## (\d\S*)$")):
         found = re.findall(pattern, (ROOT / name).read_text("utf-8"), re.MULTILINE)
         assert found[0] == outlast.__version__, name
 

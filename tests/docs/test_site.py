@@ -38,7 +38,7 @@ ORIGINAL = RESULTS / "original"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_nb", "furo")
 LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
-LONG = ("experiments", "torch")  # page and library of examples that train
+LONG = ("recipes", "torch")  # page and library of examples that train
 PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 
 # A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
@@ -173,7 +173,7 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
     for scenario in outlast.VARIANTS.values():
         assert scenario.numbers().keys() <= words_of("scenarios")
         assert {module.__class__.__name__ for module in scenario.modules} <= words_of("scenarios")
-    assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("variants")
+    assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("world")
     assert set(systems.__all__) <= words_of("scenarios")
     env = outlast.make_vec("ffa_3", 1, seed=0)
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")

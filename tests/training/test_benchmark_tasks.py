@@ -104,7 +104,7 @@ def test_tasks_keep_to_the_protocol() -> None:
 
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
 def test_anchors_that_are_shipped_are_of_their_task_and_beat_styles_where_flaws_are_mended() -> None:
-    """What docs/benchmark.md says of the ratings; and the package has the checksums of the files."""
+    """What docs/evaluating.md says of the ratings; and the package has the checksums of the files."""
     with TABLE.open(newline="") as file:
         known = {row["task"]: row["sha256"] for row in csv.DictReader(file)}
     files = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest() for path in FOLDER.glob("*.safetensors")}

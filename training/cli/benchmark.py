@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
         ("benchmark table benchmark --out tables", "write the tables, as Markdown and CSV, and a figure"),
     ]
     description = (
-        "Compare agents by the protocol of docs/benchmark.md: tasks that never change, fixed budgets of training, and "
+        "Compare agents by the protocol of docs/evaluating.md: tasks that never change, fixed budgets of training, and "
         "games in worlds that no training has seen. All games are recorded, so that anybody can verify the results. "
         "ACTION is one of: tasks, to list the tasks; run, to train agents and play their games; score, to play all "
         "agents against each other and compute scores; verify, to play all recorded games again; table, to write "
