@@ -289,6 +289,7 @@ def test_what_the_edit_loop_edits_is_there(tmp_path: Path) -> None:
         assert old in (game.folder / name).read_text(), (name, old)
 
 
+@pytest.mark.nightly
 def test_simulators_are_timed_in_processes_of_their_own() -> None:
     for row in peers.ROWS:
         assert row.library in peers.LIBRARIES
