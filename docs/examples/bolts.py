@@ -15,7 +15,6 @@ from outlast.ecs import (
     Entity,
     Field,
     Module,
-    Offset,
     Read,
     Rows,
     Singleton,
@@ -25,13 +24,14 @@ from outlast.ecs import (
 )
 from outlast.queries import Bodies, first_on_ray
 from outlast.systems import Melee
+from outlast.systems.observation_rows import observe
 
 
 class Bolt(Component):
     """An agent's bolt. Written by bolts."""
 
     left: Array = column("f4")  # metres that it can still fly; 0: it is gone
-    x: Array = column("f4")  # metres
+    x: Array = column("f4")  # metres; 0 once it is gone
     y: Array = column("f4")
     cosine: Array = column("f4")  # of the direction in which it flies
     sine: Array = column("f4")
@@ -104,26 +104,11 @@ def fly(
         way = min(speed * seconds, bolt.left[e])
         x, y, dx, dy = bolt.x[e], bolt.y[e], way * bolt.cosine[e], way * bolt.sine[e]
         target, _ = first_on_ray(bodies, bodies.members, x, y, dx, dy, e)
-        bolt.x[e], bolt.y[e] = x + dx, y + dy
         bolt.left[e] = bolt.left[e] - way if target < 0 else 0
+        flies = bolt.left[e] > 0
+        bolt.x[e], bolt.y[e] = x + dx if flies else 0, y + dy if flies else 0
         if target >= 0 and health.has_health[target]:
             hurt(health, guard, hits, target, damage, damage_type, side.side[e], clock.tick[0], e)
 
 
-@Bolts.system(Phase.OBSERVE)
-def see_bolt(
-    view: Write[SelfView],
-    bolt: Read[Bolt],
-    entities: Read[Entity],
-    agents: Rows[Bolt],
-    own_bolt_left: Offset,
-    own_bolt_x: Offset,
-    own_bolt_y: Offset,
-) -> None:
-    """Write where each agent's bolt is; 0 if it is gone, or its agent is dead."""
-    for i in range(agents.size):
-        e = agents[i]
-        flies = entities.alive[e] != 0 and bolt.left[e] > 0
-        view.own[i, own_bolt_left] = bolt.left[e] if flies else 0
-        view.own[i, own_bolt_x] = bolt.x[e] if flies else 0
-        view.own[i, own_bolt_y] = bolt.y[e] if flies else 0
+observe(Bolts, SelfView, "own", Side, bolt_left=Bolt.left, bolt_x=Bolt.x, bolt_y=Bolt.y)
