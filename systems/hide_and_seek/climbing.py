@@ -51,7 +51,14 @@ class Climbing(Module):
     that are aloft touch only agents. They see over what is low, and are seen over it.
     """
 
-    ticks: int = number(12, low=1, high=TICKS, unit="ticks", about="how long an agent stays aloft behind a ramp")
+    ticks: int = number(
+        12,
+        low=0,
+        high=TICKS,
+        per_agent=True,
+        unit="ticks",
+        about="how long an agent stays aloft behind a ramp; 0: never",
+    )
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Aloft(), Filter(layer=AGENTS)))]
@@ -102,16 +109,16 @@ def climb(
 ) -> None:
     """Lift agents up, and let them down where they have room."""
     for e in agents:
-        left, above, on_ramp = aloft.ticks[e], False, False
+        left, most, above, on_ramp = aloft.ticks[e], of(ticks, e), False, False
         if left > 0:
             for k in range(within(bodies, solids, e, 0)):
                 above |= agent[bodies.rows[k]] < 0
                 on_ramp |= ramp[bodies.rows[k]] >= 0
-            left = ticks if on_ramp else left - 1 if left > 1 or not above else 1
-        elif entities.alive[e]:
+            left = most if on_ramp else left - 1 if left > 1 or not above else 1
+        elif entities.alive[e] and most > 0:
             for each in ramps:
                 if left == 0 and entities.alive[each] and climbs(body, shape, e, each):
-                    left, k = ticks, emit(events)
+                    left, k = most, emit(events)
                     events.agent[k], events.ramp[k] = e, each
         aloft.ticks[e] = left
         filters.hits[e] = AGENTS if left > 0 else ALL

@@ -7,12 +7,12 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main as run
 from outlast.envs.cli.main import program
 
-from . import compare, reproduce
+from . import compare, reproduce, tool_use
 
 
 def parser() -> Parser:
     """Return the grammar of this program."""
-    return program(f"python -m {__package__}", "What repeats the paper, of docs/paper.md.", (reproduce, compare))
+    return program(f"python -m {__package__}", "What repeats papers, of docs/paper.md.", (reproduce, compare, tool_use))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
