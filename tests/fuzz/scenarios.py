@@ -23,6 +23,7 @@ import dataclasses
 import gc
 import importlib.util
 import json
+import math
 import os
 import queue
 import re
@@ -168,7 +169,9 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
         here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
         here |= {"radius": 0.3, "bound": 0.3, "angle": rng.uniform(-4, 4)}
         parts = rng.sample(lacks, rng.randrange(1, len(lacks) if not has else 3))
-        made = [part(**{key: value for key, value in here.items() if key in part.columns}) for part in parts]
+        made = [
+            _part(part, here, rng) for part in parts if part is not components.Polygon or components.Shape not in parts
+        ]
         order = None if has else rng.choice((0, 10, 60))
         found.append(Archetype(name, tuple(made), count, alive=bool(has) or rng.random() < 0.8, order=order))
         for dim, kinds in COUNTED.items() if rng.random() < 0.9 else ():
@@ -183,6 +186,15 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
             return dims
 
     return Kinds()
+
+
+def _part(part: type[Component], here: dict[str, Any], rng: Random) -> Component:
+    """A component with those of the values that it has; a polygon has corners on a circle."""
+    if part is components.Polygon:
+        count = rng.randrange(3, 9)
+        turns = [2 * math.pi * (k + rng.uniform(0, 0.5)) / count for k in range(count)]
+        return components.Polygon([(0.5 * math.cos(turn), 0.5 * math.sin(turn)) for turn in turns])
+    return part(**{key: value for key, value in here.items() if key in part.columns})
 
 
 def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:
