@@ -37,7 +37,7 @@ def code_digest(module: Module) -> str:
 
 
 def full_name(target: Any) -> str:
-    """The name of a class or function with that of its module."""
+    """Return the name of a class or function with that of its module."""
     return f"{target.__module__}.{target.__qualname__}"
 
 
@@ -89,7 +89,7 @@ def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
 
 
 def _described(system: System) -> list[Parameter]:
-    """Its parameters; without optional ones of outlast's own, as games that lack these components are as before."""
+    """Return its parameters without optional ones of outlast's own: games without these components are as before."""
     return [each for each in system.access if system.outside or not each.optional]
 
 
@@ -108,7 +108,10 @@ def _describe_declaration(system: System) -> str:
 
 
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
-    """A value that code refers to. A user's function is added to `known`; what cannot be followed counts by name."""
+    """Yield a value that code refers to.
+
+    A user's function is added to `known`; what cannot be followed counts by name.
+    """
 
     def other(name: str, value: Any) -> Iterator[str]:
         function = getattr(value, "py_func", value)

@@ -86,7 +86,10 @@ def check_paths(system: System) -> None:
 
 
 def _unchecked(code: Any, columns: set[str]) -> tuple[int, str] | None:
-    """The line of what is UNCHECKED in numba's form of a function, and what it is. columns: no attributes of arrays."""
+    """Return the line of what is UNCHECKED in numba's form of a function, and what it is.
+
+    columns: no attributes of arrays.
+    """
     for statement in (each for block in code.blocks.values() for each in block.find_insts(ir.Assign)):
         value = statement.value
         is_attribute = isinstance(value, ir.Expr) and value.op == "getattr"
@@ -97,7 +100,7 @@ def _unchecked(code: Any, columns: set[str]) -> tuple[int, str] | None:
 
 
 def _wrong_path(code: Any) -> tuple[int, str] | None:
-    """The line of what check_paths refuses in numba's form of a function, and what it is."""
+    """Return the line of what check_paths refuses in numba's form of a function, and what it is."""
     for label, loop in compute_cfg_from_blocks(code.blocks).loops().items():
         if not loop.exits:
             return code.blocks[label].loc.line, ENDLESS
@@ -166,7 +169,7 @@ class _Uses:
         return isinstance(parent, (ast.Tuple, ast.keyword))
 
     def _called(self, call: ast.Call) -> FunctionType | None:
-        """The function that is called, if it is one of Python that can be followed."""
+        """Return the function that is called, if it is one of Python that can be followed."""
         found = dict(references(self.function)).get(ast.unparse(call.func))
         plain = getattr(found, "py_func", found)
         return plain if isinstance(plain, FunctionType) and not is_library(plain) else None
@@ -185,7 +188,7 @@ class _Uses:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(code: CodeType) -> ast.FunctionDef | None:
-    """The syntax tree of a function, with the line numbers of its file; None if there is no source."""
+    """Return the syntax tree of a function, with the line numbers of its file; None if there is no source."""
     lines = inspect.getblock(linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :])
     try:
         (tree,) = ast.parse(textwrap.dedent("".join(lines))).body

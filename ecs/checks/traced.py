@@ -172,7 +172,7 @@ class Watched(np.ndarray):
 
 
 def _guarded(name: str, writes: bool) -> Any:
-    """A method of arrays that writes all of it, or computes with it."""
+    """Return a method of arrays that writes all of it, or computes with it."""
 
     def method(self: Watched, *arguments: Any, **options: Any) -> Any:
         if writes:
@@ -309,20 +309,20 @@ def _wrong(layout: MemoryLayout, dim: int | str, tag: Tag) -> str:
 
 
 def counted(*bounds: Any) -> Any:
-    """Python's range, of Indexes if it counts up to a Size."""
+    """Stand in for range, with Indexes if it counts up to a Size."""
     size = next((bound.tag for bound in bounds[:2] if getattr(bound, "tag", None) and bound.tag.what == "size"), None)
     numbers = range(*bounds)
     return [tagged(Index, k, Tag("index", size.components)) for k in numbers] if size else numbers
 
 
 def numbered(values: Iterable[Any], start: int = 0) -> Iterable[tuple[Any, Any]]:
-    """Python's enumerate, of Indexes for a list of rows."""
+    """Stand in for enumerate, with Indexes for a list of rows."""
     whole = isinstance(values, Selection) and not start
     return zip(counted(values.size), values, strict=True) if whole else enumerate(values, start)  # type: ignore[attr-defined]
 
 
 def length(values: Any) -> int:
-    """Python's len, a Size for a list of rows."""
+    """Stand in for len, with a Size for a list of rows."""
     found: int = values.size if isinstance(values, Selection) else len(values)
     return found
 
@@ -363,7 +363,7 @@ class Traced:
             raise
 
     def _where(self, error: BaseException) -> str:
-        """The system's label, with the lines of the calls that led to an error, outermost first."""
+        """Return the system's label, with the lines of the calls that led to an error, outermost first."""
         steps = [(frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__)]
         lines = [place(self.codes[code], line) for code, line in steps if code in self.codes]
         return f"{self.system.label} ({'; '.join(lines)})"
@@ -426,7 +426,7 @@ class Traced:
     # ---- functions that it calls
 
     def _copy(self, function: FunctionType) -> Any:
-        """The function with stand-ins for what it refers to."""
+        """Return the function with stand-ins for what it refers to."""
         if function not in self._made:
             cells = [CellType() for _ in function.__closure__ or ()]
             names: dict[str, Any] = {**function.__globals__, **self._names}
@@ -456,7 +456,7 @@ class Traced:
         return value
 
     def _drawing(self, draw: Any) -> Callable[..., Any]:
-        """A function of kernels.random that refuses a draw that gives the number of an earlier one."""
+        """Return a function of kernels.random that refuses a draw that gives the number of an earlier one."""
         plain = getattr(draw, "py_func", draw)
 
         def stand_in(key: Any, index: Any, bound: Any = None) -> Any:
@@ -491,7 +491,7 @@ class _Names:
 
 
 def _own_fields(system: System, layout: MemoryLayout) -> dict[tuple[type[Component], str], tuple[Array, str]]:
-    """By column of an observation in whose rows a system has Offsets: which columns are its own, and its Offsets.
+    """Return, by column of an observation with Offsets of a system, which columns are its own, and its Offsets.
 
     An Offset also stands for the fields that lie behind its own one, if the system's mechanic adds these.
     """

@@ -51,19 +51,25 @@ class ArgumentLayout:
     services: dict[int, Service] = field(default_factory=dict)
 
     def add_array(self, find: Callable[[Any], Array], by_world: bool = True) -> int:
-        """The array that `find` returns for the Worlds. by_world: whether kernels get the part that is one world's."""
+        """Return the array that `find` returns for the Worlds.
+
+        by_world: whether kernels get the part that is one world's.
+        """
         return self._add(self.arrays, (find, int(by_world)), ARRAY_SLOTS)
 
     def add_scratch(self, module: Module, name: str) -> int:
-        """A Scratch parameter: memory of the thread."""
+        """Return a Scratch parameter: memory of the thread."""
         return self._add(self.scratch, (module, name), ARRAY_SLOTS)
 
     def add_number(self, value: int | float, name: str = "") -> int:
-        """An int, or a float that is read as float32. name: that of a mechanic's number, "module_number"; else ""."""
+        """Return an int, or a float that is read as float32.
+
+        name: that of a mechanic's number, "module_number"; else "".
+        """
         return self._add(self.numbers, (name, value), 1)
 
     def add_service(self, service: Service, arrays: int) -> int:
-        """The memory of a service, a number of arrays: memory of the thread."""
+        """Return the memory of a service, a number of arrays: memory of the thread."""
         return self._add(self.services, service, arrays * ARRAY_SLOTS)
 
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
@@ -172,7 +178,7 @@ class View:
 
 @functools.cache
 def array_view(view: View, python: bool) -> Any:
-    """A function (arguments, slot, w) -> the array at `slot`, for world w."""
+    """Return a function (arguments, slot, w) -> the array at `slot`, for world w."""
     if python:
         return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, view)
     return _from_slots(view.type, functools.partial(_array, view=view, packed=False))
@@ -180,7 +186,7 @@ def array_view(view: View, python: bool) -> Any:
 
 @functools.cache
 def table_view(kind: Any, views: tuple[View, ...], python: bool, packed: bool = False) -> Any:
-    """A function (arguments, slot, w) -> the named tuple of that kind for world w; its arrays begin at `slot`.
+    """Return a function (arguments, slot, w) -> the named tuple of that kind for world w; its arrays begin at `slot`.
 
     packed: whether the arrays lie in the state of the world.
     """
@@ -200,7 +206,7 @@ def table_view(kind: Any, views: tuple[View, ...], python: bool, packed: bool = 
 
 @functools.cache
 def number_view(kind: str, python: bool) -> Any:
-    """A function (arguments, slot) -> the number at `slot`; kind: "int64" or "float32"."""
+    """Return a function (arguments, slot) -> the number at `slot`; kind: "int64" or "float32"."""
     if python:
         return lambda arguments, slot: arguments.slots[slot : slot + 1].view(kind)[0]
     value = getattr(types, kind)
@@ -218,7 +224,7 @@ def number_view(kind: str, python: bool) -> Any:
 
 
 def _from_slots(kind: Any, generate: Callable[..., Any]) -> Any:
-    """A function (arguments, slot, w) for machine code; generate(context, builder, slots, slot, w) makes its result."""
+    """Return a function (arguments, slot, w) for machine code, whose result `generate` makes from slots."""
 
     @intrinsic  # type: ignore[untyped-decorator]
     def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
@@ -276,7 +282,7 @@ def _array(context: Any, builder: Any, slots: Any, start: Any, w: Any, view: Vie
 
 
 def _constant(builder: Any, values: bytes) -> Any:
-    """The address of bytes that are part of the machine code, and of a cache line behind them, for kernels.simd."""
+    """Return the address of bytes in the machine code, which a cache line follows, for kernels.simd."""
     padded = bytearray(values) + bytes(ALIGN)
     variable = cgutils.global_constant(builder, "constant", cgutils.make_bytearray(padded))
     variable.align = ALIGN
@@ -284,7 +290,7 @@ def _constant(builder: Any, values: bytes) -> Any:
 
 
 def _python_array(slots: Array, slot: int, w: int, view: View) -> Array:
-    """The array at `slot` for world w, in plain Python: for uncompiled runs and for systems that stay Python."""
+    """Return the array at `slot` for world w, in plain Python: for uncompiled runs and for systems that stay Python."""
     address, stride, *shape = map(int, slots[slot : slot + 2 + view.ndim])
     memory: Any = (ctypes.c_char * (int(np.prod(shape)) * view.dtype.itemsize)).from_address(address + w * stride)
     array: Array = np.ndarray(tuple(shape), view.dtype, memory)

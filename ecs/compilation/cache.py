@@ -89,15 +89,15 @@ class CompiledUnits:
             self._found.clear()
 
     def address(self, label: str) -> int:
-        """The address of a unit's function, or of a part."""
+        """Return the address of a unit's function, or of a part."""
         return ADDRESSES[self._keys[label]]
 
     def function(self, label: str) -> Any:
-        """One of the functions, for Python to call; it runs without the GIL."""
+        """Return one of the functions, for Python to call; it runs without the GIL."""
         return as_python(self.address(label))
 
     def _read(self, label: str, folders: Iterable[Path]) -> Code | None:
-        """The machine code of a unit that is found on disk or was compiled."""
+        """Return the machine code of a unit that is found on disk or was compiled."""
         name = cache_files.file_name(label, self._keys[label])
         for folder in folders:
             if label not in self._found and (code := cache_files.read(folder / name)):
@@ -105,7 +105,7 @@ class CompiledUnits:
         return self._found.get(label)
 
     def _urgency(self, label: str) -> tuple[bool, int]:
-        """A sort key: systems from outside of outlast first, as they may have errors; then the large ones."""
+        """Return a sort key: systems from outside of outlast first, as they may have errors; then the large ones."""
         unit = self._units.get(label)
         return not (unit and unit.system and unit.system.outside), -self._cache_key.size(label)
 

@@ -78,7 +78,7 @@ class CacheKey:
         return sum(len(function.__code__.co_code) for function in self._closure(self._roots[label]))
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:
-        """Every kernel, and a hash of what its own machine code depends on."""
+        """Yield every kernel, and a hash of what its own machine code depends on."""
         for function, kernel in self._dispatchers.items():
             yield kernel, self._digest([function])
 
@@ -89,7 +89,7 @@ class CacheKey:
         return digest.hexdigest()
 
     def _closure(self, roots: Iterable[FunctionType]) -> Iterator[FunctionType]:
-        """The functions and all that they call, each once."""
+        """Yield the functions and all that they call, each once."""
         ahead, seen = list(roots), set()
         while ahead:
             function = ahead.pop()
@@ -155,7 +155,7 @@ class CacheKey:
 
 @functools.cache
 def _versions() -> str:
-    """The code of the modules that generate code, without their files, which may be bytecode or in an archive."""
+    """Return the code of the modules that generate code; their files may be bytecode or in an archive."""
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
     module: Any
     for module in GENERATORS:

@@ -128,7 +128,7 @@ def finish(block: int, complete: bool) -> int:
 
 @kernel
 def run_units(frame: int, start: int, stop: int) -> int:
-    """The tick of the worlds from `start` to `stop`, in machine code; in a step, also take their actions.
+    """Return the tick of the worlds from `start` to `stop`, in machine code; in a step, also take their actions.
 
     A frame has int64 words, see the names above: the number of units; the index of the one that raised an exception, or
     NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none; how many worlds go
@@ -160,7 +160,7 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
 @kernel
 def begin_fetch(arguments: int, first: int) -> int:
-    """The address of the state of the world that comes a chunk after `first`, even if there is no such world."""
+    """Return the address of the state of the world that comes a chunk after `first`, even if there is no such world."""
     return int(read(arguments + 8 * AHEAD) + first * read(arguments + 8 * STRIDE))
 
 

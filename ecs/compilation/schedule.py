@@ -147,7 +147,7 @@ def check_brought(systems: Iterable[System], brought: Collection[type[Component]
 
 
 def _bring(component: type[Component], shared: bool = True) -> str:
-    """Say, as a part of a message, how a scenario gets the component. shared: not by adding a mechanic that has it."""
+    """Explain in part of a message how a scenario gets the component. shared: not by adding a mechanic that has it."""
     if not shared and (providers := Module.providers(_brings(component))):
         return f"add {providers}"
     if issubclass(component, Singleton):
@@ -197,7 +197,7 @@ def _order_phase(
 def _predecessors(
     systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], by_component: Asked
 ) -> dict[str, set[str]]:
-    """By label of each system, the labels of those that are to run earlier.
+    """Return, by label of each system, the labels of those that are to run earlier.
 
     Labels, names and chains win: a component orders two systems only if those do not say the opposite.
     """
@@ -229,7 +229,7 @@ def _all_earlier(label: str, earlier: dict[str, set[str]]) -> set[str]:
 
 
 def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
-    """Labels of the systems of a phase that `name` stands for in the after/before of the system `asking`."""
+    """Return labels of the systems of a phase that `name` stands for in the after/before of the system `asking`."""
     phases = _phases(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
     if asking.phase not in phases:
         raise ScheduleError(
@@ -240,7 +240,7 @@ def _named(name: str, asking: System, systems: Sequence[System], known: Sequence
 
 
 def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -> set[str]:
-    """Labels of the `systems` that a label or a mechanic's name stands for.
+    """Return labels of the `systems` that a label or a mechanic's name stands for.
 
     A label stands for its system, also if another mechanic inherits that system, or has the same one in its slot. A
     mechanic's name stands for all systems of the mechanic that is in its slot. A name that is `known`, but not in the
@@ -256,7 +256,7 @@ def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -
 
 
 def _phases(name: str, who: str, known: Sequence[System], phase: PhaseBase | None = None) -> set[PhaseBase]:
-    """The phases of a label or mechanic. If it is unknown, raise a ScheduleError that begins with `who`."""
+    """Return the phases of a label or mechanic. If it is unknown, raise a ScheduleError that begins with `who`."""
     if meant := {system.phase for system in known if name in (system.label, system.module)}:
         return meant
     names = {each for system in known for each in (system.label, system.module)}
@@ -338,5 +338,8 @@ def _conflict(first: System, second: System) -> type[Component] | None:
 
 
 def _fields(system: System, component: type[Component]) -> set[str]:
-    """Names of a system's Offsets into an observation: it touches only these fields. Empty: it touches all of them."""
+    """Return names of a system's Offsets into an observation: it touches only these fields.
+
+    Empty: it touches all of them.
+    """
     return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

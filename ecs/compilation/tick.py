@@ -89,7 +89,7 @@ class Unit:
     kernels: tuple[Any, ...]  # the one that it calls, and those of the services that it takes
 
     def function(self) -> Any:
-        """The Python function; debuggers and tracebacks find its source."""
+        """Return the Python function; debuggers and tracebacks find its source."""
         file = f"<outlast unit {self.label}>"
         linecache.cache[file] = len(self.source), None, self.source.splitlines(keepends=True), file
         exec(compile(self.source, file, "exec"), self.names)
@@ -126,21 +126,21 @@ class Generator:
         self._kernels: list[Any] = []  # those of services
 
     def clock(self) -> Unit:
-        """The unit that begins the tick or the episode of every world."""
+        """Return the unit that begins the tick or the episode of every world."""
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state, counts = self._words("state", BLOCK, "u8"), self._words("event_counts", EVENTS, "i4")
         kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_WORDS, 0), "kept")
         return self._unit(CLOCK, advance_clock, When.ALWAYS, [state, image, counts, "mode[w]", kept])
 
     def draw(self) -> Unit:
-        """The unit that draws the varied numbers of every world whose episode begins."""
+        """Return the unit that draws the varied numbers of every world whose episode begins."""
         arguments = [self._table(Clock, "w"), self._table(Entity, "w"), f"{self._table(Given, 'w')}.words"]
         arguments += [*self._numbers(Varied), self._constants("plan", plan(self.layout, by_role=False))]
         arguments += [self._constant("absent", absences(self.layout))]
         return self._unit(DRAW, draw_of_world, When.RESET, arguments)
 
     def assign(self) -> Unit:
-        """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
+        """Return the unit that sets the roles and numbers of the agents of every world whose episode begins."""
         arguments = [self._table(Clock, "r"), self._table(Entity, "r"), f"{self._table(AgentRoles, 'w')}.role"]
         # without numbers, none is written
         arguments += self._numbers(AgentNumbers if self.layout.per_agent else AgentRoles)
@@ -149,7 +149,7 @@ class Generator:
         return self._unit(ROLES, draw_of_agents, When.RESET, arguments)
 
     def _numbers(self, owner: type[Component]) -> list[str]:
-        """The words of numbers as int32 and as float32, and the whole state as int32 and as uint8."""
+        """Return the words of numbers as int32 and as float32, and the whole state as int32 and as uint8."""
         return [
             self._view_of("values", lambda worlds: worlds[owner][0], "i4", writable=True),
             self._view_of("reals", lambda worlds: worlds[owner][0].view(np.float32), "f4", writable=True),
@@ -158,7 +158,7 @@ class Generator:
         ]
 
     def show(self) -> Unit:
-        """The unit that shows varied numbers to agents."""
+        """Return the unit that shows varied numbers to agents."""
         arguments = [
             self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, "f4", writable=True, ndim=2),
             f"{self._table(Varied, 'r')}.words",
@@ -168,24 +168,24 @@ class Generator:
         return self._unit("show numbers", show, When.ALWAYS, arguments)
 
     def clear(self, number: Number, component: type[Component], column: str) -> Unit:
-        """The unit that sets the rows of absent entities to 0 in a column that learners get."""
+        """Return the unit that sets the rows of absent entities to 0 in a column that learners get."""
         arguments = [self._column_as("rows", component, column, axes=2), self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", clear_rows, When.ALWAYS, arguments)
 
     def zero(self, components: Iterable[type[Component]], when: When) -> Unit:
-        """The unit that sets all columns of some components, which are not packed, to 0, byte by byte."""
+        """Return the unit that sets all columns of some components, which are not packed, to 0, byte by byte."""
         columns = [(component, name) for component in components for name in component.columns]
         rows = [self._column_as(f"row_{k}", *each, axes=1, dtype="u1") for k, each in enumerate(columns)]
         label = f"zero {', '.join(itertools.starmap(_full_name, columns))} ({when.value})"
         return self._unit(label, zero, when, [f"({', '.join(rows)},)"])
 
     def check_absent(self, system: System) -> Unit:
-        """The unit that follows a system that can make entities alive, and refuses absent ones."""
+        """Return the unit that follows a system that can make entities alive, and refuses absent ones."""
         entities = self._table(Entity, "r")
         return self._unit(f"absent rows after {system.label}", check_absent, system.phase.when, [entities])
 
     def check_range(self, system: System, component: type[Component], column: str, low: int, high: int) -> Unit:
-        """The unit that follows a system that can write integers out of a column's range, and refuses these."""
+        """Return the unit that follows a system that can write integers out of a column's range, and refuses these."""
         label = f"{_full_name(component, column)} after {system.label}"
         values = self._column_as("values", component, column, axes=2, writable=False)
         if issubclass(component, Singleton):
@@ -198,7 +198,7 @@ class Generator:
         return self._unit(label, check_range, system.phase.when, [values, rows, *ends], needed=needed)
 
     def system(self, module: Module, system: System) -> Unit:
-        """The unit of a system."""
+        """Return the unit of a system."""
         arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
         return self._unit(system.label, system.kernel, system.phase.when, arguments, system)
 
@@ -316,7 +316,7 @@ class Generator:
         return self._array(name, slot, View(array.dtype, array.ndim, **known))
 
     def _constants(self, name: str, arrays: Any) -> str:
-        """A NamedTuple of arrays that are the same for all worlds."""
+        """Return a NamedTuple of arrays that are the same for all worlds."""
         kind = type(arrays)
         self.names[kind.__name__] = kind
         members = (self._constant(f"{name}_{field}", getattr(arrays, field)) for field in kind._fields)
@@ -324,7 +324,7 @@ class Generator:
         return name
 
     def _array(self, name: str, slot: int, view: View) -> str:
-        """An array that is the same for all worlds."""
+        """Return an array that is the same for all worlds."""
         self.outside[f"{name} = {self._view(view)}(arguments, {self._slot(name, slot)}, 0)"] = None
         return name
 
@@ -335,17 +335,17 @@ class Generator:
         return view.name
 
     def _words(self, name: str, slot: int, dtype: Any, writable: bool = True, ndim: int = 1) -> str:
-        """Memory of a world as an array."""
+        """Return memory of a world as an array."""
         return f"{self._view(View(np.dtype(dtype), ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
 
     def _view_of(self, name: str, view: Any, dtype: Any, writable: bool = False, ndim: int = 1) -> str:
-        """Memory of a world as an array, which the function `view` finds in the Worlds."""
+        """Return memory of a world as an array, which the function `view` finds in the Worlds."""
         return self._words(name, self.arguments.add_array(view), dtype, writable, ndim)
 
     def _column_as(
         self, name: str, component: type[Component], column: str, axes: int, writable: bool = True, dtype: Any = None
     ) -> str:
-        """A column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
+        """Return a column of a world as an array of one axis, or of two: rows, and all numbers of a row."""
         kind = np.dtype(dtype or component.columns[column].dtype)
 
         def view(worlds: Tables) -> Any:
@@ -361,7 +361,7 @@ class Generator:
         return constant
 
     def _unique(self, wanted: str, owner: Any) -> str:
-        """A name for `owner`: the wanted one, with underscores appended if it belongs to another owner."""
+        """Return a name for `owner`: the wanted one, with underscores appended if it belongs to another owner."""
         while self._owners.setdefault(wanted, owner) != owner:
             wanted += "_"
         return wanted
@@ -386,7 +386,7 @@ class Generator:
         return self._array(f"scratch_{parameter}", slot, View(memory.dtype, memory.ndim, writable=True, shape=shape))
 
     def _named(self, component: type[Component]) -> str:
-        """The class's name in the source, with a number if another component has the same name."""
+        """Return the class's name in the source, with a number if another component has the same name."""
         alike = [c for c in self.layout.components if c.__name__ == component.__name__]
         return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
@@ -404,7 +404,7 @@ class Generator:
         return name
 
     def _table_view(self, component: type[Component], writable: bool) -> tuple[Any, str]:
-        """A table's view, and a text with all that decides on its machine code: the source, the cache's key, has it."""
+        """Return a table's view, and a text with all that decides on its machine code, for the cache's key."""
         views = tuple(self._column(component, column, writable) for column in component.columns)
         kinds = zip(component.columns, views, strict=True)
         types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
@@ -442,13 +442,13 @@ def check_range(values: Any, rows: Any, low: int, high: int) -> None:
 
 
 def _full_name(component: type[Component], column: str) -> str:
-    """The name of a column; the key, if it is published, tells apart classes that one function has made."""
+    """Return the name of a column; the key, if it is published, tells apart classes that one function has made."""
     key = component.columns[column].key
     return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
 
 def _words_of(number: Number) -> tuple[Any, Any]:
-    """A function that finds a varied number in the Worlds, and the number's type."""
+    """Return a function that finds a varied number in the Worlds, and the number's type."""
     return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
 
 
@@ -503,7 +503,7 @@ def segments(
 
 
 def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator[type[Component]]:
-    """The actions that are read in the tick that starts an episode: the table still has those of the last episode."""
+    """Return the actions that the tick of a reset reads; the table still holds those of the last episode."""
     for component in layout.components:
         if issubclass(component, Action):
             reading = [system for system in systems if system.touches(component, "read", "write", "add")]
@@ -514,7 +514,7 @@ def _read_in_resets(layout: MemoryLayout, systems: Sequence[System]) -> Iterator
 def _written_outside(
     layout: MemoryLayout, systems: Sequence[System], kind: type[Component]
 ) -> Iterator[tuple[type[Component], System]]:
-    """Components of a kind that only systems from outside of outlast write, each with the first of these.
+    """Yield components of a kind that only systems from outside of outlast write, each with the first of these.
 
     They may leave observations of the last episode, and may just add to signals.
     """
@@ -526,7 +526,7 @@ def _written_outside(
 
 
 def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Component], str, int, int]]:
-    """The columns to check after a system: component, name, and the lowest and the highest integer of each."""
+    """Yield the columns to check after a system: component, name, and the lowest and the highest integer of each."""
     for component in layout.components:
         if system.touches(component, "write", "add"):
             for name, column in component.columns.items():

@@ -104,7 +104,7 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
 
 
 def _with_brought(name: str, parts: tuple[Component, ...]) -> tuple[Component, ...]:
-    """The components of a kind, and those that they bring."""
+    """Return the components of a kind, and those that they bring."""
     found = list(parts)
     for part in parts:
         for brought in part.brings():
@@ -116,7 +116,7 @@ def _with_brought(name: str, parts: tuple[Component, ...]) -> tuple[Component, .
 
 
 def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
-    """The components of a kind, and those that they require, with default values."""
+    """Return the components of a kind, and those that they require, with default values."""
     found, have = list(parts), {type(part) for part in parts}
     for part in found:  # `found` grows meanwhile
         for required in part.requires:

@@ -90,7 +90,7 @@ class Column:
 
 
 def _size(index: str, dims: Mapping[str, int]) -> float:
-    """The number that an index stays below: a dimension, or a sum such as "slots + 1".
+    """Return the number that an index stays below: a dimension, or a sum such as "slots + 1".
 
     It is infinite if the scenario lacks the dimension, or if `index` is "", as the column is no index.
     """

@@ -215,7 +215,10 @@ def _recording_class(kind: type[Any]) -> type[Any]:
 
 
 def one_of_each(declared: Sequence[Declared]) -> dict[type[Component], Singleton]:
-    """The singletons of the modules, by type. DeclarationError if two modules give the same one different values."""
+    """Return the singletons of the modules, by type.
+
+    DeclarationError if two modules give the same one different values.
+    """
     found: dict[type[Component], tuple[str, Singleton]] = {}
     for each in declared:
         for own in each.singletons:

@@ -155,7 +155,7 @@ NAMES = ("uniform", "log_uniform", "integers", "choice", "free")
 
 
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
-    """Both ends as Python's numbers. NumberError, which names `name`, unless they are finite and in order."""
+    """Return both ends as Python's numbers. NumberError, which names `name`, unless they are finite and in order."""
     for each in (low, high):
         if not _is_real(each):
             raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")

@@ -246,7 +246,7 @@ def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, 
 def capacity_error(
     kinds: tuple[type[Event], ...], memory: EventMemory, systems: Iterable[Any], ticks: Array
 ) -> CapacityError | None:
-    """The error for the list that overflowed; None if none did.
+    """Return the error for the list that overflowed; None if none did.
 
     Args:
         kinds: All kinds, in the order of the memory.

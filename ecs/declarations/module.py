@@ -119,7 +119,7 @@ class Module:
     @classmethod
     @functools.cache
     def _declared(cls) -> tuple[tuple[str, type, Any], ...]:
-        """The name, the type and the rule of every number. DeclarationError for an impossible declaration."""
+        """Return the name, the type and the rule of every number. DeclarationError for an impossible declaration."""
         if (own := annotated(cls)) and "__dataclass_fields__" not in vars(cls):
             raise DeclarationError(
                 f"{cls.__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
@@ -157,13 +157,13 @@ class Module:
 
     @classmethod
     def _base(cls) -> type["Module"] | None:
-        """The mechanic that this class extends; None if its base is no mechanic, that is, has no systems."""
+        """Return the mechanic that this class extends; None if its base is no mechanic, that is, has no systems."""
         bases = (base for base in cls.__mro__[1:] if issubclass(base, Module))  # a mixin may come first
         return next((base for base in bases if any(vars(each).get("registered") for each in base.__mro__)), None)
 
     @classmethod
     def _stream(cls) -> str:
-        """The stream, or its default, which is found late: systems may be registered on a base after this class."""
+        """Return the stream or its default, found late: a base may register systems after this class."""
         base = None if cls.stream else cls._base()
         return base._stream() if base else cls.stream or cls.name
 

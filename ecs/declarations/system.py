@@ -46,7 +46,10 @@ class System:
         return is_outside(self.function)
 
     def among(self, brings: Callable[[Parameter], bool]) -> "System":
-        """The same system in a scenario: `brings` says what a parameter finds there. Optional ones get None instead."""
+        """Return the same system in a scenario: `brings` says what a parameter finds there.
+
+        Optional ones get None instead.
+        """
         found = tuple(each.among(brings) for each in self.parameters)
         return self if found == self.parameters else dataclasses.replace(self, parameters=found)
 
@@ -60,7 +63,7 @@ class System:
         return any(component in p.components and p.kind in kinds for p in self.access)
 
     def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
-        """The names of its Offsets, by component and column of the observation that has their fields."""
+        """Return the names of its Offsets, by component and column of the observation that has their fields."""
         owners = {
             column.key or name: (component, name)
             for parameter in self.parameters
@@ -75,13 +78,13 @@ class System:
         return found
 
     def instead_of(self, other: "System | None") -> "System":
-        """The same system, for which labels of `other` stand, too: the one that it replaces, of a base class."""
+        """Return the same system, for which labels of `other` stand, too: the one that it replaces, of a base class."""
         if other is None:
             return self
         return dataclasses.replace(self, aliases=tuple(dict.fromkeys((*self.aliases, other.label, *other.aliases))))
 
     def inherited(self, subclass: str) -> "System":
-        """The same system as one of the mechanic `subclass`, with the same order among the mechanic's own systems."""
+        """Return the same system as one of the mechanic `subclass`, in the same order among its own systems."""
 
         def renamed(neighbours: tuple[Neighbour, ...]) -> tuple[Neighbour, ...]:
             return tuple(

@@ -41,7 +41,7 @@ class _Column(types.Array):  # type: ignore[misc]
         return f"{self.word}Column", super().mangling_args[1]
 
     def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """The type of a part of such an array, for example of a slice."""
+        """Return the type of a part of such an array, for example of a slice."""
         readonly = not self.mutable if readonly is None else readonly
         layout, ndim = layout or self.layout, self.ndim if ndim is None else ndim
         kind = type(self) if layout in self.layouts else types.Array
@@ -66,7 +66,7 @@ register_default(CheckedColumn)(models.ArrayModel)
 
 
 def _parts(builder: Any, index_kind: Any, index: Any) -> tuple[list[Any], list[Any]]:
-    """Types and values of an index's parts. NumbaIndexError for a negative constant among them."""
+    """Return types and values of an index's parts. NumbaIndexError for a negative constant among them."""
     if isinstance(index_kind, types.BaseTuple):
         kinds, parts = list(index_kind), [_element(builder, index, k) for k in range(len(index_kind))]
     else:
@@ -78,7 +78,7 @@ def _parts(builder: Any, index_kind: Any, index: Any) -> tuple[list[Any], list[A
 
 
 def _element(builder: Any, values: Any, k: int) -> Any:
-    """Element `k` of a tuple: if the code has just made the tuple, the value that it put there."""
+    """Return element `k` of a tuple: if the code has just made the tuple, the value that it put there."""
     source = values
     while isinstance(source, ir.instructions.InsertValue):
         if list(source.indices) == [k]:
@@ -135,7 +135,7 @@ def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 
 def _checked(lowering: Any) -> Any:
-    """A lowering of numba's whose code checks indices, even in a function whose own options do not."""
+    """Return a lowering of numba's whose code checks indices, even in a function whose own options do not."""
 
     def lower(context: Any, *rest: Any) -> Any:
         return lowering(context.subtarget(enable_boundscheck=True) if jit.BOUNDS_CHECKS else context, *rest)

@@ -46,7 +46,7 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def root(target: Any) -> str:
-    """The package of a function, a class or an instance."""
+    """Return the package of a function, a class or an instance."""
     module = getattr(target, "__module__", None) or type(getattr(target, "__self__", target)).__module__
     return str(module).partition(".")[0]
 
@@ -62,18 +62,18 @@ def is_library(target: Any) -> bool:
 
 
 def annotated(cls: type) -> list[str]:
-    """The names that a class itself annotates, except ClassVars."""
+    """Return the names that a class itself annotates, except ClassVars."""
     return [name for name, kind in inspect.get_annotations(cls).items() if "ClassVar" not in str(kind)]
 
 
 def annotated_arrays(cls: type) -> list[str]:
-    """The names that a class itself annotates as `Array`, like columns, or as an array of numpy."""
+    """Return the names that a class itself annotates as `Array`, like columns, or as an array of numpy."""
     texts = {name: str(kind) for name, kind in inspect.get_annotations(cls).items()}
     return [name for name, text in texts.items() if text.rpartition(".")[2] in ARRAYS or text.startswith(NDARRAYS)]
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:
-    """A code object and those of the functions, lambdas and comprehensions in it."""
+    """Yield a code object and those of the functions, lambdas and comprehensions in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -81,7 +81,10 @@ def codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) -> Iterator[FunctionType]:
-    """A function and all Python functions that it refers to, directly or through others. follow: which ones count."""
+    """Yield a function and all Python functions that it refers to, directly or through others.
+
+    follow: which ones count.
+    """
     ahead, seen = [function], {function}
     while ahead:
         yield (one := ahead.pop())
@@ -115,7 +118,7 @@ def refuse_random(label: str, name: str, value: Any) -> None:
 
 
 def described(name: str, value: Any, other: Other) -> Iterator[str]:
-    """Say what a constant is, to the bit, however numpy or a class of the user's prints it.
+    """Describe a constant to the bit, however numpy or a class of the user's prints it.
 
     other: says what a value is that is no constant, such as a function.
     """

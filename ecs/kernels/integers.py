@@ -6,7 +6,7 @@ from typing import Any, TypeGuard
 
 
 def as_whole(value: Any) -> Any:
-    """The integer that a float without a fraction, such as 1e6, stands for; anything else unchanged."""
+    """Return the integer that a float without a fraction, such as 1e6, stands for; anything else unchanged."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

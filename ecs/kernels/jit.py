@@ -279,7 +279,7 @@ def storer(kind: str) -> Any:
 
 
 def _memory(address: int, kind: str) -> Any:
-    """One `kind` at an address, as an array without dimensions."""
+    """Return one `kind` at an address, as an array without dimensions."""
     dtype = np.dtype(kind)
     memory: Any = (ctypes.c_char * dtype.itemsize).from_address(int(address))
     return np.ndarray((), dtype, memory)

@@ -65,7 +65,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             self._codegen.set_env(name, environment)
 
     def get_pointer_to_function(self, name: str) -> int:
-        """The address of the function, translated after all because Python calls it, too; 0 if it is not here."""
+        """Return the address of the function, which is translated as Python calls it, too; 0 if it is not here."""
         if not any(function.name == name for function in _defined(self._final_module)):
             return 0
         if self._machine_code is None:
@@ -75,7 +75,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return int(self._machine_code.get_pointer_to_function(name))
 
     def _complete_module(self) -> Any:
-        """The function with its callees, to be translated."""
+        """Return the function with its callees, to be translated."""
         module = self._get_module_for_linking().clone()
         for function in _defined(self._final_module):
             module.get_function(function.name).linkage = "external"  # else it is left out, as nothing calls it
@@ -95,7 +95,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             codegen._library_class = cls
 
     def _get_module_for_linking(self) -> Any:
-        """The function with all its callees, for numba's own libraries, which link only one level of callees."""
+        """Return the function with all its callees, for numba's own libraries, which link only one level of callees."""
         if self._merged is None:
             self._merged = super()._get_module_for_linking().clone()
             for library in self._callees():
@@ -103,7 +103,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return self._merged
 
     def _callees(self) -> list[JITCodeLibrary]:
-        """The libraries of all direct and indirect callees, callers first: LLVM links only what is called already."""
+        """Return the libraries of all callees, callers first: LLVM links only what is called already."""
         found, seen = list[JITCodeLibrary](), set[JITCodeLibrary]()
 
         def visit(library: JITCodeLibrary) -> None:
@@ -153,12 +153,12 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _defined(module: Any) -> list[Any]:
-    """The functions that LLVM code defines."""
+    """Return the functions that LLVM code defines."""
     return [function for function in module.functions if not function.is_declaration]
 
 
 def _own_module(library: Any) -> Any:
-    """The LLVM code of a library; of a Library, without that of its callees."""
+    """Return the LLVM code of a library; of a Library, without that of its callees."""
     return JITCodeLibrary._get_module_for_linking(library)
 
 
@@ -210,14 +210,14 @@ def _missing(codes: Iterable[Code]) -> list[str]:
 
 
 def as_python(address: int) -> Any:
-    """The function at `address`, compiled for Python; it runs without the GIL."""
+    """Return the function at `address`, compiled for Python; it runs without the GIL."""
     environment = numba._dynfunc.Environment({})
     return numba._dynfunc.make_function(sys.modules[__name__], "compiled", "", address, environment, ())
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: Any, error: Any) -> Any:
-    """In compiled code, call the compiled function at `address` with the three int64 that follow.
+    """Call the compiled function at `address` with the three int64 that follow, in compiled code.
 
     error: the address of an int64 that gets the address of the exception, if the function raises one. The result is its
     status: 0 and -2 mean success, all others an exception.
@@ -236,7 +236,7 @@ def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: An
 
 @intrinsic  # type: ignore[untyped-decorator]
 def prefetch(typing: Any, address: Any) -> Any:
-    """In compiled code, begin to load the cache line at an address into the second-level cache."""
+    """Begin to load the cache line at an address into the second-level cache, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
@@ -249,7 +249,7 @@ def prefetch(typing: Any, address: Any) -> Any:
 
 
 def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], str]:
-    """The exception that a compiled function raised: type, arguments, and the file and line, "" if numba lost them.
+    """Return the exception of a compiled function: type, arguments, file and line ("" if numba lost them).
 
     Arguments that are not constants are "...": only Python shows them. address: what `call_address` left at `error`.
     """
@@ -264,7 +264,7 @@ def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], st
 
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_add(typing: Any, address: Any, number: Any) -> Any:
-    """In compiled code, add to the int64 at an address, and return what it was: one step for all threads."""
+    """Add to the int64 at an address, and return what it was, in compiled code: one step for all threads."""
     return types.int64(types.int64, types.int64), lambda context, builder, signature, values: builder.atomic_rmw(
         "add", _word(builder, values[0]), values[1], "seq_cst"
     )
@@ -272,7 +272,7 @@ def atomic_add(typing: Any, address: Any, number: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_load(typing: Any, address: Any) -> Any:
-    """In compiled code, read an int64 that other threads write."""
+    """Read an int64 that other threads write, in compiled code."""
     return types.int64(types.int64), lambda context, builder, signature, values: builder.load_atomic(
         _word(builder, values[0]), "seq_cst", 8
     )
@@ -280,7 +280,7 @@ def atomic_load(typing: Any, address: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_store(typing: Any, address: Any, number: Any) -> Any:
-    """In compiled code, write an int64 that other threads read."""
+    """Write an int64 that other threads read, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         builder.store_atomic(values[1], _word(builder, values[0]), "seq_cst", 8)

@@ -65,7 +65,7 @@ def words(key: Key, index: int) -> Words:
 
 @kernel
 def _unit(word: np.uint64) -> Real:
-    """Float32 in [0, 1) from the upper 24 bits: each multiple of 2**-24 is equally likely, and exact."""
+    """Return a float32 in [0, 1) from the upper 24 bits: each multiple of 2**-24 is equally likely, and exact."""
     return np.float32(word >> TO_24_BITS) * ULP_24
 
 

@@ -73,12 +73,12 @@ def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...
 
 
 def _broadcast(builder: Any, value: Any) -> Any:
-    """A vector with a scalar in every lane; a vector is returned as it is."""
+    """Return a vector with a scalar in every lane; a vector is returned as it is."""
     return value if value.type == FLOATS else _repeat(builder, value, SIMD_WIDTH)
 
 
 def _repeat(builder: Any, value: Any, count: int) -> Any:
-    """A vector with a scalar in each of so many lanes."""
+    """Return a vector with a scalar in each of so many lanes."""
     nothing = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(INDEX, 0))
     return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, count), [0] * count))
@@ -116,7 +116,7 @@ def _check_column(column: Any, element: Any, written: bool = False) -> None:
 
 
 def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any, whole: bool = False) -> Any:
-    """The address of a vector in an array, given the index of its first element.
+    """Return the address of a vector in an array, given the index of its first element.
 
     In a user's system, an IndexError follows if that is not in the array; whole: if any element is not.
     """

@@ -24,20 +24,20 @@ LEAST = -87.0  # the exponential of a smaller number is taken to be that of this
 
 
 def _vector(address: int) -> Any:
-    """The vector at an address, as an array."""
+    """Return the vector at an address, as an array."""
     memory: Any = (ctypes.c_float * SIMD_WIDTH).from_address(address)
     return np.frombuffer(memory, np.float32)
 
 
 def _function(builder: Any, name: str, count: int) -> Callable[..., Any]:
-    """A function of LLVM's, of so many vectors."""
+    """Return a function of LLVM's, of so many vectors."""
     kind = ir.FunctionType(FLOATS, [FLOATS] * count)
     found = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{SIMD_WIDTH}f32")
     return lambda *values: builder.call(found, values)
 
 
 def _repeated(builder: Any, value: Any) -> Any:
-    """A vector of a number."""
+    """Return a vector of a number."""
     one = builder.insert_element(FLOATS(ir.Undefined), value, WORD(0))
     return builder.shuffle_vector(one, FLOATS(ir.Undefined), WORDS(None))
 
@@ -76,7 +76,7 @@ def store(builder: Any, address: Any, value: Any) -> Any:
 
 @_operation(lambda value: np.full(SIMD_WIDTH, value, np.float32), VECTOR, types.float32)  # type: ignore[untyped-decorator]
 def repeated(builder: Any, value: Any) -> Any:
-    """(number) -> vector of it."""
+    """Fill a vector with a number."""
     return _repeated(builder, value)
 
 
@@ -128,7 +128,7 @@ def exponential(builder: Any, value: Any) -> Any:
 
 
 def _matrix(address: int, row: int, step: int, shape: tuple[int, int]) -> Any:
-    """A matrix at an address, float32, with bytes between its rows and between its columns."""
+    """Return a matrix at an address, float32, with bytes between its rows and between its columns."""
     size = FLOAT + row * (shape[0] - 1) + step * (shape[1] - 1)
     memory: Any = (ctypes.c_char * size).from_address(address)
     return np.ndarray(shape, np.float32, memory, strides=(row, step))

@@ -121,7 +121,7 @@ def _misfit(layout: MemoryLayout, number: Number, prefab: PrefabNumber) -> str:
 def changed_modules(
     layout: MemoryLayout, systems: Sequence[System], present: Sequence[Module], numbers: Mapping[str, Any]
 ) -> list[Module]:
-    """The mechanics with other numbers, in the order of `present`.
+    """Return the mechanics with other numbers, in the order of `present`.
 
     Args:
         layout: The layout of the worlds, with the numbers that they were made with.
@@ -182,12 +182,12 @@ def _reasons(layout: MemoryLayout, systems: Sequence[System], k: int, other: Mod
 
 
 def _ends(layout: MemoryLayout) -> dict[str, dict[str, tuple[Any, Any]]]:
-    """The bounds that fields declare, by key and name."""
+    """Return the bounds that fields declare, by key and name."""
     return {key: {name: (f.low, f.high) for name, f in named.items()} for key, named in layout.fields.items()}
 
 
 def _plain(given: Any) -> Any:
-    """Bounds as objects that can be compared."""
+    """Return bounds as objects that can be compared."""
     if isinstance(given, Mapping):
         return {key: _plain(value) for key, value in given.items()}
     if isinstance(given, (tuple, list)):

@@ -33,14 +33,14 @@ class Place:
         return self.dtype.itemsize * math.prod(self.shape)
 
     def view(self, block: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        """The column (worlds, ...) of worlds whose states are `block`, uint8 (worlds, bytes)."""
+        """Return the column (worlds, ...) of worlds whose states are `block`, uint8 (worlds, bytes)."""
         strides = (self.dtype.itemsize * math.prod(self.shape[k + 1 :]) for k in range(len(self.shape)))
         shape = (len(block), *self.shape)
         return np.ndarray(shape, self.dtype, block, self.offset, (block.strides[0], *strides))
 
 
 def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -> tuple[list[Place], int]:
-    """The places of all columns, one behind the other, and the bytes of a state: a whole number of cache lines."""
+    """Return the places of all columns in a row, and the bytes of a state, a whole number of cache lines."""
     places, offset = list[Place](), 0
     for component in components:
         for name, column in component.columns.items():

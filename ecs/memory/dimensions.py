@@ -54,7 +54,7 @@ def dimension_sizes(declared: Sequence[Declared], given: Mapping[str, int]) -> d
 
 
 def _terms(size: str) -> list[int | str]:
-    """The names and numbers whose sum a size is: "agents - 1" is that of "agents" and -1."""
+    """Return the names and numbers whose sum a size is: "agents - 1" is that of "agents" and -1."""
     parts = [part.strip() for part in size.replace(" - ", " + -").split("+")]
     return [int(part) if part.lstrip("-").isdecimal() else part for part in parts]
 

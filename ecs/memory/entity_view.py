@@ -45,7 +45,7 @@ class EntityView:
         self._tables = {component: worlds[component] for component in components}
 
     def __getitem__(self, component: type[Component]) -> Any:
-        """Its values of a component, as a named tuple."""
+        """Return its values of a component, as a named tuple."""
         if component not in self._tables:
             raise DeclarationError(f"{self._name} has no {component.__name__}; it has: {', '.join(self._names)}")
         return component.Table(*(column[self.world, self.row] for column in self._tables[component]))

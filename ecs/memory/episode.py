@@ -115,7 +115,7 @@ def role_plan(layout: MemoryLayout) -> RolePlan:
 
 
 def _groups(layout: MemoryLayout, drawn: str, count: int) -> list[int]:
-    """A row of RolePlan.groups, for worlds with `count` agents."""
+    """Return a row of RolePlan.groups, for worlds with `count` agents."""
     if drawn == NEVER:
         return [0]
     sizes = {(count,)} if drawn == ANYONE else layout.groupings(count)
@@ -140,7 +140,7 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
 
 @kernel
 def take_key(clock: Any, given: Any, start: int) -> None:
-    """Key the random numbers of an episode by a given key, or by the world's own, which goes on counting meanwhile.
+    """Set the key of an episode's random numbers: a given one, or the world's own, which goes on counting.
 
     given: the world's column of Given. start: where the keys are in it.
     """

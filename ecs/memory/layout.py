@@ -132,7 +132,7 @@ class MemoryLayout:
         check_owners(self.modules, engine, shared)
 
     def __repr__(self) -> str:
-        """A line for each archetype: its rows, whether they are alive after reset, and its components."""
+        """Return a line for each archetype: its rows, whether they are alive after reset, and its components."""
         lines = [
             f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"
         ]
@@ -357,7 +357,7 @@ class MemoryLayout:
                         )
 
     def _makers(self, dim: str) -> str:
-        """The imported modules that define a dimension, in words; "" for none."""
+        """Return the imported modules that define a dimension, in words; "" for none."""
         return str(self.modules[0].providers(lambda module: dim in module.dims()))
 
     @functools.cached_property

@@ -131,7 +131,7 @@ class Number:
         return slice(self.start, self.start + self.width)
 
     def as_field(self, start: int, module: Module) -> Field:
-        """The field that shows it in NumbersView; for a number that is text, it shows the index among its choices.
+        """Return the field that shows it in NumbersView: the index among its choices, for a text.
 
         start: the field's first column. module: the mechanic.
         """
@@ -147,7 +147,7 @@ class Number:
         return Field(self.name, low=low, high=high, scale=scale, size=self.width, start=start)
 
     def decode(self, words: Array, module: Module) -> Array:
-        """Its values in worlds, from their words.
+        """Return its values in worlds, from their words.
 
         Args:
             words: int32 (all words, worlds), contiguous.
@@ -259,7 +259,7 @@ def checked_roles(modules: Sequence[Module], roles: Roles) -> Roles:
 
 
 def encode(module: Module, field: str, value: Any) -> np.ndarray[Any, Any]:
-    """A number's value as int32 words. NumberError if the mechanic cannot have it."""
+    """Return a number's value as int32 words. NumberError if the mechanic cannot have it."""
     kernels = module.replace(**{field: value}).value(field)
     real = isinstance(kernels, (float, tuple))
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))

@@ -93,7 +93,7 @@ class Tables:
         )
 
     def _allocate_actions(self) -> np.ndarray[Any, Any]:
-        """All action columns in one array, so that an adapter sets them by one assignment: (actions, worlds, ...)."""
+        """Join all action columns in one array, (actions, worlds, ...), which an adapter sets by one assignment."""
         kinds = {
             (component.columns[name].dtype, component.row_shape(name, self.dims))
             for component, name in self.layout.actions

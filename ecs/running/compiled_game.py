@@ -51,7 +51,7 @@ class CompiledGame:
 
 
 def plan(wanted: Wanted) -> CompiledGame:
-    """The plan for what is wanted, maybe one that was made before. For what it raises, see Worlds.
+    """Return the plan for what is wanted, maybe one that was made before. For what it raises, see Worlds.
 
     Games with a user's mechanics get a new plan each time, as these may refer to something that has changed since.
     Outlast's own code is taken not to change while a process runs.
@@ -68,7 +68,10 @@ def plan(wanted: Wanted) -> CompiledGame:
 
 @functools.lru_cache(maxsize=KEPT)
 def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_code: bool) -> CompiledGame:
-    """The plan. text: tells apart games whose numbers are equal and yet differ, as 1 and 1.0, or 0.0 and -0.0, do."""
+    """Return the plan.
+
+    text: tells apart games whose numbers are equal and yet differ, as 1 and 1.0, or 0.0 and -0.0, do.
+    """
     return _made(wanted)
 
 

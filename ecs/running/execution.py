@@ -64,7 +64,7 @@ class CompiledExecution:
             self.step = _together_with(team, step, team.plan(run, worlds.count, addresses), addresses[0], worlds.count)
 
     def _frame(self, worlds: Tables) -> Any:
-        """The frame of a thread."""
+        """Return the frame of a thread."""
         memory = ServiceMemory(worlds.dims)
         blocks = [ArgumentBlock(unit.arguments, worlds, memory, compiled=True) for unit in self._units]
         self._memories.append(memory)
@@ -140,7 +140,7 @@ def _together(worlds: Tables) -> int:
 
 
 def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
-    """The exception at an address, with its unit and line, or how to find it, and a note on the worlds."""
+    """Return the exception at an address, with its unit and line, or how to find it, and a note on the worlds."""
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
     shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing

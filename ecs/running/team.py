@@ -123,7 +123,7 @@ def take_ranges(plan: int, thread: int) -> None:
 
 @kernel
 def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
-    """For a thread's share, the address of the word with the number of the next world, and one after the last world."""
+    """Return the address of the word with the next world of a thread's share, and one after its last world."""
     following = read_word(plan + 8 * TEAM) + 8 * (NEXT + LINE * thread)
     return following, min((thread + 1) * read_word(plan + 8 * SHARE), read_word(plan + 8 * COUNT))
 
@@ -181,7 +181,7 @@ def dismiss(team: int) -> int:
 
 @functools.cache
 def code() -> CompiledUnits:
-    """The machine code that teams run."""
+    """Return the machine code that teams run."""
     return CompiledUnits((), {"prepare": prepare, "serve": serve, "dismiss": dismiss}, {SPREAD: spread})
 
 
@@ -201,7 +201,7 @@ class Team:
         self._owner = 0
 
     def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
-        """The plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
+        """Return the plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
         share = max(MIN_RANGE, -(-count // self.size))
         size = max(MIN_RANGE, -(-share // RANGES_PER_THREAD))
         return np.array([0, function, count, share, size, self.size, *frames], np.int64)

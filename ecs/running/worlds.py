@@ -157,7 +157,7 @@ class Worlds(Tables):
         return EntityView(self, row, world)
 
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
-        """Key the random numbers of the worlds `where` by (seeds, worlds), and count their episodes from the start."""
+        """Set the keys of the worlds `where` to (seeds, worlds), and count their episodes from the start."""
         clock = self[Clock]
         clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
         clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
