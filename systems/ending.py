@@ -54,7 +54,7 @@ def outliving_wins(layout: Layout) -> bool:
 
 @kernel
 def _known(side: int, score: Array) -> int:
-    """The side, if it exists: users' systems may set it, and it is used as an index here. Else IndexError."""
+    """Return the side, if it exists: users' systems may set it, and it is used as an index here. Else IndexError."""
     if not 0 <= side < score.alive.size:
         raise IndexError(
             "a system has given an agent, or whoever hurt it, a side that there is not; -1 is of the absent"

@@ -88,7 +88,7 @@ class SafeZone(Module):
 
 
 def _shown(radii: tuple[float, ...], size: float) -> str:
-    """These radii, scaled to a room whose shorter side is `size`, as they are typed."""
+    """Return these radii, scaled to a room whose shorter side is `size`, as they are typed."""
     return ",".join(f"{radius * size / 2 / max(radii):.3g}" for radius in radii)
 
 

@@ -12,7 +12,7 @@ _NEAREST = np.float32(0.01)  # metres: Box2D keeps the centres of discs smaller 
 
 @noinline_kernel
 def may_hit(workspace: int, outlines: Outlines) -> bool:
-    """False only if no moving body can have come into a static one; then SolveTOI would change nothing.
+    """Return False only if no moving body can have come into a static one; then SolveTOI would change nothing.
 
     Without this test, SolveTOI costs half a microsecond for every pair that merely rests or passes by.
     """

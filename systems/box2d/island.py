@@ -128,7 +128,7 @@ def _is_sensor(contact: int) -> int:
 
 @noinline_kernel
 def _damping(dt: np.float32, rate: np.float32) -> np.float32:
-    """The share of its speed that a body keeps in a substep."""
+    """Return the share of its speed that a body keeps in a substep."""
     return max(_ZERO, min(_ONE - dt * rate, _ONE))
 
 

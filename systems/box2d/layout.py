@@ -154,5 +154,5 @@ sincos = _function("sincosf")
 
 
 def missing_symbols() -> list[str]:
-    """The functions that the installed Box2D does not export; none on Linux, all of them on Windows."""
+    """Return the functions that the installed Box2D does not export; none on Linux, all of them on Windows."""
     return [name for name in SIGNATURES if not has_symbol(name)]

@@ -245,7 +245,7 @@ def _step(
     touches: Touches,
     outlines: Outlines,
 ) -> None:
-    """One substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
+    """Take one substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
     for k in range(count):
         if batch[k, DYNAMIC] == MOVED:
             _push(base + SLOTS + SLOT * k, batch, k)

@@ -195,7 +195,7 @@ def _sound(joints: NDArray[np.float32], count: int) -> bool:
 
 
 def _join(world: Any, bodies: list[Any], row: NDArray[np.float32]) -> Any:
-    """One joint, in Box2D's own order."""
+    """Read one joint, in Box2D's own order."""
     kind, rest = int(row[KIND]), float(row[REST])
     ends = {
         "bodyA": bodies[int(row[FIRST])],
@@ -213,13 +213,13 @@ def _join(world: Any, bodies: list[Any], row: NDArray[np.float32]) -> Any:
 
 
 def _usual(settings: Settings) -> NDArray[np.float32]:
-    """The traits of a body of which nothing is said."""
+    """Return the traits of a body of which nothing is said."""
     numbers = settings.friction, settings.restitution, settings.linear_damping, settings.angular_damping
     return np.array([*numbers, 1, 0xFFFF, 0], np.float32)
 
 
 def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32], outline: Outlines = None) -> Any:
-    """One body with one fixture, in Box2D's own order."""
+    """Read one body with one fixture, in Box2D's own order."""
     create = {MOVED: world.CreateDynamicBody, DRIVEN: world.CreateKinematicBody}
     body = create.get(int(row[DYNAMIC]), world.CreateStaticBody)(
         position=(float(row[X]), float(row[Y])),

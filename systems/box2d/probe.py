@@ -66,7 +66,7 @@ def _solver(sample: Sample) -> Iterator[Check]:
 
 @contextmanager
 def _decoy() -> Iterator[int]:
-    """Zeros, as large as a stack allocator, at an address whose lower 32 bits are 0."""
+    """Return zeros, as large as a stack allocator, at an address whose lower 32 bits are 0."""
     system, size, flags = ctypes.CDLL(None), ctypes.c_size_t(at.WORLD_SIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
     system.mmap.restype = ctypes.c_int64
     for k in PLACES:
@@ -136,7 +136,7 @@ def _motion(body: Any) -> tuple[float, ...]:
 
 
 def _thrown(continuous: bool) -> tuple[Any, Any]:
-    """A world with a turning disc, thrown at a wall and stepped once; and the disc."""
+    """Return a world with a turning disc, thrown at a wall and stepped once; and the disc."""
     world = Box2D.b2World(gravity=(0, 0), continuousPhysics=continuous)
     world.CreateStaticBody(position=(0.5, 0), shapes=Box2D.b2PolygonShape(box=(0.05, 2)))
     disc = world.CreateDynamicBody(position=(-0.5, 0), linearVelocity=(110, 9), angularVelocity=5)

@@ -93,7 +93,7 @@ class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
 
 
 def _joined() -> tuple[Any, list[Any]]:
-    """Two bodies joined by a weld, a rod and a rope, stepped once; and the three joints."""
+    """Return two bodies joined by a weld, a rod and a rope, stepped once; and the three joints."""
     world = Box2D.b2World(gravity=(0, 0))
     first, second = (world.CreateDynamicBody(position=(x, x / 4), angle=x / 6, linearVelocity=(x, 1)) for x in (1, 3))
     for body in first, second:

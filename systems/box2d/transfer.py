@@ -47,7 +47,7 @@ ZERO = np.float32(0)
 
 @kernel
 def marked(solid: Array, entities: Array, solids: Array, b: int) -> int:
-    """The bodies of block `b` that go into the batch."""
+    """Return the bodies of block `b` that go into the batch."""
     return int(alive_bits(entities, solids, b) & to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b)))
 
 

@@ -47,7 +47,7 @@ SIZE = SLOTS + CAPACITY * SLOT
 
 
 def make_workspace() -> NDArray[np.uint8]:
-    """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
+    """Return memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
 
     It holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
     It has about 8 MiB, most of which is never touched.

@@ -154,7 +154,7 @@ def mask(
     bodies: Bodies,
     reach: float,
 ) -> None:
-    """Say who can hold nothing, and who can neither lock nor unlock anything, by the rule of `handle`."""
+    """Mark who can hold nothing, and who can neither lock nor unlock anything, by the rule of `handle`."""
     for i in range(agents.size):
         e = agents[i]
         near = is_able(entities, aloft, e) and within(bodies, things, e, reach) > 0
